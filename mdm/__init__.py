@@ -1,0 +1,1 @@
+"""Markov decision making for real agents: the public names, and nothing else."""

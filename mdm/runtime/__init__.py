@@ -1,1 +1,42 @@
+"""The runtime: actors, channels, turns, clocks, supervision. It knows nothing of Markov models."""
 
+from mdm.runtime.actor import Actor
+from mdm.runtime.channel import Channel, Subscription
+from mdm.runtime.clock import Clock, Timer, WallClock
+from mdm.runtime.dispatcher import Dispatcher
+from mdm.runtime.runner import run
+from mdm.runtime.runtime import Runtime, RuntimeStatistics
+from mdm.runtime.scheduler import Ticker
+from mdm.runtime.statistics import ActorStatistics, ChannelStatistics, DispatcherStatistics, Histogram, Latencies
+from mdm.runtime.stream import Overflow, Stream
+from mdm.runtime.supervision import ActorFailure, Restart, Supervision
+from mdm.runtime.virtual import DeadlockError, VirtualClock, VirtualEventLoop
+from mdm.runtime.work import Work
+
+__all__ = [
+    "Actor",
+    "ActorFailure",
+    "ActorStatistics",
+    "Channel",
+    "ChannelStatistics",
+    "Clock",
+    "DeadlockError",
+    "Dispatcher",
+    "DispatcherStatistics",
+    "Histogram",
+    "Latencies",
+    "Overflow",
+    "Restart",
+    "Runtime",
+    "RuntimeStatistics",
+    "Stream",
+    "Subscription",
+    "Supervision",
+    "Ticker",
+    "Timer",
+    "VirtualClock",
+    "VirtualEventLoop",
+    "WallClock",
+    "Work",
+    "run",
+]

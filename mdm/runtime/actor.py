@@ -1,0 +1,399 @@
+"""Actors: the units of a program, which share nothing, handle one message at a time, and live in a tree."""
+
+from __future__ import annotations
+
+import traceback
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from weakref import WeakSet
+
+import anyio
+
+from mdm.errors import Error
+from mdm.messages import Fault, StateChange, Tick
+from mdm.runtime.channel import Channel, Subscription
+from mdm.runtime.scheduler import Ticker
+from mdm.runtime.statistics import ActorStatistics
+from mdm.runtime.supervision import ActorFailure, Restart, RestartBudget, Supervision
+from mdm.runtime.work import Work, wait_all
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from anyio.abc import TaskGroup, TaskStatus
+
+    from mdm.runtime.clock import Timer
+    from mdm.runtime.runtime import Runtime
+
+__all__ = ["Actor"]
+
+T = TypeVar("T")
+Request = Literal["none", "stop", "restart", "fail"]
+Life = Literal["created", "starting", "running", "restarting", "stopping", "stopped", "failed"]
+
+
+class Actor:
+    """A unit that handles messages, one at a time and to completion.
+
+    Subclass it and override the hooks. Handlers are plain functions that must neither block nor await; what takes
+    time goes to `spawn`, and its end comes back as a turn of its own.
+
+    Args:
+        name: Its name among its siblings.
+        supervision: What its failure means: ``Restart(...)``, ``"stop"`` or ``"escalate"`` to its parent.
+        grace: Seconds that its work has to end when it is cancelled, before it is abandoned.
+    """
+
+    def __init__(self, name: str, *, supervision: Supervision = "escalate", grace: float = 5.0) -> None:
+        if "/" in name:
+            raise Error(f"an actor's name has no '/': {name!r} would read as a path")
+        self.name = name
+        self.supervision = supervision
+        self.grace = grace
+        self.parent: Actor | None = None
+        self.children: list[Actor] = []
+        self.life: Life = "created"
+        self._runtime: Runtime | None = None
+        self._subscriptions: list[Subscription[Any]] = []
+        self._timers: WeakSet[Timer | Ticker] = WeakSet()
+        self._work: dict[Work, None] = {}
+        self._received = 0
+        self._failures = 0
+        self._restarts = 0
+        self._request: Request = "none"
+        self._requested: anyio.Event | None = None
+        self._ended: anyio.Event | None = None
+        self._group: TaskGroup | None = None
+        self._backoff = 0.0
+        self._budget = RestartBudget(supervision) if isinstance(supervision, Restart) else None
+
+    # -- Hooks ---------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Prepare: subscribe, set timers, add children. Called in a turn, at the start and at each restart."""
+
+    async def on_stopping(self) -> None:
+        """End what must end in good order while children still live; called before they are stopped."""
+
+    def on_stop(self) -> None:
+        """Let go of what `on_start` took; subscriptions, timers and work end by themselves."""
+
+    # -- Place in the tree ---------------------------------------------------------------------------------------
+
+    @property
+    def path(self) -> str:
+        """Names from the root down, joined by ``/``."""
+        if self.parent is None or not self.parent.path:
+            return self.name
+        return f"{self.parent.path}/{self.name}"
+
+    @property
+    def runtime(self) -> Runtime:
+        """The runtime in which it lives.
+
+        Raises:
+            Error: If it has not been started.
+        """
+        if self._runtime is None:
+            raise Error(f"actor {self.path!r} has not been started")
+        return self._runtime
+
+    def add(self, child: Actor) -> None:
+        """Make another actor a child, to be started after those added before and stopped before them."""
+        if child.parent is not None:
+            raise Error(f"actor {child.name!r} is already a child of {child.parent.path!r}")
+        if any(sibling.name == child.name for sibling in self.children):
+            raise Error(f"actor {self.path!r} has two children named {child.name!r}")
+        child.parent = self
+        self.children.append(child)
+
+    async def start_child(self, child: Actor) -> None:
+        """Add a child to an actor that already runs, and wait until it has started."""
+        self.add(child)
+        try:
+            await self._start(child)
+        except BaseException:
+            self.children.remove(child)
+            child.parent = None
+            raise
+
+    async def stop_child(self, child: Actor) -> None:
+        """Stop a child, wait for its end, and forget it."""
+        await child._stop()
+        if child in self.children:
+            self.children.remove(child)
+            child.parent = None
+
+    # -- Services ------------------------------------------------------------------------------------------------
+
+    def channel(self, name: str, type: type[T], *, retain: bool = False) -> Channel[T]:  # noqa: A002
+        """Return the channel ``<path>/<name>``, made at the first call."""
+        return self.runtime.channel(f"{self.path}/{name}", type, retain=retain)
+
+    def subscribe(self, channel: Channel[T], handler: Callable[[T], object]) -> Subscription[T]:
+        """Handle each message of a channel until this actor stops."""
+        subscription = channel.subscribe(handler, self)
+        self._subscriptions.append(subscription)
+        return subscription
+
+    def call_later(self, seconds: float, function: Callable[[], object]) -> Timer:
+        """Call a function in a turn of its own, after so many seconds."""
+        clock = self.runtime.clock
+        return self.call_at(clock.now() + round(seconds * 1e9), function)
+
+    def call_at(self, when: int, function: Callable[[], object]) -> Timer:
+        """Call a function in a turn of its own, when the clock shows ``when`` nanoseconds."""
+        turn: Subscription[None] = Subscription(None, self, lambda _: function())
+        timer = self.runtime.clock.call_at(when, lambda: self.runtime.dispatcher.deliver(turn, None))
+        self._timers.add(timer)
+        return timer
+
+    def every(
+        self, rate: float, handler: Callable[[Tick], object], *, overrun: Literal["skip", "burst"] = "skip"
+    ) -> Ticker:
+        """Call a handler ``rate`` times a second, at aligned times, each in a turn of its own."""
+        turn = Subscription(None, self, handler)
+        runtime = self.runtime
+        ticker = Ticker(runtime.clock, rate, lambda tick: runtime.dispatcher.deliver(turn, tick), overrun=overrun)
+        self._timers.add(ticker)
+        return ticker
+
+    def spawn(
+        self, awaitable: Awaitable[Any], ended: Callable[[Work], object] | None = None, *, name: str = ""
+    ) -> Work:
+        """Run a coroutine as a task of this actor.
+
+        Args:
+            awaitable: What to run.
+            ended: Called in a turn when it has ended, however it did. Without it, an error is this actor's failure.
+            name: For debuggers and reports.
+        """
+        turn = Subscription(None, self, ended if ended is not None else self._judge)
+        dispatcher = self.runtime.dispatcher
+
+        def done(work: Work) -> None:
+            self._work.pop(work, None)
+            if not work.abandoned:
+                dispatcher.deliver(turn, work)
+
+        work = Work(awaitable, f"mdm:{self.path}/{name or 'work'}", done)
+        self._work[work] = None
+        return work
+
+    def abandon(self, work: Work) -> None:
+        """Own a piece of work no longer: it did not end when it was asked to."""
+        work.abandoned = True
+        self._work.pop(work, None)
+        self.runtime.abandoned.append(work)
+
+    @staticmethod
+    def _judge(work: Work) -> None:
+        error = work.error
+        if isinstance(error, Exception):
+            raise error
+
+    def report(self, kind: str, detail: str, *, time: int | None = None) -> None:
+        """Publish a `Fault` of this actor."""
+        stamp = self.runtime.clock.now() if time is None else time
+        self.runtime.faults.publish(Fault(stamp, self.path, kind, detail))
+
+    # -- Failure -------------------------------------------------------------------------------------------------
+
+    def fail(self, error: BaseException) -> None:
+        """Take an error as this actor's failure, and do what its supervision says."""
+        if self.life in {"created", "stopped", "failed"} or self._request in {"restart", "fail"}:
+            if self._runtime is not None:
+                self.report("exception", describe(error))
+            return
+        self._failures += 1
+        self.report("exception", describe(error))
+        if self.life == "stopping":
+            return
+        delay = self._budget.delay(self.runtime.clock.now()) if self._budget is not None else None
+        if delay is not None:
+            self._backoff = delay
+            self._ask("restart")
+        elif self.supervision == "stop":
+            self._ask("fail")
+        else:
+            self._escalate(error)
+
+    def _escalate(self, error: BaseException) -> None:
+        # It handles nothing more, but is stopped only in its turn, by those above.
+        self._request = "fail"
+        self._release()
+        if self.parent is None:
+            self.runtime.abort(error)
+        else:
+            failure = ActorFailure(f"actor {self.path!r} failed: {error}")
+            failure.__cause__ = error
+            self.parent.fail(failure)
+
+    def _ask(self, request: Request) -> None:
+        if self._request == "none":
+            self._request = request
+        self._release()
+        if self._requested is not None:
+            self._requested.set()
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    async def _start(self, child: Actor) -> None:
+        if self._group is None:
+            raise Error(f"actor {self.path!r} does not run, so it cannot start {child.name!r}")
+        await self._group.start(child._run, self.runtime)
+
+    async def _stop(self) -> None:
+        if self.life in {"created", "stopped", "failed"} or self._ended is None:
+            return
+        self.stop()
+        await self._ended.wait()
+
+    def stop(self) -> None:
+        """Ask this actor to stop, its children before it; returns at once."""
+        if self._request != "fail":
+            self._request = "stop"
+        if self._requested is not None:
+            self._requested.set()
+
+    async def _run(self, runtime: Runtime, *, task_status: TaskStatus[None]) -> None:
+        self._runtime = runtime
+        self._ended = anyio.Event()
+        self._request = "none"
+        started = False
+        error: BaseException | None = None
+        try:
+            while True:
+                self._requested = anyio.Event()
+                error = await self._live(None if started else task_status)
+                started = True
+                if error is not None or not await self._restarting():
+                    break
+        finally:
+            self._change("failed" if self._asked("fail") or error is not None else "stopped")
+            self._ended.set()
+        if error is not None:
+            raise error
+
+    def _asked(self, request: Request) -> bool:
+        return self._request == request
+
+    async def _restarting(self) -> bool:
+        """Return whether to live once more, after the back-off that supervision asks for."""
+        if not self._asked("restart"):
+            return False
+        self._restarts += 1
+        self._request = "none"
+        self._requested = anyio.Event()
+        self._change("restarting")
+        with anyio.move_on_after(self._backoff):
+            await self._requested.wait()
+        return not self._asked("stop")
+
+    async def _live(self, task_status: TaskStatus[None] | None) -> BaseException | None:
+        """Live once, from start to stop; return what a first start raised."""
+        failed: BaseException | None = None
+        async with anyio.create_task_group() as group:
+            self._group = group
+            self._change("starting")
+            permanent = len(self.children)
+            try:
+                await self._begin()
+                for child in tuple(self.children):
+                    await self._start(child)
+            except Exception as error:
+                failed = error
+            if failed is None:
+                self._change("running")
+                if task_status is not None:
+                    task_status.started()
+                if self._requested is not None:
+                    await self._requested.wait()
+            elif task_status is None:
+                self.life = "running"
+                self.fail(failed)
+                failed = None
+            await self._end()
+            # A further start adds anew what on_start adds.
+            for child in self.children[permanent:]:
+                child.parent = None
+            del self.children[permanent:]
+        self._group = None
+        return failed
+
+    async def _begin(self) -> None:
+        # A turn of its own, so that what on_start publishes is delivered in order before anything else happens.
+        done = anyio.Event()
+        errors: list[Exception] = []
+
+        def begin(_: None) -> None:
+            try:
+                self.on_start()
+            except Exception as error:
+                errors.append(error)
+            done.set()
+
+        self.runtime.dispatcher.deliver(Subscription(None, self, begin), None)
+        await done.wait()
+        if errors:
+            raise errors[0]
+
+    async def _end(self) -> None:
+        if self._request != "restart":
+            self._change("stopping")
+        try:
+            await self.on_stopping()
+        except Exception as error:
+            self.report("exception", describe(error))
+        for child in reversed(self.children):
+            await child._stop()  # noqa: SLF001 - the tree is actors' own affair
+        self._release()
+        try:
+            self.on_stop()
+        except Exception as error:
+            self.report("exception", describe(error))
+        await self._end_work()
+
+    async def _end_work(self) -> None:
+        for work in self._work:
+            work.cancel()
+        deadline = self.runtime.clock.now() + round(self.grace * 1e9)
+        while self._work:
+            remaining = (deadline - self.runtime.clock.now()) / 1e9
+            if remaining <= 0:
+                for work in tuple(self._work):
+                    self.abandon(work)
+                    self.report("abandoned", f"{work.name} did not end within {self.grace:g} s of being cancelled")
+                return
+            await wait_all(self._work, remaining)
+
+    def _release(self) -> None:
+        for subscription in self._subscriptions:
+            subscription.cancel()
+            self._received += subscription.received
+        self._subscriptions.clear()
+        for timer in self._timers:
+            timer.cancel()
+        self._timers.clear()
+
+    def _change(self, life: Literal["starting", "running", "restarting", "stopping", "stopped", "failed"]) -> None:
+        self.life = life
+        if self._runtime is not None:
+            self._runtime.lives.publish(StateChange(self._runtime.clock.now(), self.path, life))
+
+    def statistics(self) -> ActorStatistics:
+        """Return what the actor has done so far."""
+        return ActorStatistics(
+            path=self.path,
+            state=self.life,
+            received=self._received + sum(subscription.received for subscription in self._subscriptions),
+            failures=self._failures,
+            restarts=self._restarts,
+            work=len(self._work),
+        )
+
+
+def describe(error: BaseException) -> str:
+    """Return one sentence for an error: its type, its text, and where in the code it came from."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" (at {frames[-1].filename}:{frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {error}{place}"

@@ -1,0 +1,187 @@
+"""Channels: named, typed streams of messages between actors."""
+
+from __future__ import annotations
+
+from threading import get_ident
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+
+from mdm.runtime.statistics import ChannelStatistics
+from mdm.runtime.stream import Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mdm.runtime.actor import Actor
+    from mdm.runtime.dispatcher import Dispatcher
+
+__all__ = ["Channel", "Subscription"]
+
+T = TypeVar("T")
+
+
+class Subscription(Generic[T]):
+    """One actor's handler on one channel."""
+
+    __slots__ = ("_dropped", "_since", "_until", "actor", "channel", "handler")
+
+    def __init__(self, channel: Channel[T] | None, actor: Actor | None, handler: Callable[[T], object]) -> None:
+        self.channel = channel
+        self.actor = actor
+        self.handler = handler
+        self._since = channel.published if channel is not None else 0
+        self._until: int | None = None
+        self._dropped = 0
+
+    @property
+    def received(self) -> int:
+        """How many messages were handed to the handler."""
+        if self.channel is None:
+            return 0
+        return (self.channel.published if self._until is None else self._until) - self._since
+
+    def cancel(self) -> None:
+        """Take no more messages; those of the running turn that are still queued count as dropped."""
+        if self.channel is not None and self._until is None:
+            self._until = self.channel.published
+            self.channel.remove(self)
+        self.handler = self._drop
+
+    def _drop(self, _: T) -> None:
+        if self.channel is not None:
+            self.channel.dropped += 1
+
+    def fail(self, error: Exception) -> None:
+        """Attribute what a handler raised to its actor."""
+        if self.actor is None:
+            raise error
+        self.actor.fail(error)
+
+
+class Channel(Generic[T]):
+    """A named stream of messages of one type.
+
+    Args:
+        name: The channel's name, such as ``patrol/state``.
+        type: The class of its messages; anything else is refused.
+        dispatcher: Runs the turns.
+        retain: Keep the last message and hand it to late subscribers.
+        owner: The actor to whom errors of handlers without an actor are attributed.
+    """
+
+    __slots__ = (
+        "_dispatcher",
+        "_owner",
+        "_streams",
+        "_subscriptions",
+        "_unheard",
+        "dropped",
+        "last",
+        "name",
+        "published",
+        "retain",
+        "type",
+    )
+
+    def __init__(
+        self,
+        name: str,
+        type: type[T],  # noqa: A002
+        dispatcher: Dispatcher,
+        *,
+        retain: bool = False,
+        owner: Actor | None = None,
+    ) -> None:
+        self.name = name
+        self.type = type
+        self.retain = retain
+        self.last: T | None = None
+        self.published = 0
+        self.dropped = 0
+        self._unheard = 0
+        self._dispatcher = dispatcher
+        self._owner = owner
+        self._subscriptions: tuple[Subscription[T], ...] = ()
+        self._streams: tuple[Stream[T], ...] = ()
+
+    def publish(self, message: T) -> None:
+        """Hand a message to every subscriber, in the running turn or in a turn of its own; from any thread.
+
+        Raises:
+            TypeError: If the message is not of the channel's type.
+            Error: If the runtime has stopped (from another thread only).
+        """
+        dispatcher = self._dispatcher
+        if message.__class__ is not self.type:
+            raise TypeError(
+                f"channel {self.name!r} carries {self.type.__name__} messages, not {message.__class__.__name__}"
+            )
+        if get_ident() != dispatcher.thread:
+            dispatcher.publish_from_thread(self, message)
+            return
+        self.published += 1
+        if self.retain:
+            self.last = message
+        if self._subscriptions:
+            append = dispatcher.queue.append
+            for subscription in self._subscriptions:
+                append((subscription, message))
+            if not dispatcher.active:
+                dispatcher.run()
+        elif not self._streams:
+            self._unheard += 1
+
+    @property
+    def heard(self) -> bool:
+        """Whether anybody listens, so that a costly message need not be made for nobody."""
+        return bool(self._subscriptions)
+
+    def subscribe(self, handler: Callable[[T], object], actor: Actor | None = None) -> Subscription[T]:
+        """Call ``handler`` with each message from now on, and with the retained one at once."""
+        subscription = Subscription(self, actor or self._owner, handler)
+        self._subscriptions = (*self._subscriptions, subscription)
+        if self.retain and self.last is not None:
+            self._dispatcher.deliver(subscription, self.last)
+        return subscription
+
+    def remove(self, subscription: Subscription[T]) -> None:
+        """Forget a subscription; `Subscription.cancel` calls this."""
+        self._subscriptions = tuple(other for other in self._subscriptions if other is not subscription)
+
+    def stream(
+        self, *, capacity: int = 64, overflow: Literal["drop_oldest", "drop_newest", "error"] = "drop_oldest"
+    ) -> Stream[T]:
+        """Return the messages from now on (and the retained one) for ``async for``, outside the turn.
+
+        Args:
+            capacity: How many messages may wait.
+            overflow: What happens to one too many: ``drop_oldest``, ``drop_newest``, or ``error``, which ends the
+                stream with an error for its consumer. Drops are counted by the stream and the channel.
+        """
+        stream = Stream[T](self.name, capacity, overflow, self._count_drop)
+        subscription = self.subscribe(stream.put)
+        stream.on_close(lambda: self._close(stream, subscription))
+        self._streams = (*self._streams, stream)
+        return stream
+
+    def _count_drop(self) -> None:
+        self.dropped += 1
+
+    def _close(self, stream: Stream[T], subscription: Subscription[T]) -> None:
+        self._streams = tuple(other for other in self._streams if other is not stream)
+        subscription.cancel()
+
+    def close(self) -> None:
+        """End every stream: consumers finish what waits and then leave their loops."""
+        for stream in self._streams:
+            stream.end()
+
+    def statistics(self) -> ChannelStatistics:
+        """Return what crossed the channel so far."""
+        return ChannelStatistics(
+            name=self.name,
+            published=self.published,
+            dropped=self.dropped,
+            unheard=self._unheard,
+            subscribers=len(self._subscriptions) - len(self._streams),
+            streams=len(self._streams),
+        )

@@ -1,0 +1,189 @@
+"""Clocks: where all time and all timers come from.
+
+A clock tells integer nanoseconds and calls back at a given one. `WallClock` is real time; the virtual one lives in
+`mdm.runtime.virtual`. On CPython 3.11 the event loop's own timers are late by up to a millisecond and more, because
+its selector rounds a timeout up to whole milliseconds; on Linux the wall clock therefore waits on a ``timerfd``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import heapq
+import time
+from abc import ABC, abstractmethod
+from itertools import count
+from typing import TYPE_CHECKING
+
+from mdm.runtime import timerfd
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["Clock", "Timer", "WallClock"]
+
+
+class Timer:
+    """A callback that waits for its time; ``cancel()`` takes it back."""
+
+    __slots__ = ("__weakref__", "_callback", "when")
+
+    def __init__(self, when: int, callback: Callable[[], None]) -> None:
+        self.when = when
+        self._callback: Callable[[], None] | None = callback
+
+    @property
+    def waiting(self) -> bool:
+        """Whether it will still call."""
+        return self._callback is not None
+
+    def cancel(self) -> None:
+        """Never call."""
+        self._callback = None
+
+    def fire(self) -> None:
+        """Call, once."""
+        callback, self._callback = self._callback, None
+        if callback is not None:
+            callback()
+
+
+class Clock(ABC):
+    """Tells the time in integer nanoseconds, and calls back at a time.
+
+    A clock serves one runtime at a time. Timers of the same instant fire in the order of their ``rank``, then of
+    their making: input has rank 0 and fixed-rate ticks rank 1, so that a tick sees all input of its instant.
+    """
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[int, int, int, Timer]] = []
+        self._order = count()
+        self._armed: int | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    @abstractmethod
+    def now(self) -> int:
+        """Return the time in nanoseconds since the clock's epoch; callable from any thread."""
+
+    def time(self) -> float:
+        """Return the time in seconds."""
+        return self.now() / 1e9
+
+    def call_at(self, when: int, callback: Callable[[], None], *, rank: int = 0) -> Timer:
+        """Call back when the clock shows ``when`` nanoseconds, never earlier."""
+        timer = Timer(when, callback)
+        heapq.heappush(self._heap, (when, rank, next(self._order), timer))
+        if self._armed is None or when < self._armed:
+            self._arm_next()
+        return timer
+
+    async def sleep(self, seconds: float) -> None:
+        """Wait by this clock."""
+        woken = asyncio.get_running_loop().create_future()
+
+        def wake() -> None:
+            if not woken.done():
+                woken.set_result(None)
+
+        timer = self.call_at(self.now() + round(seconds * 1e9), wake)
+        try:
+            await woken
+        finally:
+            timer.cancel()
+
+    def open(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Serve timers on this event loop."""
+        if self._loop is not None:
+            raise RuntimeError("this clock already serves a runtime; give each runtime a clock of its own")
+        self._loop = loop
+
+    def close(self) -> None:
+        """Forget all timers."""
+        self._heap.clear()
+        self._armed = None
+        self._loop = None
+
+    @abstractmethod
+    def _arm(self, when: int) -> None:
+        """Have `_fire_due` called at ``when``, in place of any earlier request."""
+
+    def _arm_next(self) -> None:
+        heap = self._heap
+        while heap and not heap[0][3].waiting:
+            heapq.heappop(heap)
+        if heap:
+            self._armed = heap[0][0]
+            if self._loop is not None:
+                self._arm(self._armed)
+        else:
+            self._armed = None
+
+    def _fire_due(self) -> None:
+        # Only what is due now: a timer that re-arms itself for the present must not starve the event loop.
+        heap = self._heap
+        now = self.now()
+        due: list[Timer] = []
+        while heap and heap[0][0] <= now:
+            due.append(heapq.heappop(heap)[3])
+        self._armed = None
+        try:
+            for timer in due:
+                timer.fire()
+        finally:
+            self._arm_next()
+
+
+class WallClock(Clock):
+    """Real time: nanoseconds since 1970, steady.
+
+    The offset between the steady clock and the time of day is taken once, so that a correction of the time of day
+    never makes it jump; processes on one machine, and machines whose time of day is synchronised, agree on it to
+    within that synchronisation, which is what lets replicas tick together.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._offset = time.time_ns() - time.monotonic_ns()
+        self._descriptor: int | None = None
+        self._handle: asyncio.TimerHandle | None = None
+
+    def now(self) -> int:
+        """Return nanoseconds since 1970."""
+        return time.monotonic_ns() + self._offset
+
+    def open(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Serve timers on this event loop, through a ``timerfd`` where the platform has one."""
+        super().open(loop)
+        if timerfd.available:
+            self._descriptor = timerfd.create()
+            try:
+                loop.add_reader(self._descriptor, self._timerfd_fired)
+            except NotImplementedError:
+                timerfd.close(self._descriptor)
+                self._descriptor = None
+        self._arm_next()
+
+    def close(self) -> None:
+        """Forget all timers and give the timer device back."""
+        if self._descriptor is not None:
+            if self._loop is not None and not self._loop.is_closed():
+                self._loop.remove_reader(self._descriptor)
+            timerfd.close(self._descriptor)
+            self._descriptor = None
+        if self._handle is not None:
+            self._handle.cancel()
+            self._handle = None
+        super().close()
+
+    def _arm(self, when: int) -> None:
+        steady = when - self._offset
+        if self._descriptor is not None:
+            timerfd.set_time(self._descriptor, steady)
+        elif self._loop is not None:
+            if self._handle is not None:
+                self._handle.cancel()
+            delay = (steady - time.monotonic_ns()) / 1e9
+            self._handle = self._loop.call_later(max(delay, 0.0), self._fire_due)
+
+    def _timerfd_fired(self) -> None:
+        if self._descriptor is not None and timerfd.acknowledge(self._descriptor):
+            self._fire_due()

@@ -1,0 +1,146 @@
+"""The dispatcher: delivers messages first in, first out, until a turn is over.
+
+A turn is everything that one outside stimulus causes. It runs to completion as one synchronous pass: a handler that
+publishes only enqueues, so no handler is ever re-entered and all subscribers see one global order.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from itertools import repeat
+from threading import get_ident
+from typing import TYPE_CHECKING, Any
+
+from mdm.errors import Error
+from mdm.runtime.statistics import DispatcherStatistics
+
+if TYPE_CHECKING:
+    import asyncio
+
+    from mdm.runtime.channel import Channel, Subscription
+    from mdm.runtime.clock import Clock
+
+__all__ = ["Dispatcher"]
+
+_SLICE = 256
+
+
+class Dispatcher:
+    """Runs turns on the event loop's thread, and takes messages from other threads.
+
+    Args:
+        clock: Tells when a turn has taken too long.
+        max_messages: A turn that delivers more yields to the event loop and continues afterwards.
+        max_seconds: The same by time (looked at every 256 messages).
+    """
+
+    __slots__ = (
+        "_clock",
+        "_from_threads",
+        "_inbox",
+        "_interrupted",
+        "_loop",
+        "_max_nanoseconds",
+        "_max_slices",
+        "_refused",
+        "_turns",
+        "_woken",
+        "active",
+        "queue",
+        "thread",
+    )
+
+    def __init__(self, clock: Clock, *, max_messages: int = 16_384, max_seconds: float = 0.05) -> None:
+        self._clock = clock
+        self._max_slices = max(1, max_messages // _SLICE)
+        self._max_nanoseconds = int(max_seconds * 1e9)
+        self.queue: deque[tuple[Subscription[Any], Any]] = deque()
+        self.active = False
+        self.thread = 0
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._inbox: deque[tuple[Channel[Any], Any]] = deque()
+        self._woken = False
+        self._turns = 0
+        self._interrupted = 0
+        self._from_threads = 0
+        self._refused = 0
+
+    def open(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Take the calling thread and its event loop as the place where turns run."""
+        self._loop = loop
+        self.thread = get_ident()
+
+    def close(self) -> None:
+        """Deliver what other threads have handed in, then accept no more."""
+        self._drain()
+        self._loop = None
+
+    def deliver(self, subscription: Subscription[Any], message: object) -> None:
+        """Hand a message to one subscriber: in the running turn, or in a turn of its own."""
+        self.queue.append((subscription, message))
+        if not self.active:
+            self.run()
+
+    def run(self) -> None:
+        """Run a turn. Hot path: a hop costs about 0.2 µs, of which the handler's call is half."""
+        queue = self.queue
+        popleft = queue.popleft
+        self.active = True
+        began = 0
+        try:
+            for _ in repeat(None, self._max_slices):
+                for _ in repeat(None, _SLICE):
+                    if not queue:
+                        self._turns += 1
+                        self.active = False
+                        return
+                    subscription, message = popleft()
+                    try:
+                        subscription.handler(message)
+                    except Exception as error:
+                        subscription.fail(error)
+                if not began:
+                    began = self._clock.now()
+                elif self._clock.now() - began > self._max_nanoseconds:
+                    break
+        except BaseException:
+            self._resume_later()
+            raise
+        self._interrupted += 1
+        self._resume_later()
+
+    def _resume_later(self) -> None:
+        # `active` stays true: whatever is published meanwhile queues behind what the turn still has to deliver.
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon(self.run)
+        else:
+            self.active = False
+
+    def publish_from_thread(self, channel: Channel[Any], message: object) -> None:
+        """Take a message from another thread; many of them share one wake-up of the event loop.
+
+        Raises:
+            Error: If the runtime has stopped.
+        """
+        loop = self._loop
+        if loop is None:
+            self._refused += 1
+            raise Error(f"channel {channel.name!r} got a message after its runtime had stopped")
+        self._inbox.append((channel, message))
+        if not self._woken:
+            self._woken = True
+            loop.call_soon_threadsafe(self._drain)
+
+    def _drain(self) -> None:
+        self._woken = False
+        inbox = self._inbox
+        while inbox:
+            channel, message = inbox.popleft()
+            self._from_threads += 1
+            channel.publish(message)
+
+    def statistics(self) -> DispatcherStatistics:
+        """Return what the dispatcher has done so far."""
+        return DispatcherStatistics(
+            turns=self._turns, interrupted=self._interrupted, from_threads=self._from_threads, refused=self._refused
+        )

@@ -1,0 +1,181 @@
+"""The runtime: one tree of actors, their channels, clock and dispatcher, inside a running asyncio program."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+import anyio
+import msgspec
+
+from mdm.errors import Error
+from mdm.messages import Decision, Fault, StateChange
+from mdm.runtime.actor import Actor
+from mdm.runtime.channel import Channel
+from mdm.runtime.clock import Clock, WallClock
+from mdm.runtime.dispatcher import Dispatcher
+from mdm.runtime.log import Log
+from mdm.runtime.statistics import ActorStatistics, ChannelStatistics, DispatcherStatistics
+from mdm.runtime.supervision import ActorFailure
+
+if TYPE_CHECKING:
+    from types import TracebackType
+    from typing import Self
+
+    from mdm.runtime.work import Work
+
+__all__ = ["Runtime", "RuntimeStatistics"]
+
+T = TypeVar("T")
+
+
+class RuntimeStatistics(msgspec.Struct, frozen=True):
+    """A snapshot of everything in a runtime."""
+
+    dispatcher: DispatcherStatistics
+    actors: tuple[ActorStatistics, ...]
+    channels: tuple[ChannelStatistics, ...]
+
+
+class Runtime:
+    """Runs actors inside a program that already has a running asyncio event loop.
+
+    Use it as ``async with mdm.Runtime() as runtime:``. However the block is left, its actors stop in order, children
+    before parents and later ones before earlier ones; nothing outlives the block but work that ignores being
+    cancelled, which is listed in `abandoned`. Two runtimes in one process do not know of each other.
+
+    Args:
+        clock: Whose time; a `WallClock` where none is given.
+        log: ``"console"`` or ``"json"`` lines on standard error, a structlog logger of your own, or None for silence.
+        debug: Log decisions too, not life-cycle and faults alone.
+
+    Raises:
+        ActorFailure: On leaving the block, if an actor failed and nobody above it could help.
+    """
+
+    def __init__(
+        self,
+        *,
+        clock: Clock | None = None,
+        log: Literal["console", "json"] | Any | None = "console",
+        debug: bool = False,
+    ) -> None:
+        self.clock = WallClock() if clock is None else clock
+        self.dispatcher = Dispatcher(self.clock)
+        self.abandoned: list[Work] = []
+        self._channels: dict[str, Channel[Any]] = {}
+        self.root = Actor("")
+        self.faults = self.channel("faults", Fault)
+        self.lives = self.channel("lives", StateChange)
+        self.decisions = self.channel("decisions", Decision)
+        self._log = None if log is None else Log(log, debug=debug)
+        self._scope = anyio.CancelScope()
+        self._stopped = anyio.Event()
+        self._tree: asyncio.Task[None] | None = None
+        self._failure: BaseException | None = None
+
+    # -- Channels ------------------------------------------------------------------------------------------------
+
+    def channel(self, name: str, type: type[T], *, retain: bool = False) -> Channel[T]:  # noqa: A002
+        """Return the channel of a name, made at the first call.
+
+        Raises:
+            Error: If it exists and carries messages of another type.
+        """
+        channel = self._channels.get(name)
+        if channel is None:
+            channel = self._channels[name] = Channel(name, type, self.dispatcher, retain=retain, owner=self.root)
+        elif channel.type is not type:
+            raise Error(f"channel {name!r} carries {channel.type.__name__} messages, not {type.__name__}")
+        return channel
+
+    @property
+    def channels(self) -> tuple[Channel[Any], ...]:
+        """All channels, in the order of their making."""
+        return tuple(self._channels.values())
+
+    # -- Actors --------------------------------------------------------------------------------------------------
+
+    async def start(self, actor: Actor) -> None:
+        """Start an actor at the top of the tree, its children after it; what its start raises is raised here."""
+        await self.root.start_child(actor)
+
+    async def stop(self, actor: Actor) -> None:
+        """Stop an actor at the top of the tree and wait for its end."""
+        await self.root.stop_child(actor)
+
+    async def wait(self) -> None:
+        """Wait until the runtime is stopped by `shut_down`, or by an actor's failure."""
+        await self._stopped.wait()
+
+    def shut_down(self) -> None:
+        """Let `wait` return; actors stop when the block is left."""
+        self._stopped.set()
+
+    def abort(self, error: BaseException) -> None:
+        """End the block because of an error that nobody could help; the first one counts."""
+        if self._failure is None:
+            self._failure = error
+            self._scope.cancel()
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    async def __aenter__(self) -> Self:
+        loop = asyncio.get_running_loop()
+        self.clock.open(loop)
+        self.dispatcher.open(loop)
+        if self._log is not None:
+            self._log.open(self)
+        # The tree has a task of its own, so that a cancelled program still stops it in order.
+        began = asyncio.Event()
+        self._tree = loop.create_task(self._grow(began), name="mdm:root")
+        await began.wait()
+        self._scope.__enter__()
+        return self
+
+    async def _grow(self, began: asyncio.Event) -> None:
+        async with anyio.create_task_group() as group:
+            await group.start(self.root._run, self)  # noqa: SLF001
+            began.set()
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> bool:
+        swallowed = self._scope.__exit__(kind, error, traceback)
+        self._stopped.set()
+        self.root.stop()
+        try:
+            with anyio.CancelScope(shield=True):
+                if self._tree is not None:
+                    await asyncio.wait([self._tree])
+        finally:
+            for channel in self._channels.values():
+                channel.close()
+            self.dispatcher.close()
+            self.clock.close()
+            if self._log is not None:
+                self._log.close()
+        if self._tree is not None and self._tree.done() and self._tree.exception() is not None:
+            raise self._tree.exception()  # type: ignore[misc]
+        if self._failure is not None and (error is None or swallowed):
+            if isinstance(self._failure, ActorFailure):
+                raise self._failure
+            raise ActorFailure(str(self._failure)) from self._failure
+        return bool(swallowed)
+
+    def statistics(self) -> RuntimeStatistics:
+        """Return a snapshot of everything in the runtime."""
+        actors: list[ActorStatistics] = []
+
+        def visit(actor: Actor) -> None:
+            actors.append(actor.statistics())
+            for child in actor.children:
+                visit(child)
+
+        for child in self.root.children:
+            visit(child)
+        return RuntimeStatistics(
+            dispatcher=self.dispatcher.statistics(),
+            actors=tuple(actors),
+            channels=tuple(channel.statistics() for channel in self._channels.values()),
+        )

@@ -1,0 +1,84 @@
+"""The scheduler: fixed-rate ticks, aligned to multiples of their period."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING, Literal
+
+from mdm.errors import Error
+from mdm.messages import Tick
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mdm.runtime.clock import Clock, Timer
+
+__all__ = ["Ticker"]
+
+
+class Ticker:
+    """Ticks at ``rate`` per second, at whole multiples of the period since the clock's epoch.
+
+    The time of each tick is computed from its number, never from the tick before, so that it does not drift; tickers
+    of one rate on synchronised clocks tick together. The first tick is due now, where now is a multiple.
+
+    Args:
+        clock: Whose time.
+        rate: Ticks per second.
+        deliver: Called with each `Tick`.
+        overrun: When ticks were missed, ``skip`` them (counted in ``missed``), or deliver each as a ``burst``.
+    """
+
+    __slots__ = (
+        "__weakref__",
+        "_clock",
+        "_deliver",
+        "_denominator",
+        "_number",
+        "_numerator",
+        "_overrun",
+        "_timer",
+        "missed",
+        "ticks",
+    )
+
+    def __init__(
+        self,
+        clock: Clock,
+        rate: float,
+        deliver: Callable[[Tick], object],
+        *,
+        overrun: Literal["skip", "burst"] = "skip",
+    ) -> None:
+        if not 0 < rate <= 1e6:
+            raise Error(f"a rate is more than 0 and at most 1,000,000 ticks a second, not {rate}")
+        self._clock = clock
+        period = 1_000_000_000 / Fraction(rate).limit_denominator(1_000_000)
+        self._numerator, self._denominator = period.numerator, period.denominator
+        self._deliver = deliver
+        self._overrun = overrun
+        self.ticks = 0
+        self.missed = 0
+        self._number = -(-clock.now() * self._denominator // self._numerator)
+        self._timer: Timer = clock.call_at(self._due(self._number), self._fire, rank=1)
+
+    def _due(self, number: int) -> int:
+        return -(-number * self._numerator // self._denominator)
+
+    def _fire(self) -> None:
+        due = self._due(self._number)
+        now = self._clock.now()
+        missed = 0
+        if self._overrun == "skip":
+            missed = max(now * self._denominator // self._numerator - self._number, 0)
+            due = self._due(self._number + missed)
+        tick = Tick(due, self._number + missed, now - due, missed)
+        self.missed += missed
+        self.ticks += 1
+        self._number += missed + 1
+        self._timer = self._clock.call_at(self._due(self._number), self._fire, rank=1)
+        self._deliver(tick)
+
+    def cancel(self) -> None:
+        """Tick no more."""
+        self._timer.cancel()

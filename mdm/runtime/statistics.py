@@ -1,0 +1,108 @@
+"""Frozen snapshots of what actors and channels did, and a histogram of latencies."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["ActorStatistics", "ChannelStatistics", "DispatcherStatistics", "Histogram", "Latencies"]
+
+_FOLD = 4096
+_BUCKETS = 8 * 64
+
+
+class ChannelStatistics(msgspec.Struct, frozen=True):
+    """What crossed a channel; ``dropped`` counts messages that a bounded stream or a stopped actor did not take."""
+
+    name: str
+    published: int
+    dropped: int
+    unheard: int
+    subscribers: int
+    streams: int
+
+
+class ActorStatistics(msgspec.Struct, frozen=True):
+    """What an actor received, how often it failed and restarted, and how much work it has under way."""
+
+    path: str
+    state: str
+    received: int
+    failures: int
+    restarts: int
+    work: int
+
+
+class DispatcherStatistics(msgspec.Struct, frozen=True):
+    """Turns run, turns that were cut short to let the event loop breathe, messages that came from other threads."""
+
+    turns: int
+    interrupted: int
+    from_threads: int
+    refused: int
+
+
+class Histogram(msgspec.Struct, frozen=True):
+    """A latency histogram: counts per bucket, each bucket an eighth of an octave wide; times in seconds."""
+
+    count: int
+    total: float
+    maximum: float
+    counts: tuple[int, ...]
+
+    def quantile(self, fraction: float) -> float:
+        """Return the upper bound in seconds of the bucket in which the given fraction of all latencies has come.
+
+        Exact to an eighth of an octave; 0 where nothing was recorded.
+        """
+        if not self.count:
+            return 0.0
+        reached = np.cumsum(self.counts)
+        bucket = int(np.searchsorted(reached, fraction * self.count))
+        return min(_upper(bucket) / 1e9, self.maximum)
+
+
+def _upper(bucket: int) -> float:
+    octave, eighth = divmod(bucket, 8)
+    return 2.0**octave * (1 + (eighth + 1) / 8)
+
+
+class Latencies:
+    """Records latencies in nanoseconds; a record costs one list append, the histogram is made when it is asked for."""
+
+    __slots__ = ("_counts", "_maximum", "_pending", "_total")
+
+    def __init__(self) -> None:
+        self._pending: list[int] = []
+        self._counts: npt.NDArray[np.int64] = np.zeros(_BUCKETS, dtype=np.int64)
+        self._total = 0
+        self._maximum = 0
+
+    def record(self, nanoseconds: int) -> None:
+        """Count one latency."""
+        pending = self._pending
+        pending.append(nanoseconds)
+        if len(pending) >= _FOLD:
+            self._fold()
+
+    def _fold(self) -> None:
+        if not self._pending:
+            return
+        values = np.maximum(np.asarray(self._pending, dtype=np.int64), 1)
+        self._pending.clear()
+        fraction, exponent = np.frexp(values.astype(np.float64))
+        buckets = (exponent - 1) * 8 + ((fraction * 2 - 1) * 8).astype(np.int64)
+        self._counts += np.bincount(buckets, minlength=_BUCKETS)
+        self._total += int(values.sum())
+        self._maximum = max(self._maximum, int(values.max()))
+
+    def snapshot(self) -> Histogram:
+        """Return what was recorded so far."""
+        self._fold()
+        return Histogram(
+            count=int(self._counts.sum()),
+            total=self._total / 1e9,
+            maximum=self._maximum / 1e9,
+            counts=tuple(self._counts.tolist()),
+        )

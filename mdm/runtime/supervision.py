@@ -1,0 +1,56 @@
+"""Supervision: what an actor's failure means."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Literal
+
+import msgspec
+
+from mdm.errors import Error
+
+__all__ = ["ActorFailure", "Restart", "Supervision"]
+
+
+class ActorFailure(Error):
+    """An actor failed, and nobody above it could help; the cause is the error that it raised."""
+
+
+class Restart(msgspec.Struct, frozen=True):
+    """Start a failed actor anew, at most ``limit`` times ``within`` seconds; one time more escalates.
+
+    Attributes:
+        limit: Restarts allowed in the window.
+        within: The window's length in seconds.
+        backoff: Seconds before the first restart of a window; each further one waits twice as long.
+        max_backoff: The longest wait in seconds.
+    """
+
+    limit: int = 3
+    within: float = 60.0
+    backoff: float = 0.1
+    max_backoff: float = 5.0
+
+
+Supervision = Restart | Literal["stop", "escalate"]
+"""What a failure means: start anew, stop that actor alone, or let it be the parent's failure."""
+
+
+class RestartBudget:
+    """Counts the restarts of one actor in a sliding window."""
+
+    __slots__ = ("_policy", "_times")
+
+    def __init__(self, policy: Restart) -> None:
+        self._policy = policy
+        self._times: deque[int] = deque()
+
+    def delay(self, now: int) -> float | None:
+        """Return after how many seconds to restart, or None if there were too many restarts already."""
+        times, policy = self._times, self._policy
+        while times and now - times[0] > policy.within * 1e9:
+            times.popleft()
+        if len(times) >= policy.limit:
+            return None
+        times.append(now)
+        return float(min(policy.backoff * 2 ** (len(times) - 1), policy.max_backoff))

@@ -1,0 +1,127 @@
+"""Virtual time: runs without waiting, deterministically.
+
+Time advances only when nothing is left to do, straight to the next timer. The event loop's own time is virtual with
+the clock's, so that ``asyncio.sleep``, ``anyio.sleep`` and timeouts obey it too.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import selectors
+import threading
+from typing import TYPE_CHECKING
+
+from mdm.errors import Error
+from mdm.runtime.clock import Clock
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from _typeshed import FileDescriptorLike
+
+__all__ = ["DeadlockError", "VirtualClock", "VirtualEventLoop"]
+
+
+class DeadlockError(Error):
+    """Virtual time cannot go on: no timer is set, no input can come, and the program still waits."""
+
+
+class _VirtualSelector(selectors.BaseSelector):
+    """Looks at real input without waiting, and moves the time to the next timer where there is none."""
+
+    def __init__(self) -> None:
+        self._selector = selectors.DefaultSelector()
+        self.now = 0
+
+    def register(self, fileobj: FileDescriptorLike, events: int, data: object = None) -> selectors.SelectorKey:
+        return self._selector.register(fileobj, events, data)
+
+    def unregister(self, fileobj: FileDescriptorLike) -> selectors.SelectorKey:
+        return self._selector.unregister(fileobj)
+
+    def modify(self, fileobj: FileDescriptorLike, events: int, data: object = None) -> selectors.SelectorKey:
+        return self._selector.modify(fileobj, events, data)
+
+    def get_map(self) -> Mapping[FileDescriptorLike, selectors.SelectorKey]:
+        return self._selector.get_map()
+
+    def close(self) -> None:
+        self._selector.close()
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        ready = self._selector.select(0)
+        if ready or (timeout is not None and timeout <= 0):
+            return ready
+        if timeout is not None:
+            self.now += max(1, round(timeout * 1e9))
+            return ready
+        # The loop's own wake-up pipe is always registered; more than that, or another thread, can still bring input.
+        if len(self._selector.get_map()) <= 1 and threading.active_count() == 1:
+            raise DeadlockError(
+                "virtual time stands still: everything waits, no timer is set, and no file or thread can bring input"
+            )
+        return self._selector.select(None)
+
+
+class VirtualEventLoop(asyncio.SelectorEventLoop):
+    """An asyncio event loop whose time is virtual: it starts at 0 and jumps from timer to timer."""
+
+    def __init__(self) -> None:
+        self._virtual = _VirtualSelector()
+        super().__init__(self._virtual)
+        # asyncio treats timers within its clock's resolution as due; virtual time is exact to the nanosecond.
+        self._clock_resolution = 1e-9
+
+    def time(self) -> float:
+        """Return virtual seconds."""
+        return self._virtual.now / 1e9
+
+    def time_ns(self) -> int:
+        """Return virtual nanoseconds."""
+        return self._virtual.now
+
+
+class VirtualClock(Clock):
+    """A clock in virtual time: 0 at the start of its event loop, which must be a `VirtualEventLoop`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._handle: asyncio.TimerHandle | None = None
+
+    def now(self) -> int:
+        """Return nanoseconds since the event loop began."""
+        return self._loop.time_ns() if isinstance(self._loop, VirtualEventLoop) else 0
+
+    def open(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Serve timers on this virtual event loop.
+
+        Raises:
+            Error: If the event loop's time is real.
+        """
+        if not isinstance(loop, VirtualEventLoop):
+            raise Error(
+                "a VirtualClock needs an event loop whose time is virtual: start the program with "
+                "mdm.run(main, virtual=True), or with asyncio.Runner(loop_factory=mdm.VirtualEventLoop)"
+            )
+        super().open(loop)
+        self._arm_next()
+
+    def close(self) -> None:
+        """Forget all timers."""
+        if self._handle is not None:
+            self._handle.cancel()
+            self._handle = None
+        super().close()
+
+    def _arm(self, when: int) -> None:
+        if self._handle is not None:
+            self._handle.cancel()
+        if self._loop is not None:
+            self._handle = self._loop.call_at(when / 1e9, self._fire_when, when)
+
+    def _fire_when(self, when: int) -> None:
+        # Seconds in floating point may be a nanosecond short of the due time.
+        if self.now() < when and self._loop is not None:
+            self._handle = self._loop.call_at((when + 1) / 1e9, self._fire_when, when)
+        else:
+            self._fire_due()

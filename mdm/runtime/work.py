@@ -1,0 +1,72 @@
+"""Work: a task that an actor owns, whose end comes back to it as a turn."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Iterable
+
+__all__ = ["Work", "wait_all"]
+
+
+class Work:
+    """A running coroutine of one actor.
+
+    Work is cancelled once, as asyncio does it, and not again at each later ``await`` as an anyio task group would:
+    what it awaits while it cleans up is left in peace until its owner's patience ends.
+
+    Args:
+        awaitable: What to run.
+        name: The task's name, for debuggers.
+        ended: Called once, when it has ended, from the event loop.
+    """
+
+    __slots__ = ("_ended", "abandoned", "name", "task")
+
+    def __init__(self, awaitable: Awaitable[Any], name: str, ended: Callable[[Work], object]) -> None:
+        async def body() -> Any:
+            return await awaitable
+
+        self.name = name
+        self.abandoned = False
+        self._ended = ended
+        self.task: asyncio.Task[Any] = asyncio.get_running_loop().create_task(body(), name=name)
+        self.task.add_done_callback(self._done)
+
+    def _done(self, task: asyncio.Task[Any]) -> None:
+        if not task.cancelled():
+            task.exception()  # looked at here, so that asyncio does not report it a second time
+        self._ended(self)
+
+    def cancel(self) -> None:
+        """Ask it to end."""
+        self.task.cancel()
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended."""
+        return self.task.done()
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether it ended because it was cancelled."""
+        return self.task.cancelled()
+
+    @property
+    def error(self) -> BaseException | None:
+        """What it raised, if it has ended and did."""
+        if not self.task.done() or self.task.cancelled():
+            return None
+        return self.task.exception()
+
+    @property
+    def result(self) -> Any:
+        """What it returned, if it has ended and did."""
+        return self.task.result() if self.task.done() and not self.task.cancelled() and not self.error else None
+
+
+async def wait_all(work: Iterable[Work], seconds: float) -> None:
+    """Wait until all of it has ended, or so many seconds have passed."""
+    await asyncio.wait([piece.task for piece in work], timeout=seconds)

@@ -71,6 +71,9 @@ class Actor:
     def on_start(self) -> None:
         """Prepare: subscribe, set timers, add children. Called in a turn, at the start and at each restart."""
 
+    def on_running(self) -> None:
+        """Begin: this actor and its children have started. Called in a turn."""
+
     async def on_stopping(self) -> None:
         """End what must end in good order while children still live; called before they are stopped."""
 
@@ -127,7 +130,8 @@ class Actor:
 
     def channel(self, name: str, type: type[T], *, retain: bool = False) -> Channel[T]:  # noqa: A002
         """Return the channel ``<path>/<name>``, made at the first call."""
-        return self.runtime.channel(f"{self.path}/{name}", type, retain=retain)
+        path = self.path
+        return self.runtime.channel(f"{path}/{name}" if path else name, type, retain=retain)
 
     def subscribe(self, channel: Channel[T], handler: Callable[[T], object]) -> Subscription[T]:
         """Handle each message of a channel until this actor stops."""
@@ -245,10 +249,10 @@ class Actor:
     async def _stop(self) -> None:
         if self.life in {"created", "stopped", "failed"} or self._ended is None:
             return
-        self.stop()
+        self.end()
         await self._ended.wait()
 
-    def stop(self) -> None:
+    def end(self) -> None:
         """Ask this actor to stop, its children before it; returns at once."""
         if self._request != "fail":
             self._request = "stop"
@@ -304,6 +308,7 @@ class Actor:
                 failed = error
             if failed is None:
                 self._change("running")
+                self.runtime.dispatcher.deliver(Subscription(None, self, lambda _: self.on_running()), None)
                 if task_status is not None:
                     task_status.started()
                 if self._requested is not None:

@@ -71,6 +71,7 @@ class Channel(Generic[T]):
     __slots__ = (
         "_dispatcher",
         "_owner",
+        "_snapshot",
         "_streams",
         "_subscriptions",
         "_unheard",
@@ -100,6 +101,7 @@ class Channel(Generic[T]):
         self._unheard = 0
         self._dispatcher = dispatcher
         self._owner = owner
+        self._snapshot: Callable[[], T | None] | None = None
         self._subscriptions: tuple[Subscription[T], ...] = ()
         self._streams: tuple[Stream[T], ...] = ()
 
@@ -139,9 +141,14 @@ class Channel(Generic[T]):
         """Call ``handler`` with each message from now on, and with the retained one at once."""
         subscription = Subscription(self, actor or self._owner, handler)
         self._subscriptions = (*self._subscriptions, subscription)
-        if self.retain and self.last is not None:
-            self._dispatcher.deliver(subscription, self.last)
+        retained = self.last if self._snapshot is None else self._snapshot()
+        if retained is not None:
+            self._dispatcher.deliver(subscription, retained)
         return subscription
+
+    def retain_by(self, snapshot: Callable[[], T | None]) -> None:
+        """Make the message for a late subscriber when one comes, in place of keeping the last one published."""
+        self._snapshot = snapshot
 
     def remove(self, subscription: Subscription[T]) -> None:
         """Forget a subscription; `Subscription.cancel` calls this."""

@@ -143,7 +143,7 @@ class Runtime:
     ) -> bool:
         swallowed = self._scope.__exit__(kind, error, traceback)
         self._stopped.set()
-        self.root.stop()
+        self.root.end()
         try:
             with anyio.CancelScope(shield=True):
                 if self._tree is not None:

@@ -90,6 +90,11 @@ class Actor:
         return f"{self.parent.path}/{self.name}"
 
     @property
+    def failing(self) -> bool:
+        """Whether it has failed: it is about to stop or to start anew, or has stopped for good."""
+        return self.life == "failed" or self._request in {"restart", "fail"}
+
+    @property
     def runtime(self) -> Runtime:
         """The runtime in which it lives.
 
@@ -100,14 +105,14 @@ class Actor:
             raise Error(f"actor {self.path!r} has not been started")
         return self._runtime
 
-    def add(self, child: Actor) -> None:
-        """Make another actor a child, to be started after those added before and stopped before them."""
+    def add(self, child: Actor, *, first: bool = False) -> None:
+        """Make another actor a child, to be started after those added before (or before them) and stopped in reverse."""
         if child.parent is not None:
             raise Error(f"actor {child.name!r} is already a child of {child.parent.path!r}")
         if any(sibling.name == child.name for sibling in self.children):
             raise Error(f"actor {self.path!r} has two children named {child.name!r}")
         child.parent = self
-        self.children.append(child)
+        self.children.insert(0 if first else len(self.children), child)
 
     async def start_child(self, child: Actor) -> None:
         """Add a child to an actor that already runs, and wait until it has started."""
@@ -299,7 +304,7 @@ class Actor:
         async with anyio.create_task_group() as group:
             self._group = group
             self._change("starting")
-            permanent = len(self.children)
+            permanent = tuple(self.children)
             try:
                 await self._begin()
                 for child in tuple(self.children):
@@ -319,9 +324,10 @@ class Actor:
                 failed = None
             await self._end()
             # A further start adds anew what on_start adds.
-            for child in self.children[permanent:]:
-                child.parent = None
-            del self.children[permanent:]
+            for child in self.children:
+                if child not in permanent:
+                    child.parent = None
+            self.children[:] = permanent
         self._group = None
         return failed
 

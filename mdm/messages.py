@@ -114,8 +114,8 @@ class Reward(Message, frozen=True, gc=False):
 class Decision(Message, frozen=True, gc=False):
     """Everything about one decision, for logs, records and tests.
 
-    ``cause`` names the stimulus: ``start``, ``state``, ``observation``, ``belief``, ``tick`` or ``episode`` (the
-    stimulus after a horizon, which starts a new episode).
+    ``cause`` names the stimulus: ``start``, ``resume``, ``reset``, ``state``, ``observation``, ``belief``, ``tick``, or
+    ``episode`` (the stimulus after a horizon, which starts a new episode).
     """
 
     ensemble: str
@@ -145,7 +145,7 @@ class ActionLife(Message, frozen=True, gc=False):
 class Control(Message, frozen=True, gc=False):
     """A command to a control layer."""
 
-    command: Literal["start", "stop", "reset"]
+    command: Literal["start", "stop", "reset", "resume"]
 
 
 class Tick(Message, frozen=True, gc=False):

@@ -1,1 +1,29 @@
+"""The layers as actors: predicate manager, state, observation, control and action layer, and the ensemble."""
 
+from mdm.actors.action_layer import ActionLayer
+from mdm.actors.binding import Binding, bind
+from mdm.actors.control_layer import ControlLayer
+from mdm.actors.drive import Drive, FixedRate, OnEvent
+from mdm.actors.ensemble import Ensemble
+from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
+from mdm.actors.predicate_manager import PredicateManager
+from mdm.actors.sensor import EventSource, Sensor
+from mdm.actors.state_layer import StateFactor, StateLayer
+
+__all__ = [
+    "ActionLayer",
+    "Binding",
+    "ControlLayer",
+    "Drive",
+    "Ensemble",
+    "EventSource",
+    "FixedRate",
+    "ObservationFactor",
+    "ObservationLayer",
+    "OnEvent",
+    "PredicateManager",
+    "Sensor",
+    "StateFactor",
+    "StateLayer",
+    "bind",
+]

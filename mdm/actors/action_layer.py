@@ -1,0 +1,314 @@
+"""The action layer: from action symbols to the code that moves the robot.
+
+Every action has one exact life: ``running``, then one of ``succeeded``, ``failed``, ``preempted``, ``timed_out`` and
+``abandoned``. A new action cancels the running one and starts when that has ended, so that two are never live at once.
+"""
+
+from __future__ import annotations
+
+import inspect
+from typing import TYPE_CHECKING
+
+from mdm.actors.binding import Binding, Callback, bind
+from mdm.actors.layer import Layer
+from mdm.errors import ConfigError
+from mdm.messages import Action, ActionLife, ActionStatus
+from mdm.runtime import Histogram, Latencies
+from mdm.runtime.actor import describe
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from mdm.actors.ensemble import Ensemble
+    from mdm.actors.predicate_manager import PredicateManager
+    from mdm.runtime import Timer, Work
+
+__all__ = ["ActionLayer"]
+
+
+class _Life:
+    """One run of one action."""
+
+    __slots__ = ("action", "binding", "deadline", "ending", "grace", "name", "number", "work")
+
+    def __init__(self, number: int, name: str, binding: Binding, action: Action) -> None:
+        self.number = number
+        self.name = name
+        self.binding = binding
+        self.action = action
+        self.work: Work | None = None
+        self.deadline: Timer | None = None
+        self.grace: Timer | None = None
+        self.ending: ActionStatus | None = None
+
+
+class ActionLayer(Layer):
+    """Runs one agent's component of the joint actions published on ``action``; tells their lives on ``lives``.
+
+    Args:
+        names: The agent's actions in the model's order.
+        bindings: Code for every action, by name or by index, not both.
+        component: From a joint action's index to this agent's; None where they are one.
+        predicates: Takes the ends of actions as events (``Patrol.succeeded``).
+        safe_action: An action's name, or a function, that leaves the robot safe.
+    """
+
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        bindings: Mapping[str, Callback | Ensemble | Binding] | Mapping[int, Callback | Ensemble | Binding],
+        *,
+        component: Callable[[int], int] | None = None,
+        predicates: PredicateManager | None = None,
+        safe_action: str | Callback | None = None,
+        name: str = "action",
+    ) -> None:
+        super().__init__(name)
+        self.names = names
+        self.predicates = predicates
+        self.bindings = _bindings(names, bindings)
+        self.safe = _safe_binding(safe_action, names, self.bindings)
+        self.started = 0
+        self.ended: dict[ActionStatus, int] = {}
+        self.skipped = 0
+        self._component = component
+        self._latencies = Latencies()
+        self._current: _Life | None = None
+        self._pending: tuple[str, Binding, Action] | None = None
+        self._beside: dict[str, _Life] = {}
+        self._idle: list[Callable[[], None]] = []
+        self._halted = True
+
+    @property
+    def live(self) -> tuple[str, ...]:
+        """The names of the actions that are live now."""
+        current = () if self._current is None else (self._current.name,)
+        return (*current, *self._beside)
+
+    @property
+    def latency(self) -> Histogram:
+        """The histogram of times from stimulus to the call of a callback."""
+        return self._latencies.snapshot()
+
+    def problems(self) -> Iterator[ConfigError]:
+        """Yield what is wrong with ensembles that are bound as actions."""
+        for binding in self.bindings:
+            if binding.ensemble is not None:
+                yield from binding.ensemble.problems()
+
+    # -- Life of the layer ---------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Listen for actions."""
+        self._lives = self.owner.channel("lives", ActionLife)
+        self._now = self.runtime.clock.now
+        self._path = self.owner.path
+        self._halted = True
+        self.subscribe(self.owner.channel("action", Action), self._on_action)
+
+    def admit(self) -> None:
+        """Run actions from now on."""
+        self._halted = False
+        self._idle.clear()
+
+    def halt(self, idle: Callable[[], None]) -> None:
+        """Cancel what is live, run no more, and call back when nothing lives; in a turn."""
+        self._halted = True
+        self._pending = None
+        for life in (*self._beside.values(), *([self._current] if self._current else [])):
+            self._cancel(life, "preempted")
+        self.when_idle(idle)
+
+    def when_idle(self, idle: Callable[[], None]) -> None:
+        """Call back when nothing lives: at once, or in the turn in which the last life ends."""
+        self._idle.append(idle)
+        self._settle()
+
+    def make_safe(self, time: int) -> None:
+        """Run the safe action in place of what is live."""
+        if self.safe is not None:
+            self._choose("safe action", self.safe, Action(time, -1, -1))
+
+    def _settle(self) -> None:
+        """Start what waits for the running action's end; where nothing lives or waits, tell those who wait for that."""
+        if self._current is None and self._pending is not None:
+            pending, self._pending = self._pending, None
+            self._begin_life(*pending)
+        elif self._current is None and not self._beside:
+            idle, self._idle = self._idle, []
+            for tell in idle:
+                tell()
+
+    # -- Choosing ------------------------------------------------------------------------------------------------
+
+    def _on_action(self, action: Action) -> None:
+        if self._halted:
+            self.skipped += 1
+            return
+        index = action.index if self._component is None else self._component(action.index)
+        self._choose(self.names[index], self.bindings[index], action)
+
+    def _choose(self, name: str, binding: Binding, action: Action) -> None:
+        if binding.concurrent:
+            life = self._beside.get(name)
+            if life is None:
+                self._begin_life(name, binding, action)
+            elif binding.on_repeat == "restart":
+                self._cancel(life, "preempted")
+                self.skipped += 1
+            return
+        current = self._current
+        if current is None:
+            self._begin_life(name, binding, action)
+        elif current.binding is binding and current.ending is None and binding.on_repeat == "continue":
+            self._pending = None
+        else:
+            if self._pending is not None:
+                self.skipped += 1
+            self._pending = (name, binding, action)
+            self._cancel(current, "preempted")
+
+    # -- Lives ---------------------------------------------------------------------------------------------------
+
+    def _begin_life(self, name: str, binding: Binding, action: Action) -> None:
+        """Start a life. Hot path for plain functions."""
+        self.started = number = self.started + 1
+        life = _Life(number, name, binding, action)
+        if self._lives.heard:
+            self._tell(life, "running")
+        ensemble = binding.ensemble
+        if ensemble is not None:
+            if ensemble.life != "running":
+                self._end_life(life, "failed", f"ensemble {ensemble.path!r} does not run: it is {ensemble.life}")
+                return
+            self._keep(life)
+            ensemble.when_idle(lambda: self._ensemble_ended(life))
+            ensemble.start(resume=binding.resume)
+            return
+        if action.epoch >= 0:
+            self._latencies.record(self._now() - action.time)
+        try:
+            result = binding.call(action)
+        except Exception as error:
+            self._end_life(life, "failed", describe(error))
+            return
+        if result is not None and inspect.isawaitable(result):
+            self._keep(life)
+            life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=name)
+        else:
+            self._end_life(life, "succeeded")
+
+    def _keep(self, life: _Life) -> None:
+        if life.binding.concurrent:
+            self._beside[life.name] = life
+        else:
+            self._current = life
+        if life.binding.timeout is not None:
+            life.deadline = self.call_later(life.binding.timeout, lambda: self._cancel(life, "timed_out"))
+
+    def _cancel(self, life: _Life, ending: ActionStatus) -> None:
+        """Ask a life to end; how it ends is known when it has."""
+        if life.ending is not None:
+            return
+        life.ending = ending
+        if life.binding.ensemble is not None:
+            life.binding.ensemble.stop()
+        elif life.work is not None:
+            life.work.cancel()
+            life.grace = self.call_later(life.binding.grace, lambda: self._abandon(life))
+
+    def _abandon(self, life: _Life) -> None:
+        if life.work is not None:
+            self.abandon(life.work)
+            self._finish(life, "abandoned", f"did not end within {life.binding.grace:g} s of being cancelled")
+
+    def _work_ended(self, life: _Life, work: Work) -> None:
+        if work.cancelled:
+            if life.ending is not None:
+                self._finish(life, life.ending)
+            else:
+                self._finish(life, "failed", "was cancelled, but not by its action layer")
+        elif work.error is not None:
+            self._finish(life, "failed", describe(work.error))
+        else:
+            self._finish(life, "succeeded")
+
+    def _ensemble_ended(self, life: _Life) -> None:
+        assert life.binding.ensemble is not None
+        if life.binding.ensemble.failing:
+            self._finish(life, "failed", f"ensemble {life.binding.ensemble.path!r} failed")
+        else:
+            self._finish(life, life.ending or "succeeded")
+
+    def _finish(self, life: _Life, status: ActionStatus, detail: str = "") -> None:
+        if self._current is life:
+            self._current = None
+        elif self._beside.get(life.name) is life:
+            del self._beside[life.name]
+        for timer in (life.deadline, life.grace):
+            if timer is not None:
+                timer.cancel()
+        self._end_life(life, status, detail)
+        self._settle()
+
+    def _end_life(self, life: _Life, status: ActionStatus, detail: str = "") -> None:
+        self.ended[status] = self.ended.get(status, 0) + 1
+        if status in {"failed", "timed_out", "abandoned"}:
+            self.report("action", f"action {life.name!r} {status.replace('_', ' ')}: {detail}".rstrip(": "))
+        if self._lives.heard:
+            self._tell(life, status, detail)
+        if self.predicates is not None and self.predicates.action_ends:
+            event = f"{life.name}.{status}"
+            if event in self.predicates.action_ends:
+                self.predicates.occur(event)
+
+    def _tell(self, life: _Life, status: ActionStatus, detail: str = "") -> None:
+        self._lives.publish(ActionLife(self._now(), self._path, life.number, life.name, status, detail))
+
+
+def _bindings(
+    names: tuple[str, ...],
+    bindings: Mapping[str, Callback | Ensemble | Binding] | Mapping[int, Callback | Ensemble | Binding],
+) -> tuple[Binding, ...]:
+    """Return the binding of each action, in order."""
+    keys = list(bindings)
+    if any(isinstance(key, str) for key in keys) and any(isinstance(key, int) for key in keys):
+        raise ConfigError("actions are bound by name or by index, not both", key="actions")
+    by_key: dict[object, Callback | Ensemble | Binding] = dict(bindings.items())
+    wanted: list[object] = list(names) if keys and isinstance(keys[0], str) else list(range(len(names)))
+    missing = [key for key in wanted if key not in by_key]
+    unknown = [key for key in keys if key not in wanted]
+    hint = f" (the actions are {', '.join(names[:20])})"
+    if unknown:
+        close = "".join(Layer.similar(str(key), names) for key in unknown[:1])
+        raise ConfigError(
+            f"no such action: {', '.join(repr(key) for key in unknown)}{close or hint}", key=f"actions.{unknown[0]}"
+        )
+    if missing:
+        raise ConfigError(
+            f"nothing is bound to the action {', '.join(repr(key) for key in missing)}: every action of the model "
+            f"needs a function or an ensemble{hint}",
+            key=f"actions.{missing[0]}",
+        )
+    result = []
+    for key in wanted:
+        target = by_key[key]
+        try:
+            result.append(target if isinstance(target, Binding) else bind(target))
+        except ConfigError as error:
+            raise ConfigError(error.message, key=f"actions.{key}") from None
+    return tuple(result)
+
+
+def _safe_binding(
+    safe_action: str | Callback | None, names: tuple[str, ...], bindings: tuple[Binding, ...]
+) -> Binding | None:
+    if safe_action is None:
+        return None
+    if isinstance(safe_action, str):
+        if safe_action not in names:
+            raise ConfigError(
+                f"the safe action {safe_action!r} is none of the actions {', '.join(names)}", key="safe_action"
+            )
+        return bindings[names.index(safe_action)]
+    return bind(safe_action)

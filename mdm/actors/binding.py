@@ -1,0 +1,102 @@
+"""Bindings: which code an action symbol stands for."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Any, Literal
+
+from mdm.errors import ConfigError
+
+if TYPE_CHECKING:
+    from mdm.actors.ensemble import Ensemble
+    from mdm.messages import Action
+
+__all__ = ["Binding", "Callback", "bind"]
+
+Callback = Callable[..., Awaitable[object] | object]
+
+
+class Binding:
+    """An action's target, and how its lives are led.
+
+    Args:
+        target: A plain function (called at once), an ``async`` function (run as a task), or an `Ensemble` (started
+            and stopped). A function that takes an argument gets the `Action` message.
+        timeout: Seconds after which a running life is cancelled and ends ``timed_out``.
+        grace: Seconds that a cancelled task has to end before it is ``abandoned``.
+        on_repeat: What the same action chosen again does to a running task: it goes on (``continue``), or is
+            cancelled and started anew (``restart``).
+        resume: For an ensemble: start it from the belief that it was stopped with.
+        concurrent: The action neither ends the running one nor is ended by the next.
+    """
+
+    __slots__ = ("call", "concurrent", "ensemble", "grace", "on_repeat", "plain", "resume", "target", "timeout")
+
+    def __init__(
+        self,
+        target: Callback | Ensemble,
+        *,
+        timeout: float | None = None,
+        grace: float = 1.0,
+        on_repeat: Literal["continue", "restart"] = "continue",
+        resume: bool = False,
+        concurrent: bool = False,
+    ) -> None:
+        for name, seconds in (("timeout", timeout), ("grace", grace)):
+            if seconds is not None and not seconds > 0:
+                raise ConfigError(f"{name} is a number of seconds above 0, not {seconds}", key=name)
+        if on_repeat not in {"continue", "restart"}:
+            raise ConfigError(f"on_repeat is 'continue' or 'restart', not {on_repeat!r}", key="on_repeat")
+        self.target = target
+        self.timeout = timeout
+        self.grace = grace
+        self.on_repeat = on_repeat
+        self.resume = resume
+        self.concurrent = concurrent
+        self.ensemble: Ensemble | None = None
+        self.call: Callable[[Action], Any]
+        if callable(target):
+            self.call = _with_argument(target)
+        elif hasattr(target, "when_idle"):
+            self.ensemble = target
+            self.call = _no_call
+        else:
+            raise ConfigError(f"an action's target is a function or an ensemble, not {target!r}")
+        self.plain = self.ensemble is None and not _is_async(target)
+
+
+def bind(target: Callback | Ensemble, **options: Any) -> Binding:
+    """Bind an action to a target with options; see `Binding`."""
+    return Binding(target, **options)
+
+
+def _no_call(_: Action) -> None:
+    return None
+
+
+def _is_async(target: object) -> bool:
+    return inspect.iscoroutinefunction(target) or inspect.iscoroutinefunction(getattr(target, "__call__", None))  # noqa: B004
+
+
+def _with_argument(function: Callback) -> Callable[[Action], Any]:
+    """Return the function as one of the action message, whether it takes it or not."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):  # a builtin without a signature takes nothing
+        return lambda _: function()
+    required = [
+        parameter
+        for parameter in parameters
+        if parameter.kind in {parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD}
+        and parameter.default is parameter.empty
+    ]
+    keyword = [p.name for p in parameters if p.kind is p.KEYWORD_ONLY and p.default is p.empty]
+    if len(required) > 1 or keyword:
+        names = ", ".join([*(parameter.name for parameter in required), *keyword])
+        raise ConfigError(
+            f"an action's function takes no argument or the Action message, but {function!r} asks for {names}"
+        )
+    if required or any(parameter.kind is parameter.VAR_POSITIONAL for parameter in parameters):
+        return function
+    return lambda _: function()

@@ -1,0 +1,414 @@
+"""The control layer: holds the policy, tracks the belief, decides.
+
+Event-driven and fixed-rate control share one path from a stimulus to a decision; only the trigger differs.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from mdm.actors.drive import Drive, FixedRate, OnEvent
+from mdm.actors.layer import Layer
+from mdm.errors import ConfigError, Error, ModelError
+from mdm.messages import Action, Belief, Control, Decision, Fault, Observation, Reward, State, Tick
+from mdm.models import POMDP, BeliefTracker
+from mdm.runtime import Histogram, Latencies
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mdm.models import MDP, Space
+    from mdm.policies import Policy
+    from mdm.runtime import Ticker
+
+__all__ = ["ControlLayer", "OnImpossible"]
+
+OnImpossible = Literal["predict", "keep", "reset", "safe_action"]
+
+
+class ControlLayer(Layer):
+    """Decides on states (MDP) or on the belief that observations lead to (POMDP).
+
+    Reads ``state``, ``observation``, ``external_belief``, ``initial_belief`` and ``control``; publishes ``action``,
+    ``reward`` and ``belief`` under its ensemble's name, and a `Decision` on the runtime's ``decisions``.
+
+    Args:
+        policy: From a state index or a belief to a joint action.
+        model: Needed by a policy over beliefs, and for rewards.
+        drive: When to decide.
+        horizon: Decisions in an episode; the next stimulus after them starts a new one.
+        on_impossible: What becomes of the belief at an observation that has probability 0: ``predict`` (time passes,
+            nothing seen), ``keep`` it, ``reset`` it, or ``safe_action`` (predict, and run the safe action).
+        on_no_observation: What a fixed-rate tick without a new observation means: ``predict``, ``repeat`` the last
+            one, or the name of an observation.
+        rewards: R(s, a), an S x A array, where no model has it.
+        deadline: Seconds from stimulus to decision; a later decision is reported and the safe action runs instead.
+        initial_belief: In place of the model's.
+        tracker: A belief tracker of your own, in place of the model's.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        model: MDP | POMDP | None = None,
+        *,
+        drive: Drive | None = None,
+        horizon: int | None = None,
+        on_impossible: OnImpossible = "predict",
+        on_no_observation: str = "predict",
+        rewards: npt.ArrayLike | None = None,
+        deadline: float | None = None,
+        initial_belief: npt.ArrayLike | None = None,
+        tracker: BeliefTracker | None = None,
+        name: str = "control",
+    ) -> None:
+        super().__init__(name)
+        self.policy = policy
+        self.model = model
+        self.drive = OnEvent() if drive is None else drive
+        self.horizon = horizon
+        self.on_impossible = on_impossible
+        self.on_no_observation = on_no_observation
+        self.deadline = deadline
+        self.has_safe_action = False
+        self.running = False
+        self.epoch = 0
+        self.impossible = 0
+        self.superseded = 0
+        self.undecided = 0
+        self.actions: Space | None = None if model is None else model.action_space
+        self._rewards = _rewards(rewards, model)
+        if tracker is None and policy.input == "belief" and isinstance(model, POMDP):
+            tracker = BeliefTracker(model)
+        self._tracker = tracker
+        self._initial = None if initial_belief is None else np.asarray(initial_belief, dtype=np.float64)
+        self._check()
+        self._no_observation = self._no_observation_symbol()
+        self._deadline_ns = None if deadline is None else round(deadline * 1e9)
+        self._horizon = sys.maxsize if horizon is None else horizon
+        self._event_driven = isinstance(self.drive, OnEvent)
+        self._latencies = Latencies()
+        self._state: int | None = None
+        self._observation: Observation | None = None
+        self._last_observation: int | tuple[int | None, ...] | None = None
+        self._action: int | None = None
+        self._given = False
+        self._ticker: Ticker | None = None
+
+    # -- Checks --------------------------------------------------------------------------------------------------
+
+    def _check(self) -> None:
+        policy, model = self.policy, self.model
+        if self.horizon is not None and self.horizon < 1:
+            raise ConfigError(f"a horizon is at least 1 decision, not {self.horizon}", key="horizon")
+        if self.deadline is not None and not self.deadline > 0:
+            raise ConfigError(f"a deadline is a number of seconds above 0, not {self.deadline}", key="deadline")
+        if self.on_impossible not in {"predict", "keep", "reset", "safe_action"}:
+            raise ConfigError(
+                f"on_impossible is 'predict', 'keep', 'reset' or 'safe_action', not {self.on_impossible!r}",
+                key="on_impossible",
+            )
+        if policy.input == "belief" and self._tracker is None:
+            why = "there is none" if model is None else "the one given has no observations"
+            raise ConfigError(
+                f"a policy over beliefs needs the POMDP by which to track the belief, but {why}", key="model"
+            )
+        if model is not None:
+            for what, ours, theirs in (
+                ("states", policy.num_states, len(model.state_space)),
+                ("actions", policy.num_actions, len(model.action_space)),
+            ):
+                if ours != theirs:
+                    raise ConfigError(f"the policy is for {ours} {what}, but the model has {theirs}", key="policy")
+        if self._rewards is not None and self._rewards.shape != (policy.num_actions, policy.num_states):
+            actions, states = self._rewards.shape
+            raise ConfigError(
+                f"the rewards are for {states} states and {actions} actions, but the policy is for "
+                f"{policy.num_states} and {policy.num_actions}",
+                key="rewards",
+            )
+        if self._initial is not None and self._tracker is not None:
+            self._tracker.reset(self._initial)
+
+    def _no_observation_symbol(self) -> int | Literal["predict", "repeat"]:
+        if self.on_no_observation == "predict":
+            return "predict"
+        if self.on_no_observation == "repeat":
+            return "repeat"
+        space = getattr(self.model, "observation_space", None)
+        if space is None:
+            raise ConfigError(
+                f"on_no_observation names {self.on_no_observation!r}, but there is no model with observations",
+                key="on_no_observation",
+            )
+        try:
+            return int(space.index(self.on_no_observation))
+        except ModelError as error:
+            raise ConfigError(
+                f"on_no_observation is 'predict', 'repeat' or an observation's name: {error}", key="on_no_observation"
+            ) from None
+
+    def problems(self) -> Iterator[ConfigError]:
+        """Yield nothing: a control layer that could be built can start."""
+        yield from ()
+
+    # -- Commands ------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Begin deciding at epoch 0; a policy over beliefs begins from the initial belief."""
+        self._command("start")
+
+    def stop(self) -> None:
+        """Publish nothing more until started again."""
+        self._command("stop")
+
+    def reset(self) -> None:
+        """Begin a new episode now: epoch 0, the initial belief."""
+        self._command("reset")
+
+    def resume(self) -> None:
+        """Begin deciding at epoch 0, from the belief as it is."""
+        self._command("resume")
+
+    def _command(self, command: Literal["start", "stop", "reset", "resume"]) -> None:
+        self.owner.channel("control", Control).publish(Control(self.runtime.clock.now(), command))
+
+    @property
+    def belief(self) -> npt.NDArray[np.float64] | None:
+        """The present belief (S numbers, read-only), or None for a policy over states."""
+        return None if self._tracker is None else self._tracker.belief
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Listen; deciding begins with `start`."""
+        channel = self.owner.channel
+        self._now = self.runtime.clock.now
+        self._actions = channel("action", Action)
+        self._reward_channel = channel("reward", Reward, retain=True)
+        self._beliefs = channel("belief", Belief, retain=True)
+        self._decisions = self.runtime.decisions
+        self._safety = channel("safety", Fault)
+        self._path = self.owner.path
+        self.running = False
+        self._state = None
+        if self.policy.input == "state":
+            self.subscribe(channel("state", State, retain=True), self._on_state)
+        else:
+            self.subscribe(channel("observation", Observation), self._on_observation)
+            self.subscribe(channel("external_belief", Belief), self._on_external_belief)
+            self.subscribe(channel("initial_belief", Belief, retain=True), self._on_initial_belief)
+        self.subscribe(channel("control", Control), self._on_control)
+
+    def on_stop(self) -> None:
+        """Decide nothing more."""
+        self.running = False
+
+    def _on_control(self, control: Control) -> None:
+        command = control.command
+        if command == "stop":
+            self.running = False
+            self._stop_ticking()
+            return
+        if command == "reset":
+            self._begin_episode()
+            if not self.running:
+                return
+        elif self.running:
+            return
+        else:
+            self._begin_episode(keep_belief=command == "resume")
+            self.running = True
+            if isinstance(self.drive, FixedRate):
+                self._ticker = self.every(self.drive.rate, self._on_tick)
+        if self._event_driven and (self._tracker is not None or self._state is not None):
+            self._decide(control.time, command)
+
+    def _begin_episode(self, *, keep_belief: bool = False) -> None:
+        """Start an episode."""
+        self.epoch = 0
+        self._action = None
+        self._observation = None
+        self._last_observation = None
+        self._given = False
+        if self._tracker is not None and not keep_belief:
+            self._tracker.reset(self._initial)
+
+    def _stop_ticking(self) -> None:
+        if self._ticker is not None:
+            self._ticker.cancel()
+            self._ticker = None
+
+    # -- Stimuli -------------------------------------------------------------------------------------------------
+
+    def _on_state(self, state: State) -> None:
+        self._state = state.index
+        if self.running and self._event_driven and state.index is not None:
+            if self.epoch >= self._horizon:
+                self._begin_episode()
+                self._decide(state.time, "episode")
+            else:
+                self._decide(state.time, "state")
+
+    def _on_observation(self, observation: Observation) -> None:
+        if not self.running:
+            return
+        if not self._event_driven:
+            if self._observation is not None:
+                self.superseded += 1
+            self._observation = observation
+        elif self.epoch >= self._horizon:
+            self._begin_episode()
+            self._decide(observation.time, "episode")
+        else:
+            symbol = observation.values if observation.index is None else observation.index
+            self._update(symbol, observation.time)
+            self._decide(observation.time, "observation", symbol)
+
+    def _on_tick(self, tick: Tick) -> None:
+        time = tick.time
+        if self.epoch >= self._horizon:
+            self._begin_episode()
+            self._decide_at_tick(time, "episode")
+            return
+        observation, self._observation = self._observation, None
+        symbol: int | tuple[int | None, ...] | None = None
+        if self._tracker is not None and self._action is not None and not self._given:
+            if observation is not None:
+                symbol = observation.values if observation.index is None else observation.index
+            elif self._no_observation == "repeat":
+                symbol = self._last_observation
+            elif self._no_observation != "predict":
+                symbol = self._no_observation
+            self._update(symbol, time)
+        self._given = False
+        self._decide_at_tick(time, "tick", symbol)
+
+    def _decide_at_tick(self, time: int, cause: str, symbol: int | tuple[int | None, ...] | None = None) -> None:
+        if self._tracker is None and self._state is None:
+            self.undecided += 1
+        else:
+            self._decide(time, cause, symbol)
+
+    def _on_external_belief(self, belief: Belief) -> None:
+        if not self.running or not self._accept(belief, "external_belief"):
+            return
+        if not self._event_driven:
+            self._given = True
+            self._observation = None
+        elif self.epoch >= self._horizon:
+            self._begin_episode(keep_belief=True)
+            self._decide(belief.time, "episode")
+        else:
+            self._decide(belief.time, "belief")
+
+    def _on_initial_belief(self, belief: Belief) -> None:
+        present = self.belief
+        if self._accept(belief, "initial_belief") and self._tracker is not None:
+            self._initial = np.array(belief.probabilities, dtype=np.float64)
+            if present is not None:
+                self._tracker.reset(present)
+
+    def _accept(self, belief: Belief, channel: str) -> bool:
+        """Take a belief from outside; one that is no distribution is reported, and changes nothing."""
+        if self._tracker is None:
+            return False
+        try:
+            self._tracker.reset(belief.probabilities)
+        except (Error, ValueError, TypeError) as error:
+            self.report("belief", f"refused a belief on {self._path}/{channel}: {error}", time=belief.time)
+            return False
+        return True
+
+    # -- Decisions -----------------------------------------------------------------------------------------------
+
+    def _update(self, observation: int | tuple[int | None, ...] | None, time: int) -> None:
+        tracker, action = self._tracker, self._action
+        if tracker is None or action is None:
+            return
+        try:
+            probability = tracker.update(action, observation)
+        except ModelError as error:
+            self.report("observation", str(error), time=time)
+            return
+        self._last_observation = observation
+        if probability <= 0:
+            self._on_impossible(observation, action, time)
+
+    def _on_impossible(self, observation: int | tuple[int | None, ...] | None, action: int, time: int) -> None:
+        self.impossible += 1
+        assert self._tracker is not None
+        policy = self.on_impossible
+        fault = Fault(
+            time,
+            self.path,
+            "impossible_observation",
+            f"observation {observation} after action {action} has probability 0 under the model and the belief; "
+            f"on_impossible is {policy!r}",
+        )
+        (self._safety if policy == "safe_action" else self.runtime.faults).publish(fault)
+        if policy == "reset":
+            self._tracker.reset(self._initial)
+        elif policy != "keep":
+            self._tracker.update(action, None)
+
+    def _decide(self, time: int, cause: str, observation: int | tuple[int | None, ...] | None = None) -> None:
+        """Choose an action and publish it first. Hot path: about 1 µs for a table."""
+        tracker = self._tracker
+        if tracker is None:
+            state = self._state
+            assert state is not None
+            action = self.policy.action(state)
+            reward = None if self._rewards is None else self._rewards.item(action, state)
+            belief = None
+        else:
+            state = None
+            belief = tracker.belief
+            action = self.policy.action(belief)
+            reward = None if self._rewards is None else self._rewards[action].dot(belief).item()
+        epoch = self.epoch
+        self.epoch = epoch + 1
+        self._action = action
+        latency = self._now() - time
+        if self._deadline_ns is None or latency <= self._deadline_ns or not self._late(latency, time):
+            self._actions.publish(Action(time, epoch, action))
+        self._latencies.record(latency)
+        if reward is not None:
+            self._reward_channel.publish(Reward(time, epoch, reward))
+        if belief is not None:
+            self._beliefs.publish(Belief(time, belief))
+        if self._decisions.heard:
+            self._decisions.publish(
+                Decision(time, self._path, epoch, cause, state, observation, belief, action, self._name(action), reward)
+            )
+
+    def _late(self, latency: int, time: int) -> bool:
+        """Report a missed deadline; return whether the safe action runs in place of what was decided."""
+        text = f"a decision came {latency / 1e6:.3f} ms after its stimulus; the deadline is {self.deadline} s"
+        channel = self._safety if self.has_safe_action else self.runtime.faults
+        channel.publish(Fault(time, self.path, "deadline", text))
+        return self.has_safe_action
+
+    def _name(self, action: int) -> str:
+        return str(action) if self.actions is None else self.actions.names[action]
+
+    @property
+    def latency(self) -> Histogram:
+        """The histogram of times from stimulus to decision."""
+        return self._latencies.snapshot()
+
+
+def _rewards(rewards: npt.ArrayLike | None, model: MDP | POMDP | None) -> npt.NDArray[np.float64] | None:
+    """Return R as an A x S array, so that the rewards of one action lie side by side."""
+    if rewards is None:
+        if model is None:
+            return None
+        rewards = model.rewards
+    array = np.asarray(rewards, dtype=np.float64)
+    if array.ndim != 2 or not np.isfinite(array).all():
+        raise ConfigError(f"rewards are a states x actions array of finite numbers, not {array.shape}", key="rewards")
+    return np.ascontiguousarray(array.T)

@@ -1,0 +1,327 @@
+"""The ensemble: the layers that together run one decision process, under one parent actor."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import anyio
+import numpy as np
+
+from mdm.actors.action_layer import ActionLayer
+from mdm.actors.control_layer import ControlLayer, OnImpossible
+from mdm.actors.drive import FixedRate
+from mdm.actors.layer import Layer
+from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
+from mdm.actors.state_layer import StateFactor, StateLayer
+from mdm.errors import ConfigError
+from mdm.messages import Belief, Control, Fault, Observation, PredicateUpdate, State
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from mdm.actors.binding import Binding, Callback
+    from mdm.actors.drive import Drive
+    from mdm.actors.predicate_manager import PredicateManager
+    from mdm.models import MDP, POMDP, BeliefTracker, Space
+    from mdm.policies import Policy
+    from mdm.runtime import Supervision
+
+__all__ = ["Ensemble"]
+
+
+class Ensemble(Layer):
+    """A decision process: abstraction, control and action layers that start and stop together.
+
+    At the top of a runtime it begins to decide as soon as it has started; bound to another ensemble's action, it
+    decides while that action is chosen.
+
+    Args:
+        name: Its name, which prefixes its channels: ``patrol/state``, ``patrol/action``.
+        policy: From a state index or a belief to a joint action.
+        actions: Code for every action, by name or by index, not both: functions, async functions, ensembles, or any
+            of them with options (`bind`). Without a model that has names, names here stand in the policy's order.
+        model: Needed by a policy over beliefs, for rewards, and to check names and sizes.
+        predicates: The predicate manager that the factors refer to; started with the ensemble unless it already runs.
+        states: Factors of the state layer; without them, publish `State` messages on ``states``.
+        observations: Factors of the observation layer; without them, publish `Observation` on ``observation``.
+        agent: Of a team, the agent under whose scope this ensemble acts, by index or name.
+        safe_action: What leaves the robot safe: an action's name or a function. It runs on a failure that nobody
+            could help, on a missed deadline, on input that grew too old, and when the runtime ends.
+        supervision: What its failure means.
+        drive: ``OnEvent()`` or ``FixedRate(rate)``.
+        horizon: See `ControlLayer`, as for ``on_impossible``, ``on_no_observation``, ``rewards``, ``deadline``,
+            ``initial_belief`` and ``tracker``.
+
+    Raises:
+        ConfigError: If sizes or names do not fit each other.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        policy: Policy,
+        actions: Mapping[str, Callback | Ensemble | Binding] | Mapping[int, Callback | Ensemble | Binding],
+        model: MDP | POMDP | None = None,
+        predicates: PredicateManager | None = None,
+        states: Sequence[StateFactor] = (),
+        observations: Sequence[ObservationFactor] = (),
+        agent: int | str = 0,
+        safe_action: str | Callback | None = None,
+        supervision: Supervision = "escalate",
+        drive: Drive | None = None,
+        horizon: int | None = None,
+        on_impossible: OnImpossible = "predict",
+        on_no_observation: str = "predict",
+        rewards: npt.ArrayLike | None = None,
+        deadline: float | None = None,
+        initial_belief: npt.ArrayLike | None = None,
+        tracker: BeliefTracker | None = None,
+    ) -> None:
+        super().__init__(name, supervision=supervision)
+        self.predicates = predicates
+        self.active = False
+        self._idle: list[Callable[[], None]] = []
+        self._safe_due = False
+        try:
+            self.control = ControlLayer(
+                policy,
+                model,
+                drive=drive,
+                horizon=horizon,
+                on_impossible=on_impossible,
+                on_no_observation=on_no_observation,
+                rewards=rewards,
+                deadline=deadline,
+                initial_belief=initial_belief,
+                tracker=tracker,
+            )
+            names, component = _agent_actions(policy, model, actions, agent)
+            self.action = ActionLayer(
+                names, actions, component=component, predicates=predicates, safe_action=safe_action
+            )
+            self.control.has_safe_action = self.action.safe is not None
+            if on_impossible == "safe_action" and self.action.safe is None:
+                raise ConfigError("on_impossible asks for the safe action, but there is none", key="safe_action")
+        except ConfigError as error:
+            raise ConfigError(error.message, key=".".join(filter(None, ("ensembles", name, error.key)))) from None
+        self.state: StateLayer | None = None
+        self.observation: ObservationLayer | None = None
+        if states:
+            self.state = StateLayer(states, self._manager("states"), space=getattr(model, "state_space", None))
+        if observations:
+            self.observation = ObservationLayer(
+                observations, self._manager("observations"), space=getattr(model, "observation_space", None)
+            )
+        self.subensembles = tuple(
+            {id(b.ensemble): b.ensemble for b in self.action.bindings if b.ensemble is not None}.values()
+        )
+        for child in (*self.subensembles, self.action, self.control, self.observation, self.state):
+            if child is not None:
+                self.add(child)
+
+    def _manager(self, factors: str) -> PredicateManager:
+        if self.predicates is None:
+            raise ConfigError(
+                f"ensemble {self.name!r} has {factors}, but no predicate manager to take them from",
+                key=f"ensembles.{self.name}.{factors}",
+            )
+        return self.predicates
+
+    # -- Checks --------------------------------------------------------------------------------------------------
+
+    def problems(self) -> Iterator[ConfigError]:
+        """Yield everything that would keep the ensemble, or one below it, from starting."""
+        for layer in (self.state, self.observation, self.action):
+            if layer is not None:
+                yield from layer.problems()
+        space = None if self.control.model is None else self.control.model.state_space
+        if self.state is not None:
+            product = 1
+            for factor in self.state.factors:
+                product *= factor.size
+            expected = self.control.policy.num_states
+            if product != expected and (space is None or len(self.state.factors) == len(space.factors)):
+                yield ConfigError(
+                    f"the state factors of {self.name!r} make {product} states, but the policy is for {expected}",
+                    key=f"ensembles.{self.name}.states",
+                )
+
+    def tree(self) -> str:
+        """Return the ensemble and those below it, a line each, indented, with the action that each is bound to."""
+        lines = [f"{self.name} ({self.summary()})"]
+        for name, binding in zip(self.action.names, self.action.bindings, strict=True):
+            if binding.ensemble is None:
+                lines.append(f"  {name}: {getattr(binding.target, '__name__', type(binding.target).__name__)}()")
+            else:
+                first, *rest = binding.ensemble.tree().splitlines()
+                lines += [f"  {name}: {first}", *(f"  {line}" for line in rest)]
+        return "\n".join(lines)
+
+    def summary(self) -> str:
+        """Return what kind of process it is, in a few words."""
+        policy, drive = self.control.policy, self.control.drive
+        kind = "POMDP" if policy.input == "belief" else "MDP"
+        when = f"{drive.rate:g} Hz" if isinstance(drive, FixedRate) else "event-driven"
+        return f"{kind}, {policy.num_states} states, {policy.num_actions} actions, {when}"
+
+    # -- Channels that users publish on --------------------------------------------------------------------------
+
+    def publish_state(self, index: int) -> None:
+        """Say which state the process is in, where there is no state layer."""
+        self.channel("state", State, retain=True).publish(State(self.runtime.clock.now(), index, (index,)))
+
+    def publish_observation(self, index: int) -> None:
+        """Say what was observed, where there is no observation layer."""
+        now = self.runtime.clock.now()
+        self.channel("observation", Observation).publish(Observation(now, index, (index,), (True,)))
+
+    def publish_belief(self, probabilities: npt.ArrayLike) -> None:
+        """Give the control layer a belief from outside, in place of its own update."""
+        self.channel("external_belief", Belief).publish(_belief(self.runtime.clock.now(), probabilities))
+
+    def publish_initial_belief(self, probabilities: npt.ArrayLike) -> None:
+        """Set the belief from which the next episode starts."""
+        channel = self.channel("initial_belief", Belief, retain=True)
+        channel.publish(_belief(self.runtime.clock.now(), probabilities))
+
+    # -- Deciding ------------------------------------------------------------------------------------------------
+
+    def start(self, *, resume: bool = False) -> None:
+        """Begin to decide: from the initial belief, or from the present one."""
+        self.action.admit()
+        self.active = True
+        if resume:
+            self.control.resume()
+        else:
+            self.control.start()
+
+    def stop(self) -> None:
+        """Decide no more and end the running action; what is below stops first. `when_idle` tells when it is done."""
+        self.control.stop()
+
+    def reset(self) -> None:
+        """Begin a new episode now."""
+        self.control.reset()
+
+    def when_idle(self, call: Callable[[], None]) -> None:
+        """Call back, once, in a turn, when the ensemble is next stopped and none of its actions lives."""
+        self._idle.append(call)
+
+    def _on_safety(self, fault: Fault) -> None:
+        """Report a fault, and run the safe action in place of what is live."""
+        self.runtime.faults.publish(fault)
+        if self.active:
+            self.action.make_safe(fault.time)
+
+    def _on_control(self, control: Control) -> None:
+        if control.command == "stop" and self.active:
+            self.active = False
+            self.action.halt(self._became_idle)
+
+    def _became_idle(self) -> None:
+        idle, self._idle = self._idle, []
+        for call in idle:
+            call()
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Check everything, and start the predicate manager where nobody else did."""
+        for problem in self.problems():
+            raise problem
+        if self.predicates is not None and self.predicates.parent is None:
+            self.add(self.predicates, first=True)
+        self.subscribe(self.channel("control", Control), self._on_control)
+        self.subscribe(self.channel("safety", Fault), self._on_safety)
+        watched = self._watched()
+        if watched and self.predicates is not None:
+            self._subscribe_stale(self.predicates, watched)
+
+    def _watched(self) -> frozenset[str]:
+        """The sensors with a largest age that this ensemble depends on."""
+        manager = self.predicates
+        if manager is None:
+            return frozenset()
+        names = [name for factor in (self.state.factors if self.state else ()) for name in factor.predicates]
+        names += [name for factor in (self.observation.factors if self.observation else ()) for name in factor.events]
+        return frozenset(sensor for name in names for sensor in manager.inputs_of(name) if sensor in manager.aged)
+
+    def _subscribe_stale(self, manager: PredicateManager, watched: frozenset[str]) -> None:
+        def look(update: PredicateUpdate) -> None:
+            lost = watched.intersection(update.unknown) if self.active else ()
+            if lost:
+                text = f"input is too old: {', '.join(sorted(lost))}"
+                self._on_safety(Fault(update.time, self.path, "stale_input", text))
+
+        self.subscribe(self.runtime.channel(f"{manager.path}/updates", PredicateUpdate), look)
+
+    def on_running(self) -> None:
+        """Begin to decide, unless another ensemble's action is what starts this one."""
+        if not isinstance(self.parent, Ensemble):
+            self.start()
+
+    async def on_stopping(self) -> None:
+        """End the running action and what is below, then run the safe action."""
+        for ensemble in self._below():
+            ensemble._safe_due = ensemble._safe_due or ensemble.active  # noqa: SLF001 - one family
+        if self.active:
+            self.active = False
+            self.control.running = False
+            await self._settled(self.action.halt)
+        self._became_idle()
+        if self._safe_due and self.action.safe is not None:
+            self.action.make_safe(self.runtime.clock.now())
+            await self._settled(self.action.when_idle)
+        self._safe_due = False
+
+    async def _settled(self, tell: Callable[[Callable[[], None]], None]) -> None:
+        done = anyio.Event()
+        with anyio.move_on_after(self.patience):
+            tell(done.set)
+            await done.wait()
+
+    @property
+    def patience(self) -> float:
+        """Seconds after which whatever is live here or below has ended, or was abandoned."""
+        return 0.5 + max(
+            binding.grace if binding.ensemble is None else binding.ensemble.patience for binding in self.action.bindings
+        )
+
+    def _below(self) -> Iterator[Ensemble]:
+        yield self
+        for ensemble in self.subensembles:
+            yield from ensemble._below()  # noqa: SLF001 - one family
+
+
+def _belief(time: int, probabilities: npt.ArrayLike) -> Belief:
+    return Belief(time, np.array(probabilities, dtype=np.float64))
+
+
+def _agent_actions(
+    policy: Policy, model: MDP | POMDP | None, actions: Mapping[Any, Any], agent: int | str
+) -> tuple[tuple[str, ...], Callable[[int], int] | None]:
+    """Return the names of one agent's actions, and how to find its component of a joint action."""
+    if model is None:
+        if actions and all(isinstance(key, str) for key in actions):
+            if len(actions) != policy.num_actions:
+                raise ConfigError(
+                    f"the policy has {policy.num_actions} actions, but {len(actions)} are bound", key="actions"
+                )
+            return tuple(actions), None
+        return tuple(str(index) for index in range(policy.num_actions)), None
+    space: Space = model.action_space
+    agents = space.factors
+    if isinstance(agent, str):
+        names = [factor.name for factor in agents]
+        if agent not in names:
+            raise ConfigError(f"there is no agent {agent!r}; the agents are {', '.join(names)}", key="agent")
+        agent = names.index(agent)
+    if not 0 <= agent < len(agents):
+        raise ConfigError(f"there is no agent {agent}; the model has {len(agents)}, from 0 on", key="agent")
+    if len(agents) == 1:
+        return tuple(space.names), None
+    components = [space.unravel(index)[agent] for index in range(len(space))]
+    return tuple(agents[agent].names), components.__getitem__

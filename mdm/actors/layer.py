@@ -1,0 +1,34 @@
+"""What the layers of an ensemble have in common."""
+
+from __future__ import annotations
+
+import difflib
+from typing import TYPE_CHECKING
+
+from mdm.runtime import Actor
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from mdm.errors import ConfigError
+
+__all__ = ["Layer"]
+
+
+class Layer(Actor):
+    """An actor whose channels carry the name of the ensemble that it is part of, such as ``patrol/state``."""
+
+    @property
+    def owner(self) -> Actor:
+        """The ensemble, or the layer itself where it stands alone."""
+        return self.parent if self.parent is not None and self.parent.path else self
+
+    def problems(self) -> Iterator[ConfigError]:
+        """Yield everything that would keep this layer from starting."""
+        yield from ()
+
+    @staticmethod
+    def similar(name: str, known: Iterable[str]) -> str:
+        """Return a hint at the names closest to a wrong one."""
+        close = difflib.get_close_matches(name, list(known), n=3)
+        return f"; did you mean {' or '.join(repr(other) for other in close)}?" if close else ""

@@ -1,0 +1,409 @@
+"""The predicate manager: from sensor data to predicates and events.
+
+It owns one network of formulas, updates it in dependency order once a turn, and publishes what changed: on
+``updates`` the predicates, on ``events`` the events. ``map`` hands the full map to whoever subscribes late.
+"""
+
+from __future__ import annotations
+
+import re
+from contextlib import contextmanager
+from threading import get_ident
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+from mdm.actors.sensor import EventSource, Sensor
+from mdm.errors import ConfigError, Error
+from mdm.logic import Formula, Network, parse
+from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdate
+from mdm.runtime import Actor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from mdm.logic import Change
+    from mdm.runtime import Channel, Subscription, Supervision, Timer
+
+__all__ = ["PredicateManager"]
+
+T = TypeVar("T")
+_ACTION_END = re.compile(r".+\.(running|succeeded|failed|preempted|timed_out|abandoned)")
+
+
+class PredicateManager(Actor):
+    """Grounds predicates and events on sensors, and derives others by formula.
+
+    Declare everything before it is started; sensors may be set from any thread, at any time.
+
+    Args:
+        name: Its name among actors.
+        supervision: What its failure means.
+    """
+
+    def __init__(self, name: str = "predicates", *, supervision: Supervision = "escalate") -> None:
+        super().__init__(name, supervision=supervision)
+        self._network = Network()
+        self._counter = 0
+        self._event_counter = 0
+        self._sensors: dict[str, Sensor] = {}
+        self._groundings: list[tuple[str, Channel[Any] | tuple[str, type[Any]], Callable[[Any], bool | None]]] = []
+        self._followed: list[tuple[str, Channel[PredicateUpdate], Channel[PredicateMap]]] = []
+        self._declarations: dict[str, Callable[[Network], None]] = {}
+        self._kinds: dict[str, Literal["predicate", "event"]] = {}
+        self._formulas: dict[str, tuple[Formula, ...]] = {}
+        self._used: set[str] = set()
+        self._held_for: dict[str, int] = {}
+        self._max_age: dict[str, int] = {}
+        self._seen: dict[str, int] = {}
+        self._hold_timers: dict[str, Timer] = {}
+        self._age_timers: dict[str, Timer] = {}
+        self._batches: dict[int, tuple[dict[str, bool | None], list[str]]] = {}
+        self._early: dict[str, bool | None] = {}
+        self._known: frozenset[str] = frozenset()
+        self.action_ends: frozenset[str] = frozenset()
+        self._first_events: EventUpdate | None = None
+
+    # -- Declarations --------------------------------------------------------------------------------------------
+
+    def sensor(
+        self,
+        name: str,
+        channel: Channel[T] | tuple[str, type[T]] | None = None,
+        when: Callable[[T], bool | None] | None = None,
+        *,
+        max_age: float | None = None,
+        initial: bool | None = None,
+    ) -> Sensor:
+        """Declare a predicate that sensor data decides, and return the handle to set it with.
+
+        Args:
+            name: The predicate's name.
+            channel: Ground it on the messages of this channel (or of the runtime's channel of that name and type).
+            when: Tells from a message whether the predicate holds; None says that it cannot be told.
+            max_age: Seconds after which a value that was not refreshed becomes unknown.
+            initial: Its value at start.
+        """
+        if (channel is None) != (when is None):
+            raise ConfigError(f"predicate {name!r} needs a channel and a 'when' function, or neither", key=name)
+        if max_age is not None and not max_age > 0:
+            raise ConfigError(f"max_age is a number of seconds above 0, not {max_age}", key=name)
+        self._declare(name, "predicate", lambda network: network.add_input(name, self._early.get(name, initial)))
+        if channel is not None and when is not None:
+            self._groundings.append((name, channel, when))
+        if max_age is not None:
+            self._max_age[name] = round(max_age * 1e9)
+        sensor = self._sensors[name] = Sensor(name, self)
+        return sensor
+
+    def define(self, name: str, formula: Formula | str, *, held_for: float | None = None) -> None:
+        """Declare a predicate by a formula over others.
+
+        Args:
+            name: The predicate's name.
+            formula: Over predicates' names.
+            held_for: Seconds for which the formula must have been true before the predicate is.
+        """
+        tree = _tree(formula)
+        if held_for is None:
+            self._declare(name, "predicate", lambda network: network.define(name, tree), tree)
+        else:
+            if not held_for > 0:
+                raise ConfigError(f"held_for is a number of seconds above 0, not {held_for}", key=name)
+            self._held_for[name] = round(held_for * 1e9)
+            self._declare(name, "predicate", lambda network: network.hold(name, tree), tree)
+
+    def latch(
+        self,
+        name: str,
+        *,
+        set: Formula | str,  # noqa: A002
+        reset: Formula | str,
+        initial: bool = False,
+    ) -> None:
+        """Declare a predicate that remembers: true from ``set`` on until ``reset``; where both hold, reset wins.
+
+        Both are formulas over predicates and events.
+        """
+        on, off = _tree(set), _tree(reset)
+        self._declare(
+            name, "predicate", lambda network: network.latch(name, set=on, reset=off, initial=initial), on, off
+        )
+
+    def event(self, name: str, formula: Formula | str | None = None) -> EventSource:
+        """Declare an event: raised through the handle returned, or when a formula becomes true."""
+        if formula is None:
+            self._declare(name, "event", lambda network: network.add_event(name))
+        else:
+            tree = _tree(formula)
+            self._declare(name, "event", lambda network: network.rise(name, tree), tree)
+        return EventSource(name, self)
+
+    def follow(self, agent: str, updates: Channel[PredicateUpdate], map: Channel[PredicateMap]) -> None:  # noqa: A002
+        """Take another agent's predicates, known here as ``agent/Name``.
+
+        Args:
+            agent: Whose.
+            updates: Its predicate manager's updates.
+            map: Its map, which is read once at start, and again when the updates' counter shows that one was lost.
+        """
+        self._followed.append((agent, updates, map))
+
+    def knows(self, name: str) -> Literal["predicate", "event"] | None:
+        """Return what a name stands for: as declared, or by its form.
+
+        Ends of actions, such as ``Patrol.succeeded``, are events, and ``agent/Name`` is another agent's predicate.
+        """
+        if name in self._kinds:
+            return self._kinds[name]
+        if _ACTION_END.fullmatch(name):
+            return "event"
+        return "predicate" if "/" in name else None
+
+    def use(self, *names: str) -> None:
+        """Ask for names that are known by their form, so that the network has them; call this before the start."""
+        self._used.update(names)
+
+    @property
+    def names(self) -> dict[str, Literal["predicate", "event"]]:
+        """Everything declared so far."""
+        return dict(self._kinds)
+
+    def _declare(
+        self, name: str, kind: Literal["predicate", "event"], declaration: Callable[[Network], None], *used: Formula
+    ) -> None:
+        if name in self._kinds:
+            raise ConfigError(f"{name!r} is declared twice; a name stands for one predicate or event", key=name)
+        if self.life != "created":
+            raise Error(f"{name!r} came too late: declare predicates and events before {self.path!r} is started")
+        self._kinds[name] = kind
+        self._declarations[name] = declaration
+        self._formulas[name] = used
+
+    def inputs_of(self, name: str) -> set[str]:
+        """Return the names of all sensors and events that a predicate or event depends on, itself included."""
+        found: set[str] = set()
+        waiting = [name]
+        while waiting:
+            current = waiting.pop()
+            if current not in found:
+                found.add(current)
+                waiting += [used for formula in self._formulas.get(current, ()) for used in formula.names]
+        return found
+
+    @property
+    def aged(self) -> frozenset[str]:
+        """The predicates that become unknown when they are not refreshed."""
+        return frozenset(self._max_age)
+
+    def network(self) -> Network:
+        """Return the compiled network of what was declared, with every error that `mdm check` should see raised."""
+        network = Network()
+        for declare in self._declarations.values():
+            declare(network)
+        used = {name for formulas in self._formulas.values() for formula in formulas for name in formula.names}
+        for name in sorted((used | self._used) - self._kinds.keys()):
+            if _ACTION_END.fullmatch(name):
+                network.add_event(name)
+            elif "/" in name:
+                network.add_input(name)
+        return network
+
+    # -- Values --------------------------------------------------------------------------------------------------
+
+    def value(self, name: str) -> bool | None:
+        """Return a predicate's value: true, false, or None where it is unknown."""
+        return self._network.value(name)
+
+    def values(self) -> dict[str, bool | None]:
+        """Return the value of every predicate."""
+        return self._network.values()
+
+    @contextmanager
+    def batch(self) -> Iterator[None]:
+        """Make all changes that this thread's sensors and events report inside the block one update."""
+        thread = get_ident()
+        if thread in self._batches:
+            yield  # the outer batch takes them all
+            return
+        values, events = self._batches[thread] = {}, []
+        try:
+            yield
+        finally:
+            del self._batches[thread]
+            if values or events:
+                self._input(tuple(values.items()), tuple(events))
+
+    def sense(self, name: str, value: bool | None) -> None:
+        """Take a sensor's value; `Sensor.set` calls this. From any thread."""
+        if self._batches and (batch := self._batches.get(get_ident())) is not None:
+            batch[0][name] = value
+        else:
+            self._input(((name, value),), ())
+
+    def occur(self, *events: str) -> None:
+        """Raise events, together; `EventSource.fire` calls this. From any thread."""
+        if self._batches and (batch := self._batches.get(get_ident())) is not None:
+            batch[1].extend(events)
+        else:
+            self._input((), events)
+
+    def _input(self, predicates: tuple[tuple[str, bool | None], ...], events: tuple[str, ...]) -> None:
+        if self.life == "created":
+            self._early.update(predicates)
+            return
+        runtime = self.runtime
+        self.sensed.publish(SensorUpdate(runtime.clock.now(), predicates, events))
+
+    @property
+    def known(self) -> frozenset[str]:
+        """The names of all predicates in the running network."""
+        return self._known
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Build the network, ground it, and make its first values known."""
+        self.sensed = self.channel("sensed", SensorUpdate)
+        self.updates = self.channel("updates", PredicateUpdate)
+        self.events = self.channel("events", EventUpdate)
+        self.map = self.channel("map", PredicateMap)
+        self._network = self.network()
+        first = self._network.compile()
+        self._known = frozenset(self._network.names)
+        self.action_ends = frozenset(name for name in self._network.events if _ACTION_END.fullmatch(name))
+        self._counter = self._event_counter = 0
+        self._hold_timers.clear()
+        self._age_timers.clear()
+        now = self.runtime.clock.now()
+        self._first_events = EventUpdate(now, 0, first.events) if first.events else None
+        self.map.retain_by(lambda: PredicateMap(self.runtime.clock.now(), self._counter, self._network.values()))
+        self.events.retain_by(lambda: self._first_events if self._event_counter == 0 else None)
+        for name in first.armed:
+            self._arm(name, now)
+        for name in self._max_age:
+            self._seen[name] = now
+            if self._network.value(name) is not None:
+                self._watch(name)
+        values = self._network.values()
+        unknown = tuple(name for name, value in values.items() if value is None)
+        self._counter = 1
+        self.updates.publish(PredicateUpdate(now, 1, first.rising, first.falling, unknown))
+        self.subscribe(self.sensed, self._sensed)
+        for name, place, when in self._groundings:
+            channel = self.runtime.channel(*place) if isinstance(place, tuple) else place
+            self.subscribe(channel, self._grounding(name, when))
+        for agent, updates, full in self._followed:
+            follower = _Follower(self, agent, full)
+            self.subscribe(updates, follower.update)
+            follower.synchronise()
+
+    def _sensed(self, update: SensorUpdate) -> None:
+        try:
+            change = self._network.update(update.predicates, update.events)
+        except Error as error:
+            self.report("sensor", str(error), time=update.time)
+            return
+        if self._max_age:
+            for name, value in update.predicates:
+                if name in self._max_age:
+                    self._seen[name] = update.time
+                    if value is not None and name not in self._age_timers:
+                        self._watch(name)
+        if change:
+            self._publish(update.time, change)
+
+    def _publish(self, time: int, change: Change) -> None:
+        rising, falling, unknown = change.rising, change.falling, change.unknown
+        if change.armed or change.disarmed:
+            for name in change.disarmed:
+                self._hold_timers.pop(name).cancel()
+            for name in change.armed:
+                self._arm(name, time)
+        if rising or falling or unknown:
+            self._counter = counter = self._counter + 1
+            self.updates.publish(PredicateUpdate(time, counter, rising, falling, unknown))
+            if self.map.heard:
+                self.map.publish(PredicateMap(time, counter, self._network.values()))
+        if change.events:
+            self._event_counter = counter = self._event_counter + 1
+            self.events.publish(EventUpdate(time, counter, change.events))
+
+    def _arm(self, name: str, since: int) -> None:
+        def held() -> None:
+            del self._hold_timers[name]
+            when = self.runtime.clock.now()
+            change = self._network.update((), (), (name,))
+            if change:
+                self._publish(when, change)
+
+        self._hold_timers[name] = self.call_at(since + self._held_for[name], held)
+
+    def _watch(self, name: str) -> None:
+        """Wait until a sensor's value is too old; the timer is moved on lazily, not at each refresh."""
+        max_age = self._max_age[name]
+
+        def look() -> None:
+            now = self.runtime.clock.now()
+            if self._seen[name] + max_age > now:
+                self._age_timers[name] = self.call_at(self._seen[name] + max_age, look)
+                return
+            del self._age_timers[name]
+            change = self._network.update(((name, None),))
+            if change:
+                self.report("stale", f"predicate {name!r} was not refreshed for {max_age / 1e9:g} s", time=now)
+                self._publish(now, change)
+
+        self._age_timers[name] = self.call_at(self._seen[name] + max_age, look)
+
+    def _grounding(self, name: str, when: Callable[[Any], bool | None]) -> Callable[[Any], None]:
+        sensor = self._sensors[name]
+
+        def grounded(message: object) -> None:
+            try:
+                sensor.set(when(message))
+            except Exception as error:
+                self.report("sensor", f"the 'when' of predicate {name!r} raised {type(error).__name__}: {error}")
+                sensor.set(None)
+
+        return grounded
+
+
+class _Follower:
+    """Keeps another agent's predicates up to date in a predicate manager."""
+
+    def __init__(self, manager: PredicateManager, agent: str, full: Channel[PredicateMap]) -> None:
+        self._manager = manager
+        self._agent = agent
+        self._full = full
+        self._subscription: Subscription[PredicateMap] | None = None
+        self._counter = -1
+
+    def synchronise(self) -> None:
+        """Read the other's whole map, once."""
+        if self._subscription is None:
+            self._subscription = self._manager.subscribe(self._full, self._map)
+
+    def _map(self, message: PredicateMap) -> None:
+        if self._subscription is not None:
+            self._subscription.cancel()
+            self._subscription = None
+        self._counter = message.counter
+        self._take(message.time, message.values.items())
+
+    def update(self, update: PredicateUpdate) -> None:
+        """Take what changed at the other agent."""
+        if update.counter != self._counter + 1:
+            self.synchronise()
+        self._counter = update.counter
+        changes = [(name, True) for name in update.rising]
+        changes += [(name, False) for name in update.falling]
+        self._take(update.time, [*changes, *((name, None) for name in update.unknown)])
+
+    def _take(self, time: int, values: Iterable[tuple[str, bool | None]]) -> None:
+        known = self._manager.known
+        changes = tuple((f"{self._agent}/{name}", value) for name, value in values if f"{self._agent}/{name}" in known)
+        if changes:
+            self._manager.sensed.publish(SensorUpdate(time, changes))
+
+
+def _tree(formula: Formula | str) -> Formula:
+    return parse(formula) if isinstance(formula, str) else formula

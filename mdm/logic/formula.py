@@ -1,0 +1,228 @@
+"""Formulas of propositional logic with an unknown, after Kleene's strong three-valued logic.
+
+A value is ``True``, ``False`` or ``None`` (unknown). A conjunction with a false part is false, whatever the rest;
+with no false and an unknown part it is unknown; and so on (S. C. Kleene, *Introduction to Metamathematics*, 1952,
+section 64).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["And", "Constant", "Formula", "Implies", "Not", "Or", "P", "Xor"]
+
+_BARE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(?:[./:][A-Za-z0-9_]+)*")
+_WORDS = frozenset({"and", "or", "not", "xor", "implies", "true", "false"})
+
+
+class Formula:
+    """A formula; build one from `P` by ``&``, ``|``, ``^``, ``~`` and ``>>`` (implication), or by `parse`.
+
+    Python gives ``>>`` a higher precedence than ``&``, so put parentheses around implications. Formulas are
+    immutable, compare by structure and can be keys.
+    """
+
+    __slots__ = ("parts",)
+    _symbol = ""
+    _level = 0
+
+    def __init__(self, *parts: Formula) -> None:
+        self.parts = parts
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The names of all predicates and events in it."""
+        names: set[str] = set()
+        waiting: list[Formula] = [self]
+        while waiting:
+            formula = waiting.pop()
+            if isinstance(formula, P):
+                names.add(formula.name)
+            waiting += formula.parts
+        return frozenset(names)
+
+    def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
+        """Return the formula's value, given the value of each name in it."""
+        raise NotImplementedError
+
+    def __and__(self, other: Formula | bool) -> Formula:
+        return And(self, _formula(other))
+
+    def __rand__(self, other: bool) -> Formula:
+        return And(_formula(other), self)
+
+    def __or__(self, other: Formula | bool) -> Formula:
+        return Or(self, _formula(other))
+
+    def __ror__(self, other: bool) -> Formula:
+        return Or(_formula(other), self)
+
+    def __xor__(self, other: Formula | bool) -> Formula:
+        return Xor(self, _formula(other))
+
+    def __rxor__(self, other: bool) -> Formula:
+        return Xor(_formula(other), self)
+
+    def __rshift__(self, other: Formula | bool) -> Formula:
+        return Implies(self, _formula(other))
+
+    def __rrshift__(self, other: bool) -> Formula:
+        return Implies(_formula(other), self)
+
+    def __invert__(self) -> Formula:
+        return Not(self)
+
+    def __bool__(self) -> NoReturn:
+        raise TypeError("a formula has no truth value of its own: join formulas by &, |, ^ and ~, not by and, or, not")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Formula) and type(self) is type(other) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash((type(self), self._key()))
+
+    def _key(self) -> object:
+        return self.parts
+
+    def _text(self, part: Formula, level: int) -> str:
+        return f"({part})" if part._level < level else str(part)
+
+    def __repr__(self) -> str:
+        return f"parse({str(self)!r})"
+
+
+class P(Formula):
+    """A predicate or event by its name; ``P("robot2/IsMoving")`` is another agent's."""
+
+    __slots__ = ("name",)
+    _level = 6
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self.name = name
+
+    def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
+        """Return the named value."""
+        return values[self.name]
+
+    def _key(self) -> object:
+        return self.name
+
+    def __str__(self) -> str:
+        if _BARE.fullmatch(self.name) and self.name not in _WORDS:
+            return self.name
+        return '"' + self.name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+class Constant(Formula):
+    """True or false, whatever happens."""
+
+    __slots__ = ("value",)
+    _level = 6
+
+    def __init__(self, value: bool) -> None:
+        super().__init__()
+        self.value = value
+
+    def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:  # noqa: ARG002
+        """Return the constant."""
+        return self.value
+
+    def _key(self) -> object:
+        return self.value
+
+    def __str__(self) -> str:
+        return "true" if self.value else "false"
+
+
+class Not(Formula):
+    """True where its part is false."""
+
+    __slots__ = ()
+    _level = 5
+
+    def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
+        """Return the part's opposite, unknown where that is unknown."""
+        value = self.parts[0].evaluate(values)
+        return None if value is None else not value
+
+    def __str__(self) -> str:
+        return f"not {self._text(self.parts[0], 5)}"
+
+
+class And(Formula):
+    """True where both parts are."""
+
+    __slots__ = ()
+    _level = 4
+
+    def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
+        """Return false where a part is false, else unknown where a part is unknown."""
+        left, right = (part.evaluate(values) for part in self.parts)
+        if left is False or right is False:
+            return False
+        return None if left is None or right is None else True
+
+    def __str__(self) -> str:
+        return f"{self._text(self.parts[0], 4)} and {self._text(self.parts[1], 5)}"
+
+
+class Xor(Formula):
+    """True where exactly one of two parts is."""
+
+    __slots__ = ()
+    _level = 3
+
+    def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
+        """Return whether the parts differ, unknown where either is."""
+        left, right = (part.evaluate(values) for part in self.parts)
+        return None if left is None or right is None else left is not right
+
+    def __str__(self) -> str:
+        return f"{self._text(self.parts[0], 3)} xor {self._text(self.parts[1], 4)}"
+
+
+class Or(Formula):
+    """True where a part is."""
+
+    __slots__ = ()
+    _level = 2
+
+    def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
+        """Return true where a part is true, else unknown where a part is unknown."""
+        left, right = (part.evaluate(values) for part in self.parts)
+        if left is True or right is True:
+            return True
+        return None if left is None or right is None else False
+
+    def __str__(self) -> str:
+        return f"{self._text(self.parts[0], 2)} or {self._text(self.parts[1], 3)}"
+
+
+class Implies(Formula):
+    """False only where the first part is true and the second is not."""
+
+    __slots__ = ()
+    _level = 1
+
+    def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
+        """Return the value of ``not first or second``."""
+        left, right = (part.evaluate(values) for part in self.parts)
+        if left is False or right is True:
+            return True
+        return None if left is None or right is None else False
+
+    def __str__(self) -> str:
+        return f"{self._text(self.parts[0], 2)} implies {self._text(self.parts[1], 1)}"
+
+
+def _formula(value: Formula | bool) -> Formula:
+    if isinstance(value, Formula):
+        return value
+    if isinstance(value, bool):
+        return Constant(value)
+    raise TypeError(f"a formula is joined with a formula or a bool, not with {value!r}")

@@ -1,0 +1,416 @@
+"""A network of predicates and events that is kept up to date incrementally.
+
+Nodes stand in dependency order; an update evaluates each node downstream of a change at most once, so that no
+transient value is ever seen, and stops where a value stays as it was.
+"""
+
+from __future__ import annotations
+
+import difflib
+from graphlib import CycleError, TopologicalSorter
+from typing import TYPE_CHECKING, NamedTuple
+
+from mdm.errors import Error, FormatError
+from mdm.logic.compiler import FALSE, TRUE, UNKNOWN, compile_formula, compile_hold, compile_latch
+from mdm.logic.formula import Formula
+from mdm.logic.parser import parse
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+__all__ = ["Change", "Network"]
+
+_CODE = {False: FALSE, None: UNKNOWN, True: TRUE}
+_VALUE = (False, None, True)
+
+
+class Change(NamedTuple):
+    """What an update changed, as names: predicates that became true, false or unknown; events that occurred.
+
+    ``armed`` are the holds whose formula became true, so that their time runs; ``disarmed`` those whose ceased to be.
+    """
+
+    rising: tuple[str, ...] = ()
+    falling: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    events: tuple[str, ...] = ()
+    armed: tuple[str, ...] = ()
+    disarmed: tuple[str, ...] = ()
+
+
+class _Node:
+    """A declared node, before compilation."""
+
+    __slots__ = ("formulas", "initial", "kind", "name")
+
+    def __init__(self, name: str, kind: str, formulas: tuple[Formula, ...] = (), initial: int = UNKNOWN) -> None:
+        self.name = name
+        self.kind = kind
+        self.formulas = formulas
+        self.initial = initial
+
+    @property
+    def is_event(self) -> bool:
+        return self.kind in {"event", "rise"}
+
+
+class Network:
+    """Predicates and events, inputs and derived ones: declare them, `compile`, then `update`."""
+
+    def __init__(self) -> None:
+        self._nodes: dict[str, _Node] = {}
+        self._values: list[int] = []
+        self._names: list[str | None] = []
+        self._index: dict[str, int] = {}
+        self._events: dict[str, int] = {}
+        self._functions: list[Callable[[list[int]], int] | None] = []
+        self._dependents: list[tuple[int, ...]] = []
+        self._downstream: list[tuple[int, ...]] = []
+        self._holds: dict[int, tuple[str, int]] = {}
+        self._flags: dict[str, int] = {}
+        self._rises: dict[int, int] = {}
+        self._special: frozenset[int] = frozenset()
+        self._entries: dict[str, tuple[int, tuple[Change, Change, Change] | None]] = {}
+        self._raisable: frozenset[int] = frozenset()
+        self.remote: tuple[str, ...] = ()
+
+    # -- Declarations --------------------------------------------------------------------------------------------
+
+    def _declare(self, node: _Node) -> None:
+        if node.name in self._nodes:
+            raise Error(f"{node.name!r} is declared twice; a name stands for one predicate or event")
+        self._nodes[node.name] = node
+
+    def add_input(self, name: str, value: bool | None = None) -> None:
+        """Declare a predicate that is set from outside."""
+        self._declare(_Node(name, "input", initial=_CODE[value]))
+
+    def add_event(self, name: str) -> None:
+        """Declare an event that is raised from outside: true within the update that raises it, and no longer."""
+        self._declare(_Node(name, "event", initial=FALSE))
+
+    def define(self, name: str, formula: Formula | str) -> None:
+        """Declare a predicate by a formula over predicates."""
+        self._declare(_Node(name, "define", (_tree(name, formula),)))
+
+    def latch(self, name: str, *, set: Formula | str, reset: Formula | str, initial: bool = False) -> None:  # noqa: A002
+        """Declare a predicate that is true from ``set`` until ``reset``; reset wins, an unknown one changes nothing.
+
+        Both may name events.
+        """
+        self._declare(_Node(name, "latch", (_tree(name, set), _tree(name, reset)), _CODE[initial]))
+
+    def hold(self, name: str, formula: Formula | str) -> None:
+        """Declare a predicate that is as its formula, but true only when the caller says that time has elapsed."""
+        self._declare(_Node(name, "hold", (_tree(name, formula),)))
+
+    def rise(self, name: str, formula: Formula | str) -> None:
+        """Declare an event that occurs when a formula becomes true, having been false or unknown.
+
+        The formula may name events, and is then judged anew at each of them.
+        """
+        self._declare(_Node(name, "rise", (_tree(name, formula),), FALSE))
+
+    # -- Compilation ---------------------------------------------------------------------------------------------
+
+    def compile(self) -> Change:
+        """Put the nodes in order and evaluate them; return the change from nothing known to the first values.
+
+        Raises:
+            Error: At a cycle, a name that is not declared, or an event where only predicates make sense.
+        """
+        self._add_remote()
+        self._check()
+        order = self._order()
+        formula_index: dict[str, int] = {}
+        for name in order:
+            node = self._nodes[name]
+            if node.kind in {"hold", "rise"}:
+                formula_index[name] = self._place(None, UNKNOWN)
+            if node.kind == "hold":
+                self._flags[name] = self._place(None, FALSE)
+            index = self._place(name, node.initial)
+            self._index[name] = index
+            if node.is_event:
+                self._events[name] = index
+        for name in order:
+            self._compile_node(self._nodes[name], formula_index.get(name, -1))
+        self._raisable = frozenset(self._index[name] for name, node in self._nodes.items() if node.kind == "event")
+        self._link()
+        self._special = frozenset((*self._holds, *self._rises))
+        for name, node in self._nodes.items():
+            if node.kind == "input":
+                at = self._index[name]
+                alone = (Change(falling=(name,)), Change(unknown=(name,)), Change(rising=(name,)))
+                self._entries[name] = (at, None if self._dependents[at] else alone)
+        return self._first()
+
+    def _add_remote(self) -> None:
+        used = {name for node in self._nodes.values() for formula in node.formulas for name in formula.names}
+        self.remote = tuple(sorted(name for name in used - self._nodes.keys() if "/" in name))
+        for name in self.remote:
+            self.add_input(name)
+
+    def _check(self) -> None:
+        for node in self._nodes.values():
+            for formula in node.formulas:
+                for name in sorted(formula.names):
+                    other = self._nodes.get(name)
+                    if other is None:
+                        close = difflib.get_close_matches(name, self._nodes, n=3)
+                        hint = f"; did you mean {' or '.join(repr(c) for c in close)}?" if close else ""
+                        raise Error(f"{node.name!r} uses {name!r}, which is not declared{hint}")
+                    if other.is_event and node.kind in {"define", "hold"}:
+                        raise Error(
+                            f"{node.name!r} uses {name!r}, which is an event and has no lasting value: "
+                            "remember it with a latch"
+                        )
+
+    def _order(self) -> list[str]:
+        sorter: TopologicalSorter[str] = TopologicalSorter()
+        for node in self._nodes.values():
+            sorter.add(node.name, *sorted({name for formula in node.formulas for name in formula.names}))
+        try:
+            return list(sorter.static_order())
+        except CycleError as error:
+            cycle: list[str] = error.args[1]
+            raise Error(f"predicates depend on each other in a circle: {' -> '.join(reversed(cycle))}") from None
+
+    def _place(self, name: str | None, value: int) -> int:
+        self._names.append(name)
+        self._values.append(value)
+        self._functions.append(None)
+        return len(self._names) - 1
+
+    def _compile_node(self, node: _Node, formula: int) -> None:
+        index = self._index[node.name]
+        if node.kind == "define":
+            self._functions[index] = compile_formula(node.formulas[0], self._index)
+        elif node.kind == "latch":
+            self._functions[index] = compile_latch(node.formulas[0], node.formulas[1], self._index, index)
+        elif node.kind in {"hold", "rise"}:
+            self._functions[formula] = compile_formula(node.formulas[0], self._index)
+            if node.kind == "hold":
+                self._functions[index] = compile_hold(formula, self._flags[node.name])
+                self._holds[formula] = (node.name, self._flags[node.name])
+            else:
+                self._rises[formula] = index
+
+    def _link(self) -> None:
+        dependents: list[set[int]] = [set() for _ in self._names]
+        formulas = {name: formula for formula, (name, _) in self._holds.items()}
+        formulas |= {str(self._names[event]): formula for formula, event in self._rises.items()}
+        for node in self._nodes.values():
+            index = self._index[node.name]
+            reader = formulas.get(node.name, index)
+            for formula in node.formulas:
+                for name in formula.names:
+                    dependents[self._index[name]].add(reader)
+            if node.kind == "hold":
+                dependents[reader].add(index)
+                dependents[self._flags[node.name]].add(index)
+        self._dependents = [tuple(sorted(found)) for found in dependents]
+        downstream: list[set[int]] = [set() for _ in self._names]
+        for index in reversed(range(len(self._names))):
+            readers = set(self._dependents[index])
+            if index in self._rises:
+                readers.add(self._rises[index])
+            downstream[index] = readers.union(*(downstream[reader] for reader in readers))
+        self._downstream = [
+            tuple(reader for reader in sorted(found) if self._functions[reader] is not None) for found in downstream
+        ]
+
+    def _first(self) -> Change:
+        order = tuple(index for index, function in enumerate(self._functions) if function is not None)
+        raised: list[int] = []
+        armed: list[str] = []
+        self._propagate(order, set(order), [], raised, armed, [])
+        self._end(raised)
+        known = {name: self._values[self._index[name]] for name in self.names}
+        return Change(
+            rising=tuple(name for name, value in known.items() if value == TRUE),
+            falling=tuple(name for name, value in known.items() if value == FALSE),
+            events=tuple(str(self._names[index]) for index in raised),
+            armed=tuple(armed),
+        )
+
+    # -- Values --------------------------------------------------------------------------------------------------
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all predicates."""
+        return tuple(name for name, node in self._nodes.items() if not node.is_event)
+
+    @property
+    def events(self) -> tuple[str, ...]:
+        """The names of all events."""
+        return tuple(name for name, node in self._nodes.items() if node.is_event)
+
+    def value(self, name: str) -> bool | None:
+        """Return a predicate's value."""
+        return _VALUE[self._values[self._find(name)]]
+
+    def values(self) -> dict[str, bool | None]:
+        """Return the value of every predicate."""
+        return {name: _VALUE[self._values[self._index[name]]] for name in self.names}
+
+    def _find(self, name: str) -> int:
+        try:
+            return self._index[name]
+        except KeyError:
+            raise Error(f"there is no predicate {name!r} here") from None
+
+    # -- Updates -------------------------------------------------------------------------------------------------
+
+    def update(
+        self,
+        inputs: Sequence[tuple[str, bool | None]],
+        events: Sequence[str] = (),
+        elapsed: Sequence[str] = (),
+    ) -> Change | None:
+        """Set inputs, raise events, let holds' time elapse; return what changed, or None.
+
+        Of several values for one input the last counts. Hot path: 0.3 µs for one input on which nothing depends,
+        about 1 µs where two formulas do.
+
+        Raises:
+            Error: If a name is unknown, or is no input; nothing is changed then.
+        """
+        if len(inputs) == 1 and not events and not elapsed:
+            name, value = inputs[0]
+            entry = self._entries.get(name)
+            if entry is None:
+                raise self._refusal(name)
+            at, alone = entry
+            code = _CODE[value]
+            values = self._values
+            if values[at] == code:
+                return None
+            values[at] = code
+            return self._settle([at], []) if alone is None else alone[code]
+        return self._update_many(inputs, events, elapsed)
+
+    def _update_many(
+        self, inputs: Sequence[tuple[str, bool | None]], events: Sequence[str], elapsed: Sequence[str]
+    ) -> Change | None:
+        values = self._values
+        for name, _ in inputs:
+            if name not in self._entries:
+                raise self._refusal(name)
+        for name in events:
+            if self._events.get(name) not in self._raisable:
+                raise self._refusal(name)
+        before: dict[int, int] = {}
+        for name, value in inputs:
+            at = self._index[name]
+            before.setdefault(at, values[at])
+            values[at] = _CODE[value]
+        for name in elapsed:
+            flag = self._flags[name]
+            before[flag] = values[flag]
+            values[flag] = TRUE
+        changed = [at for at, code in before.items() if values[at] != code]
+        raised = list(dict.fromkeys(self._events[name] for name in events))
+        for at in raised:
+            values[at] = TRUE
+        return self._settle(changed, raised) if changed or raised else None
+
+    def _settle(self, changed: list[int], raised: list[int]) -> Change | None:
+        """Bring everything downstream of changed inputs and raised events up to date; return what changed."""
+        dependents = self._dependents
+        if len(changed) == 1 and not raised:
+            order = self._downstream[changed[0]]
+            dirty = set(dependents[changed[0]])
+        else:
+            roots = changed + raised
+            order = tuple(sorted({at for root in roots for at in self._downstream[root]}))
+            dirty = {at for root in roots for at in dependents[root]}
+        armed: list[str] = []
+        disarmed: list[str] = []
+        if dirty:
+            self._propagate(order, dirty, changed, raised, armed, disarmed)
+        if raised:
+            self._end(raised)
+        return self._change(changed, raised, armed, disarmed)
+
+    def _refusal(self, name: str) -> Error:
+        if name not in self._index:
+            close = difflib.get_close_matches(name, self._index, n=3)
+            hint = f"; did you mean {' or '.join(repr(c) for c in close)}?" if close else ""
+            return Error(f"there is no predicate or event {name!r}{hint}")
+        kind = "raised: it is no event" if self._nodes[name].kind == "input" else "set from outside: it is derived"
+        return Error(f"{name!r} cannot be {kind}")
+
+    def _propagate(
+        self,
+        order: tuple[int, ...],
+        dirty: set[int],
+        changed: list[int],
+        raised: list[int],
+        armed: list[str],
+        disarmed: list[str],
+    ) -> None:
+        values, functions, dependents, special = self._values, self._functions, self._dependents, self._special
+        for at in order:
+            if at not in dirty:
+                continue
+            value = functions[at](values)  # type: ignore[misc]
+            old = values[at]
+            if value == old:
+                continue
+            values[at] = value
+            dirty.update(dependents[at])
+            changed.append(at)
+            if at not in special:
+                continue
+            if at in self._holds:
+                name, flag = self._holds[at]
+                if value == TRUE:
+                    armed.append(name)
+                elif old == TRUE:
+                    disarmed.append(name)
+                    values[flag] = FALSE
+            elif value == TRUE:
+                event = self._rises[at]
+                values[event] = TRUE
+                raised.append(event)
+                dirty.update(dependents[event])
+
+    def _end(self, raised: list[int]) -> None:
+        """Let events be over; formulas over them are judged without them, silently."""
+        values = self._values
+        for at in raised:
+            values[at] = FALSE
+        for formula in self._rises:
+            if any(formula in self._dependents[at] for at in raised):
+                values[formula] = self._functions[formula](values)  # type: ignore[misc]
+
+    def _change(self, changed: list[int], raised: list[int], armed: list[str], disarmed: list[str]) -> Change | None:
+        rising: list[str] = []
+        falling: list[str] = []
+        unknown: list[str] = []
+        kinds = (falling, unknown, rising)
+        names, values = self._names, self._values
+        for at in changed:
+            name = names[at]
+            if name is not None:
+                kinds[values[at]].append(name)
+        if not (rising or falling or unknown or raised or armed or disarmed):
+            return None
+        return Change(
+            tuple(rising),
+            tuple(falling),
+            tuple(unknown),
+            tuple([str(names[at]) for at in raised]) if raised else (),
+            tuple(armed),
+            tuple(disarmed),
+        )
+
+
+def _tree(name: str, formula: Formula | str) -> Formula:
+    if isinstance(formula, Formula):
+        return formula
+    try:
+        return parse(formula)
+    except FormatError as error:
+        raise FormatError(f"in the formula of {name!r}: {error.message}", column=error.column) from None

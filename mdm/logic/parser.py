@@ -1,0 +1,149 @@
+"""Formulas as text, for configuration files: ``"IsInSouthCorridor and not IsMoving"``.
+
+From the tightest: ``not`` (``~``, ``!``), ``and`` (``&``, ``&&``), ``xor`` (``^``), ``or`` (``|``, ``||``),
+``implies`` (``->``, ``=>``, ``>>``; to the right). A name with other characters than letters, digits, ``_``, and
+``.``, ``/``, ``:`` inside stands in quotes.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from mdm.errors import FormatError
+from mdm.logic.formula import And, Constant, Formula, Implies, Not, Or, P, Xor
+
+__all__ = ["parse"]
+
+_TOKEN = re.compile(
+    r"""\s*(?:
+        (?P<operator>&&?|\|\|?|\^|~|!|->|=>|>>|\(|\))
+      | (?P<name>[A-Za-z_][A-Za-z0-9_]*(?:[./:][A-Za-z0-9_]+)*)
+      | "(?P<double>(?:[^"\\]|\\.)*)"
+      | '(?P<single>(?:[^'\\]|\\.)*)'
+      | (?P<end>\Z)
+    )""",
+    re.VERBOSE | re.DOTALL,
+)
+_SAME = {"&": "and", "&&": "and", "|": "or", "||": "or", "^": "xor", "~": "not", "!": "not"}
+_SAME |= {"->": "implies", "=>": "implies", ">>": "implies"}
+_WORDS = frozenset({"and", "or", "not", "xor", "implies"})
+_BINARY: tuple[tuple[str, type[Formula]], ...] = (("or", Or), ("xor", Xor), ("and", And))
+_DEEPEST = 100
+_LONGEST = 250
+
+
+class _Token(NamedTuple):
+    kind: str
+    text: str
+    column: int
+
+
+def parse(text: str) -> Formula:
+    """Return the formula that a text stands for.
+
+    Raises:
+        FormatError: With the column, what stands there and what was expected.
+    """
+    return _Parser(_tokens(text)).whole()
+
+
+def _tokens(text: str) -> list[_Token]:
+    tokens: list[_Token] = []
+    position = 0
+    while True:
+        match = _TOKEN.match(text, position)
+        if match is None:
+            start = position + len(text[position:]) - len(text[position:].lstrip())
+            raise FormatError(f"{text[start]!r} is no part of a formula: {text!r}", column=start + 1)
+        kind = str(match.lastgroup)
+        column = match.start(kind) + 1
+        found = match.group(kind)
+        if kind == "end":
+            tokens.append(_Token("end", "the end", len(text) + 1))
+            return tokens
+        if kind == "operator":
+            tokens.append(_Token(_SAME.get(found, found), found, column))
+        elif kind == "name":
+            tokens.append(_Token(found if found in _WORDS else "name", found, column))
+        else:
+            tokens.append(_Token("quoted", re.sub(r"\\(.)", r"\1", found, flags=re.DOTALL), column))
+        position = match.end()
+
+
+class _Parser:
+    """Recursive descent, a method a level of precedence."""
+
+    def __init__(self, tokens: list[_Token]) -> None:
+        self._tokens = tokens
+        self._position = 0
+        self._depth = 0
+        self._links = 0
+
+    def whole(self) -> Formula:
+        formula = self._implication()
+        self._expect("end", "'and', 'or', 'xor', 'implies' or the end")
+        return formula
+
+    def _next(self) -> _Token:
+        token = self._tokens[self._position]
+        self._position += 1
+        return token
+
+    def _take(self, kind: str) -> bool:
+        if self._tokens[self._position].kind == kind:
+            self._position += 1
+            return True
+        return False
+
+    def _expect(self, kind: str, expected: str) -> None:
+        token = self._next()
+        if token.kind != kind:
+            raise FormatError(f"{token.text!r} stands where {expected} was expected", column=token.column)
+
+    def _deeper(self) -> None:
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            column = self._tokens[self._position].column
+            raise FormatError(f"formulas nest at most {_DEEPEST} deep: name a part of this one", column=column)
+
+    def _implication(self) -> Formula:
+        self._deeper()
+        formula = self._binary(0)
+        if self._take("implies"):
+            formula = Implies(formula, self._implication())
+        self._depth -= 1
+        return formula
+
+    def _binary(self, level: int) -> Formula:
+        if level == len(_BINARY):
+            return self._negation()
+        word, kind = _BINARY[level]
+        formula = self._binary(level + 1)
+        while self._take(word):
+            self._links += 1
+            if self._links > _LONGEST:
+                column = self._tokens[self._position].column
+                raise FormatError(f"a formula joins at most {_LONGEST} parts: name a part of this one", column=column)
+            formula = kind(formula, self._binary(level + 1))
+        return formula
+
+    def _negation(self) -> Formula:
+        if self._take("not"):
+            self._deeper()
+            formula: Formula = Not(self._negation())
+            self._depth -= 1
+            return formula
+        return self._atom()
+
+    def _atom(self) -> Formula:
+        token = self._next()
+        if token.kind == "(":
+            formula = self._implication()
+            self._expect(")", "')'")
+            return formula
+        if token.kind == "quoted":
+            return P(token.text)
+        if token.kind == "name":
+            return Constant(token.text == "true") if token.text in {"true", "false"} else P(token.text)
+        raise FormatError(f"{token.text!r} stands where a name, 'not' or '(' was expected", column=token.column)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["ConfigError", "Error", "FormatError", "ModelError"]
+__all__ = ["ConfigError", "Error", "FormatError", "ModelError", "ModelWarning"]
 
 
 class Error(Exception):
@@ -37,6 +37,10 @@ class FormatError(Error):
 
 class ModelError(Error):
     """A model, policy or belief is not what it claims to be."""
+
+
+class ModelWarning(UserWarning):
+    """A model was accepted, but not quite as it was given."""
 
 
 class ConfigError(Error):

@@ -1,1 +1,1 @@
-
+"""The `mdm` command."""

@@ -106,7 +106,7 @@ class Actor:
         return self._runtime
 
     def add(self, child: Actor, *, first: bool = False) -> None:
-        """Make another actor a child, to be started after those added before (or before them) and stopped in reverse."""
+        """Make another actor a child: started after those added before, or ahead of them; stopped in reverse."""
         if child.parent is not None:
             raise Error(f"actor {child.name!r} is already a child of {child.parent.path!r}")
         if any(sibling.name == child.name for sibling in self.children):

@@ -1,0 +1,123 @@
+"""The text of a file, whatever it is called and however it is compressed, and the place of each of its words."""
+
+from __future__ import annotations
+
+import gzip
+import re
+import zlib
+from pathlib import Path
+from typing import NoReturn
+
+from mdm.errors import FormatError
+
+__all__ = ["Source", "suffixes"]
+
+_COMMENT = re.compile(r"#[^\n]*")
+_SIGNED = re.compile(r"[0-9.]")
+
+
+class Source:
+    """A file's text.
+
+    Args:
+        path: The file; a ``.gz`` is unpacked.
+
+    Raises:
+        FormatError: If it is missing, no file, empty, cut off, or not text.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.text = _read(self.path)
+
+    def fail(self, message: str, *, line: int | None = None, column: int | None = None) -> NoReturn:
+        """Raise a `FormatError` at a place in the file."""
+        raise FormatError(message, file=self.path, line=line, column=column)
+
+    def place(self, position: int) -> tuple[int, int]:
+        """Return line and column, from 1, of a character of the text."""
+        line = self.text.count("\n", 0, position) + 1
+        return line, position - self.text.rfind("\n", 0, position)
+
+
+class Words:
+    """The words of a text in the manner of Cassandra's formats: ``#`` comments go, ``:`` and ``*`` stand alone.
+
+    Places are found only when an error needs one, by splitting the lines again.
+
+    Args:
+        source: The text.
+        skip: How many lines at its beginning are no words.
+    """
+
+    def __init__(self, source: Source, *, skip: int = 0) -> None:
+        self._source = source
+        self._skip = skip
+        text = source.text.split("\n", skip)[skip] if source.text.count("\n") >= skip else ""
+        self.words = _split(_COMMENT.sub("", text))
+
+    def fail(self, at: int, message: str) -> NoReturn:
+        """Raise a `FormatError` at a word, or at the last one where the words have ended."""
+        at = min(at, len(self.words) - 1)
+        seen = 0
+        for number, text in enumerate(self._source.text.split("\n")[self._skip :], self._skip + 1):
+            words = _split(_COMMENT.sub("", text))
+            if at < seen + len(words):
+                column = 0
+                for word in words[: at - seen + 1]:
+                    column = text.find(word[0] if word[0] in "+-" else word, column) + 1
+                    start, column = column, column - 1 + len(word)
+                self._source.fail(message, line=number, column=start)
+            seen += len(words)
+        self._source.fail(message)
+
+
+def _split(text: str) -> list[str]:
+    words = text.replace(":", " : ").replace("*", " * ").split()
+    if "+" in words or "-" in words:
+        return _join_signs(words)
+    return words
+
+
+def _join_signs(words: list[str]) -> list[str]:
+    joined: list[str] = []
+    for word in words:
+        if joined and joined[-1] in {"+", "-"} and _SIGNED.match(word):
+            joined[-1] += word
+        else:
+            joined.append(word)
+    return joined
+
+
+def _read(path: Path) -> str:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise FormatError("there is no such file", file=path) from None
+    except IsADirectoryError:
+        raise FormatError("this is a folder, not a file", file=path) from None
+    except OSError as error:
+        raise FormatError(f"the file cannot be read: {error.strerror}", file=path) from None
+    if data[:2] == b"\x1f\x8b":
+        try:
+            data = gzip.decompress(data)
+        except (EOFError, OSError, zlib.error):
+            raise FormatError("the compressed file is cut off or damaged", file=path) from None
+    elif path.suffix == ".gz":
+        raise FormatError("the file is called .gz, but is not compressed by gzip", file=path)
+    if b"\0" in data:
+        raise FormatError("this is a binary file; a text was expected", file=path)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    if not text.strip():
+        raise FormatError("the file is empty", file=path)
+    return text
+
+
+def suffixes(path: str | Path) -> str:
+    """Return a file's suffix in lower case, without ``.gz``."""
+    path = Path(path)
+    return (Path(path.stem).suffix if path.suffix.lower() == ".gz" else path.suffix).lower()

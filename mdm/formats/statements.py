@@ -1,0 +1,292 @@
+"""The statements that Cassandra's formats and MADP's have in common: ``T:``, ``O:`` and ``R:`` over named symbols."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+
+from mdm.errors import FormatError, ModelError
+from mdm.formats.rewards import Rewards
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mdm.formats.source import Words
+    from mdm.models import Space
+
+__all__ = ["Field", "Statements", "number"]
+
+Field = int | list[int] | None
+"""A symbol's index, several, or None for all."""
+
+_DENSE = 30_000_000
+_MOST_ERRORS = 5
+
+
+def number(word: str) -> float | None:
+    """Return the number that a word stands for, or None; ``nan`` and ``inf`` are numbers here, and refused later."""
+    try:
+        return float(word) if "_" not in word else None
+    except ValueError:
+        return None
+
+
+class _Stack:
+    """Matrices of probabilities under construction: one per action, where later entries override earlier ones."""
+
+    def __init__(self, count: int, rows: int, columns: int) -> None:
+        self._shape = (count, rows, columns)
+        self._dense = np.zeros(self._shape) if count * rows * columns <= _DENSE else None
+        self._rows: list[dict[int, npt.NDArray[np.float64] | dict[int, float]]] = [{} for _ in range(count)]
+        self.given = np.zeros(count, dtype=bool)
+
+    def set(self, action: Field, row: Field, column: Field, value: float | npt.NDArray[np.float64]) -> None:
+        """Set an entry, a row (where ``column`` is None) or a matrix (where ``row`` is None too), or all alike."""
+        if isinstance(action, list) and isinstance(column, list):
+            for each in action:
+                self.set(each, row, column, value)
+            return
+        everything = slice(None)
+        at = everything if action is None else action
+        self.given[at] = True
+        if self._dense is not None:
+            place = (at, everything if row is None else row, everything if column is None else column)
+            self._dense[place] = value
+            return
+        for each in range(self._shape[0]) if action is None else action if isinstance(action, list) else (action,):
+            for line in range(self._shape[1]) if row is None else row if isinstance(row, list) else (row,):
+                part = value[line] if np.ndim(value) == 2 else value  # type: ignore[index]
+                self._set_row(each, line, column, part)
+
+    def _set_row(self, action: int, row: int, column: Field, value: Any) -> None:
+        rows = self._rows[action]
+        if column is None:
+            rows[row] = np.broadcast_to(np.asarray(value, dtype=np.float64), self._shape[2:]).copy()
+            return
+        entries = rows.setdefault(row, {})
+        for each in column if isinstance(column, list) else (column,):
+            entries[each] = value
+
+    def matrices(self) -> list[Any]:
+        """Return the finished matrices, one per action."""
+        if self._dense is not None:
+            return list(self._dense)
+        result = []
+        for rows in self._rows:
+            matrix = sparse.lil_array(self._shape[1:])
+            for row, entries in rows.items():
+                if isinstance(entries, dict):
+                    columns = sorted(entries)
+                    matrix.rows[row], matrix.data[row] = columns, [entries[c] for c in columns]
+                else:
+                    columns = np.flatnonzero(entries).tolist()
+                    matrix.rows[row], matrix.data[row] = columns, entries[columns].tolist()
+            result.append(matrix.tocsr())
+        return result
+
+
+class Statements:
+    """Reads statements from words into matrices.
+
+    Args:
+        words: The file's words.
+        states: The states.
+        actions: The (joint) actions.
+        observations: The (joint) observations; None in an MDP.
+        start: The start distribution, for ``reset``.
+        sign: -1 where the file's values are costs.
+        field: Reads a field of words as indices of a space.
+        colons: Whether a ``:`` stands before every value (MADP) or only between fields (Cassandra).
+    """
+
+    def __init__(
+        self,
+        words: Words,
+        *,
+        states: Space,
+        actions: Space,
+        observations: Space | None,
+        start: npt.NDArray[np.float64],
+        sign: float,
+        field: Callable[[int, list[str], Space, str], Field],
+        colons: bool,
+    ) -> None:
+        self._source = words
+        self._words = words.words
+        self._spaces = {"a": actions, "s": states, "n": states, "o": observations}
+        self._start = start
+        self._sign = sign
+        self._field = field
+        self._colons = colons
+        count = 0 if observations is None else len(observations)
+        try:
+            self.transitions = _Stack(len(actions), len(states), len(states))
+            self.observations = _Stack(len(actions), len(states), count) if count else None
+        except MemoryError:
+            raise ModelError("the model is too large for this machine's memory") from None
+        self.rewards = Rewards(len(actions), len(states), count)
+
+    def fail(self, at: int, message: str) -> NoReturn:
+        """Raise a `FormatError` at a word."""
+        self._source.fail(at, message)
+
+    def read(self, at: int) -> None:
+        """Read statements from a word on to the end.
+
+        Raises:
+            FormatError: With the first wrong statements, all at once.
+        """
+        words = self._words
+        errors: list[FormatError] = []
+        while at < len(words):
+            kind = words[at]
+            if kind not in {"T", "O", "R"} or at + 1 == len(words) or words[at + 1] != ":":
+                self.fail(at, f"{kind!r} stands where a statement 'T:', 'O:' or 'R:' was expected")
+            if kind == "O" and self.observations is None:
+                self.fail(at, "an 'O:' statement, but the file declares no observations")
+            try:
+                at = self._statement(kind, at + 2)
+            except FormatError as error:
+                errors.append(error)
+                at = self._next_statement(at + 2)
+            if len(errors) == _MOST_ERRORS:
+                break
+        if len(errors) == 1:
+            raise errors[0]
+        if errors:
+            rest = "; ".join(f"line {error.line}: {error.message}" for error in errors[1:])
+            first = errors[0]
+            raise FormatError(f"{first.message}; {rest}", file=first.file, line=first.line, column=first.column)
+
+    def _next_statement(self, at: int) -> int:
+        words = self._words
+        while at < len(words) and not (words[at] in {"T", "O", "R"} and words[at + 1 : at + 2] == [":"]):
+            at += 1
+        return at
+
+    def _statement(self, kind: str, at: int) -> int:
+        """Read one statement from its first field on; return where the next begins."""
+        words = self._words
+        letters = {"T": "asn", "O": "ano", "R": "asno"}[kind]
+        fields: list[Field] = []
+        while True:
+            letter = letters[len(fields)]
+            end = self._field_end(at)
+            if end == at:
+                what = {"a": "an action", "o": "an observation"}.get(letter, "a state")
+                self.fail(at, f"{what} was expected in this {kind!r} statement")
+            space = self._spaces[letter]
+            if space is not None:
+                fields.append(self._field(at, words[at:end], space, kind))
+            elif words[at] != "*":
+                break  # in an MDP a colon may stand before the value
+            else:
+                fields.append(None)
+            at = end
+            if words[at : at + 1] != [":"]:
+                break
+            at += 1
+            if len(fields) == len(letters) or self._values_follow(at, letters[len(fields)]):
+                break
+        if self._spaces["o"] is None and kind == "R":
+            letters, fields = "asn", fields[:3]
+        return self._values(kind, letters, fields, at)
+
+    def _field_end(self, at: int) -> int:
+        if not self._colons:
+            return min(at + (self._words[at : at + 1] != [":"]), len(self._words))
+        while at < len(self._words) and self._words[at] != ":":
+            at += 1
+        return at
+
+    def _values_follow(self, at: int, letter: str) -> bool:
+        """Whether values, and no further field, follow a colon: in MADP's format each field ends with one."""
+        if not self._colons:
+            return False
+        words = self._words
+        end = self._field_end(at)
+        if end == len(words) or words[at] in {"uniform", "identity"}:
+            return True
+        # What precedes the next colon is a field, or values and the first word of the next statement.
+        space = self._spaces[letter]
+        agents = len(space.factors) if letter == "o" and space is not None else 1
+        if words[end - 1] not in {"T", "O", "R"} or end - at == 1:
+            return False
+        return end - at != agents or (space is not None and len(space) == agents - 1)
+
+    def _values(self, kind: str, letters: str, fields: list[Field], at: int) -> int:
+        if kind == "R" and self._spaces["o"] is not None and len(fields) < 2:
+            self.fail(at, "an 'R' statement names an action and a state before its values")
+        rest = letters[len(fields) :]
+        shape = tuple(len(self._spaces[letter]) for letter in rest)  # type: ignore[arg-type]
+        words = self._words
+        word = words[at] if at < len(words) else None
+        value: Any
+        if kind != "R" and rest and word in {"uniform", "identity", "reset"}:
+            value = self._named(at, str(word), kind, shape)
+            at += 1
+        else:
+            value, at = self._numbers(kind, shape, at)
+        self._store(kind, fields, value)
+        return at
+
+    def _named(self, at: int, word: str, kind: str, shape: tuple[int, ...]) -> Any:
+        if word == "uniform":
+            return 1 / shape[-1]
+        if word == "identity":
+            if len(shape) != 2 or shape[0] != shape[1]:
+                self.fail(at, f"'identity' stands for a square matrix, but {kind} needs {' x '.join(map(str, shape))}")
+            return np.eye(shape[0])
+        if kind != "T" or len(shape) != 1:
+            self.fail(at, "'reset' stands for a row of T: the start distribution")
+        return self._start
+
+    def _numbers(self, kind: str, shape: tuple[int, ...], at: int) -> tuple[Any, int]:
+        words = self._words
+        count = math.prod(shape)
+        found = words[at : at + count]
+        try:
+            values = list(map(float, found))
+        except ValueError:
+            values = []
+            for offset, word in enumerate(found):
+                value = number(word)
+                if value is None:
+                    begins = word in {"T", "O", "R"} and words[at + offset + 1 : at + offset + 2] == [":"]
+                    if begins:
+                        break
+                    self.fail(at + offset, f"{word!r} stands where a number was expected ({count} for this {kind!r})")
+                values.append(value)
+        if len(values) < count:
+            expected = f"{count} numbers ({' x '.join(map(str, shape))})" if shape else "a number"
+            self.fail(
+                at + len(values), f"{expected} for this {kind!r} statement expected, but only {len(values)} given"
+            )
+        for offset, value in enumerate(values):
+            if not math.isfinite(value) or (kind != "R" and value < 0):
+                self.fail(at + offset, f"{found[offset]} is no {'reward' if kind == 'R' else 'probability'}")
+        return (np.array(values).reshape(shape) if shape else values[0]), at + count
+
+    def _store(self, kind: str, fields: list[Field], value: Any) -> None:
+        action, *places = fields
+        if kind == "R":
+            self._reward(action, [*places, None, None, None][:3], value * self._sign)
+            return
+        stack = self.transitions if kind == "T" else self.observations
+        assert stack is not None
+        row, column = (*places, None, None)[:2]
+        stack.set(action, row, column, value)
+
+    def _reward(self, action: Field, places: list[Field], value: Any) -> None:
+        lists = [place for place in places if isinstance(place, list)]
+        if not lists:
+            state, next_state, observation = (place for place in places if not isinstance(place, list))
+            self.rewards.add(action, state, next_state, observation, value)
+            return
+        position = next(index for index, place in enumerate(places) if isinstance(place, list))
+        for each in places[position]:  # type: ignore[union-attr]
+            self._reward(action, [*places[:position], each, *places[position + 1 :]], value)

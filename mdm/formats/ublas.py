@@ -1,0 +1,101 @@
+"""Vectors and matrices as boost's uBLAS prints them: the policies, Q-tables and rewards of the original MDM.
+
+A vector is ``[4](0,2,1,0)``, a matrix ``[2,3]((0.25,1,0),(0.75,0,1))``; blanks and line ends carry no meaning.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from mdm.formats.source import Source
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from typing import NoReturn
+
+__all__ = ["read"]
+
+_HEAD = re.compile(r"\s*\[\s*([^\]\[()]*)\]")
+_BRACKETS = re.compile(r"[()]")
+
+
+def read(path: str | Path) -> npt.NDArray[np.float64]:
+    """Return the vector or matrix in a file.
+
+    Raises:
+        FormatError: If it is cut off, or holds other numbers or another count of them than its head says.
+    """
+    return _Reader(Source(path)).array()
+
+
+class _Reader:
+    def __init__(self, source: Source) -> None:
+        self._source = source
+
+    def _fail(self, at: int, message: str) -> NoReturn:
+        line, column = self._source.place(at)
+        self._source.fail(message, line=line, column=column)
+
+    def array(self) -> npt.NDArray[np.float64]:
+        text = self._source.text
+        head = _HEAD.match(text)
+        if head is None:
+            self._fail(0, "a size in brackets was expected, such as '[12]' for a vector or '[2,3]' for a matrix")
+        sizes = [size.strip() for size in head[1].split(",")]
+        if len(sizes) > 2 or not all(size.isdecimal() and 0 < int(size) <= 10**9 for size in sizes):
+            self._fail(head.start(1), f"'[{head[1].strip()}]' is no size of a vector or matrix: one or two numbers are")
+        rows = self._rows(text, head.end(), depth=len(sizes))
+        count = int(sizes[0])
+        if len(sizes) == 1:
+            return np.array(self._numbers(*rows[0], count, "vector"))
+        if len(rows) != count:
+            self._fail(head.start(1), f"the head says {count} rows, but {len(rows)} are given")
+        return np.array([self._numbers(*row, int(sizes[1]), f"row {index}") for index, row in enumerate(rows)])
+
+    def _rows(self, text: str, at: int, *, depth: int) -> list[tuple[int, str]]:
+        """Return the innermost brackets' places and contents."""
+        rows: list[tuple[int, str]] = []
+        level = 0
+        begin = last = at
+        for bracket in _BRACKETS.finditer(text, at):
+            between = text[last : bracket.start()].strip()
+            if bracket[0] == "(":
+                if level == depth or between not in ({"", ","} if level == 1 else {""}):
+                    self._fail(bracket.start(), "a '(' stands where a number was expected")
+                level += 1
+                begin = bracket.end()
+            else:
+                if level == depth:
+                    rows.append((begin, text[begin : bracket.start()]))
+                elif between not in {"", ","}:
+                    self._fail(last, f"{between[:20]!r} stands where ')' was expected")
+                level -= 1
+                if level == 0:
+                    self._end(text, bracket.end())
+                    return rows
+            last = bracket.end()
+        return self._fail(len(text) - 1, f"the text ends before the brackets of {text[:at].strip()} are closed")
+
+    def _end(self, text: str, at: int) -> None:
+        rest = text[at:].strip()
+        if rest:
+            self._fail(at + text[at:].index(rest[0]), f"{rest[:20]!r} stands where the end was expected")
+
+    def _numbers(self, at: int, text: str, count: int, what: str) -> list[float]:
+        words = text.split(",")
+        if len(words) > 1 and not words[-1].strip():
+            words.pop()  # some writers leave a comma at the end
+        numbers: list[float] = []
+        for word in words:
+            try:
+                numbers.append(float(word))
+            except ValueError:
+                self._fail(at, f"{word.strip()!r} in the {what} is no number")
+            at += len(word) + 1
+        if len(numbers) != count:
+            self._fail(at - 1, f"the head says {count} numbers, but {len(numbers)} are given in the {what}")
+        return numbers

@@ -1,0 +1,138 @@
+"""Matrices of probabilities: one per action, dense or CSR, checked, normalised and read-only."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+
+from mdm.errors import ModelError, ModelWarning
+
+if TYPE_CHECKING:
+    from mdm.models.space import Space
+
+__all__ = ["Matrix", "Vector", "distribution", "read_only", "stochastic_matrices"]
+
+Vector: TypeAlias = npt.NDArray[np.float64]
+Matrix: TypeAlias = Any
+"""An ndarray or a scipy.sparse.csr_array; scipy has no types of its own to say so."""
+
+TOLERANCE = 1e-4
+_ROUNDING = 1e-9
+_LARGE = 1_000_000
+_DENSE = 0.25
+
+
+def stochastic_matrices(
+    given: Any,
+    *,
+    what: str,
+    actions: Space,
+    rows: Space,
+    columns: int,
+    sparse_: bool | None,
+) -> tuple[Matrix, ...]:
+    """Return one rows x columns matrix per action, whose rows sum to 1.
+
+    Rows that are off by at most 1e-4 are normalised, with one warning that counts them.
+
+    Args:
+        given: The matrices, dense or sparse, or one array of three dimensions. One matrix object that stands for
+            several actions is checked once.
+        what: What they are, for messages: ``T`` or ``O``.
+        actions: Names the matrices.
+        rows: Names the rows.
+        columns: How many columns each must have.
+        sparse_: Force CSR or dense; None chooses by size and density.
+
+    Raises:
+        ModelError: At a wrong shape, a number that is no probability, or a row that does not sum to 1.
+    """
+    if len(given) != len(actions):
+        raise ModelError(f"{what} is given for {len(given)} actions, but the model has {len(actions)}")
+    as_sparse = _choose(given, len(rows), columns) if sparse_ is None else sparse_
+    done: dict[int, Matrix] = {}
+    normalised = 0
+    for action, matrix in enumerate(given):
+        if id(matrix) not in done or isinstance(given, np.ndarray):
+            checked, off = _checked(matrix, f"{what} of action {actions.names[action]!r}", rows, columns, as_sparse)
+            normalised += off
+            done[id(matrix) if not isinstance(given, np.ndarray) else action] = checked
+    if normalised:
+        text = f"{normalised} rows of {what} did not quite sum to 1 and were normalised"
+        warnings.warn(text, ModelWarning, stacklevel=4)
+    return tuple(done[action if isinstance(given, np.ndarray) else id(matrix)] for action, matrix in enumerate(given))
+
+
+def _choose(given: Any, rows: int, columns: int) -> bool:
+    if any(sparse.issparse(matrix) for matrix in given):
+        return len(given) * rows * columns > _LARGE // 10
+    if len(given) * rows * columns <= _LARGE:
+        return False
+    return sum(int(np.count_nonzero(matrix)) for matrix in given) < _DENSE * len(given) * rows * columns
+
+
+def _checked(matrix: Any, what: str, rows: Space, columns: int, as_sparse: bool) -> tuple[Matrix, int]:
+    if sparse.issparse(matrix):
+        result: Any = sparse.csr_array(matrix, dtype=np.float64, copy=True) if as_sparse else matrix.toarray()
+    else:
+        dense = np.array(matrix, dtype=np.float64)
+        result = sparse.csr_array(dense) if as_sparse and dense.ndim == 2 else dense
+    if result.shape != (len(rows), columns):
+        shape = "x".join(map(str, result.shape))
+        raise ModelError(f"{what} is {shape}; it needs {len(rows)} rows and {columns} columns")
+    if as_sparse:
+        result.sum_duplicates()
+        result.eliminate_zeros()
+    data = result.data if as_sparse else result
+    if not np.isfinite(data).all() or (data < 0).any():
+        _refuse_numbers(result.toarray() if as_sparse else result, what, rows)
+    sums = np.asarray(result.sum(axis=1)).ravel()
+    errors = np.abs(sums - 1)
+    if errors.max() > TOLERANCE:
+        row = int(errors.argmax())
+        raise ModelError(f"{what}: the row of {rows.names[row]!r} sums to {sums[row]:.6g}, not to 1")
+    off = errors > _ROUNDING
+    if off.any():
+        if as_sparse:
+            result.data /= np.repeat(sums, np.diff(result.indptr))
+        else:
+            result /= sums[:, None]
+    return read_only(result), int(off.sum())
+
+
+def _refuse_numbers(matrix: Vector, what: str, rows: Space) -> None:
+    row, column = (int(place[0]) for place in np.nonzero(~((matrix >= 0) & np.isfinite(matrix))))
+    raise ModelError(f"{what}: {matrix[row, column]:g} in the row of {rows.names[row]!r} is no probability")
+
+
+def distribution(given: npt.ArrayLike, *, what: str, size: int) -> Vector:
+    """Return a read-only copy of a probability distribution, exactly normalised.
+
+    Raises:
+        ModelError: If it has another size, a number that is no probability, or a sum that is not 1 within 1e-4.
+    """
+    vector = np.array(given, dtype=np.float64)
+    if vector.shape != (size,):
+        raise ModelError(f"{what} has shape {vector.shape}; it needs {size} numbers")
+    wrong = ~((vector >= 0) & np.isfinite(vector))
+    if wrong.any():
+        at = int(wrong.argmax())
+        raise ModelError(f"{what}: {vector[at]:g} at {at} is no probability")
+    total = float(vector.sum())
+    if abs(total - 1) > TOLERANCE:
+        raise ModelError(f"{what} sums to {total:.6g}, not to 1")
+    if abs(total - 1) > _ROUNDING:
+        vector /= total
+    vector.flags.writeable = False
+    return vector
+
+
+def read_only(matrix: Any) -> Any:
+    """Return the same array, no longer writeable."""
+    for array in (matrix.data, matrix.indices, matrix.indptr) if sparse.issparse(matrix) else (matrix,):
+        array.flags.writeable = False
+    return matrix

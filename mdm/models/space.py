@@ -1,0 +1,208 @@
+"""Spaces: the named symbols of a model's states, actions and observations, joint over factors or agents."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
+from typing import overload
+
+from mdm.errors import ModelError
+
+__all__ = ["Factor", "Space"]
+
+
+class Factor:
+    """One component of a space: a state factor, or one agent's actions or observations.
+
+    Args:
+        name: The component's name.
+        names: Its symbols in order, or how many there are.
+        prefix: What generated names begin with, before the index.
+    """
+
+    __slots__ = ("_index", "name", "names")
+
+    def __init__(self, name: str, names: Iterable[str] | int, *, prefix: str = "") -> None:
+        self.name = name
+        if isinstance(names, int):
+            names = (f"{prefix}{index}" for index in range(names))
+        self.names: tuple[str, ...] = tuple(names)
+        if not self.names:
+            raise ModelError(f"{name!r} has no symbols; it needs at least one")
+        self._index = {symbol: index for index, symbol in enumerate(self.names)}
+        if len(self._index) != len(self.names):
+            twice = next(symbol for index, symbol in enumerate(self.names) if self._index[symbol] != index)
+            raise ModelError(f"{name!r} names {twice!r} twice; each symbol needs a name of its own")
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def index(self, symbol: str | int) -> int:
+        """Return the index of a symbol, given by name or by index.
+
+        Raises:
+            ModelError: If there is no such symbol; it names those closest to it.
+        """
+        if isinstance(symbol, str):
+            found = self._index.get(symbol)
+            if found is not None:
+                return found
+            if not symbol.isdecimal():
+                close = difflib.get_close_matches(symbol, self.names, n=3)
+                known = " or ".join(map(repr, close)) if close else f"one of {', '.join(self.names[:10])}"
+                raise ModelError(f"{self.name!r} has no symbol {symbol!r}; did you mean {known}?")
+            symbol = int(symbol)
+        if 0 <= symbol < len(self.names):
+            return int(symbol)
+        raise ModelError(f"{self.name!r} has no symbol {symbol}; its {len(self.names)} symbols count from 0")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Factor) and self.name == other.name and self.names == other.names
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.names))
+
+    def __repr__(self) -> str:
+        return f"Factor({self.name!r}, {list(self.names)!r})"
+
+
+class _JointNames(Sequence[str]):
+    """The names of joint symbols, made when they are asked for: the components' names, joined by blanks."""
+
+    __slots__ = ("_space",)
+
+    def __init__(self, space: Space) -> None:
+        self._space = space
+
+    def __len__(self) -> int:
+        return len(self._space)
+
+    @overload
+    def __getitem__(self, index: int) -> str: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[str, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> str | tuple[str, ...]:
+        if isinstance(index, slice):
+            return tuple(self[i] for i in range(*index.indices(len(self))))
+        if index < 0:
+            index += len(self)
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        components = self._space.unravel(index)
+        return " ".join(factor.names[c] for factor, c in zip(self._space.factors, components, strict=True))
+
+    def __iter__(self) -> Iterator[str]:
+        return (self[index] for index in range(len(self)))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and len(self) == len(other) and tuple(self) == tuple(other)
+
+    def __hash__(self) -> int:
+        return hash(tuple(self))
+
+    def __repr__(self) -> str:
+        return repr(tuple(self))
+
+
+class Space:
+    """The symbols of a model, joint over factors; the first factor is the most significant digit (row-major).
+
+    A space of 10^6 joint symbols costs no more than its factors.
+
+    Args:
+        factors: The components, in order; one where the space is not factored.
+    """
+
+    __slots__ = ("__dict__", "_size", "_strides", "factors")
+
+    def __init__(self, factors: Iterable[Factor]) -> None:
+        self.factors = tuple(factors)
+        if not self.factors:
+            raise ModelError("a space needs at least one factor")
+        strides = [1]
+        for factor in reversed(self.factors[1:]):
+            strides.insert(0, strides[0] * len(factor))
+        self._strides = tuple(strides)
+        self._size = math.prod(map(len, self.factors))
+        if self._size > sys.maxsize:
+            raise ModelError(f"{self._size} joint symbols are more than can be counted")
+
+    @classmethod
+    def single(cls, name: str, names: Iterable[str] | int, *, prefix: str = "") -> Space:
+        """Return a space of one factor."""
+        return cls([Factor(name, names, prefix=prefix)])
+
+    def __len__(self) -> int:
+        return self._size
+
+    @cached_property
+    def names(self) -> Sequence[str]:
+        """The names of the (joint) symbols, in order; a joint name is its components' names with blanks between."""
+        return self.factors[0].names if len(self.factors) == 1 else _JointNames(self)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The factors' sizes."""
+        return tuple(map(len, self.factors))
+
+    def ravel(self, components: Sequence[int]) -> int:
+        """Return the joint index of one index per factor.
+
+        Raises:
+            ModelError: If their number is wrong or one is out of range.
+        """
+        if len(components) != len(self.factors):
+            raise ModelError(f"a joint symbol has {len(self.factors)} components, not {len(components)}")
+        total = 0
+        for factor, stride, component in zip(self.factors, self._strides, components, strict=True):
+            if not 0 <= component < len(factor):
+                raise ModelError(f"{factor.name!r} has no symbol {component}; its {len(factor)} symbols count from 0")
+            total += stride * component
+        return int(total)
+
+    def unravel(self, index: int) -> tuple[int, ...]:
+        """Return the index of each factor's symbol in a joint one.
+
+        Raises:
+            ModelError: If the index is out of range.
+        """
+        if not 0 <= index < self._size:
+            raise ModelError(f"there is no symbol {index}; the {self._size} symbols count from 0")
+        return tuple(index // stride % len(factor) for stride, factor in zip(self._strides, self.factors, strict=True))
+
+    def index(self, symbol: str | int | Sequence[str | int]) -> int:
+        """Return the joint index of a symbol.
+
+        Args:
+            symbol: An index; a name; for a joint symbol also the components' names with blanks between, or a sequence
+                of one name or index per factor.
+
+        Raises:
+            ModelError: If there is no such symbol.
+        """
+        if isinstance(symbol, int):
+            self.unravel(symbol)
+            return symbol
+        if len(self.factors) == 1 and isinstance(symbol, str):
+            return self.factors[0].index(symbol)
+        if isinstance(symbol, str) and symbol.isdecimal():
+            return self.index(int(symbol))
+        words = symbol.split() if isinstance(symbol, str) else symbol
+        if len(words) != len(self.factors):
+            agents = ", ".join(factor.name for factor in self.factors)
+            raise ModelError(f"{symbol!r} is no joint symbol: it needs a word for each of {agents}")
+        return self.ravel([factor.index(word) for factor, word in zip(self.factors, words, strict=True)])
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Space) and self.factors == other.factors
+
+    def __hash__(self) -> int:
+        return hash(self.factors)
+
+    def __repr__(self) -> str:
+        return f"Space({list(self.factors)!r})"

@@ -1,0 +1,150 @@
+"""Policies over states, as tables: an action per state, probabilities of actions, values of actions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from mdm.errors import ModelError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import numpy.typing as npt
+
+__all__ = ["DeterministicPolicy", "QTable", "StochasticPolicy"]
+
+
+class _Table:
+    """A policy with an entry per state."""
+
+    input: Literal["state"] = "state"
+    num_states: int
+    num_actions: int
+
+    def _refuse(self, state: int) -> ModelError:
+        return ModelError(f"there is no state {state}; the policy is for {self.num_states} states, which count from 0")
+
+    def value(self, state: int) -> float:
+        """Return the value of a state, which this kind of policy does not know.
+
+        Raises:
+            ModelError: Always; `QTable` knows values.
+        """
+        raise ModelError(
+            f"a {type(self).__name__} holds no values, so that of state {state} is unknown: evaluate it on its model"
+        )
+
+
+class DeterministicPolicy(_Table):
+    """One action per state.
+
+    Args:
+        actions: S action indices.
+        num_actions: How many actions there are; by default one more than the largest.
+
+    Raises:
+        ModelError: If an entry is no action.
+    """
+
+    def __init__(self, actions: Iterable[int], num_actions: int | None = None) -> None:
+        self._actions = [int(action) for action in actions]
+        if not self._actions:
+            raise ModelError("a policy needs at least one state")
+        self.num_states = len(self._actions)
+        self.num_actions = max(self._actions) + 1 if num_actions is None else num_actions
+        for state, action in enumerate(self._actions):
+            if not 0 <= action < self.num_actions:
+                raise ModelError(
+                    f"the policy's entry for state {state} is {action}, but its actions are 0 to {self.num_actions - 1}"
+                )
+
+    def action(self, state: int) -> int:
+        """Return the action for a state."""
+        if 0 <= state < self.num_states:
+            return self._actions[state]
+        raise self._refuse(state)
+
+    @property
+    def actions(self) -> tuple[int, ...]:
+        """The action per state."""
+        return tuple(self._actions)
+
+
+class StochasticPolicy(_Table):
+    """Probabilities of actions per state, drawn from at each decision.
+
+    Args:
+        probabilities: A x S, the probability of action (row) in state (column); columns sum to 1.
+        seed: Makes the draws reproducible.
+
+    Raises:
+        ModelError: If a column is no distribution.
+    """
+
+    def __init__(self, probabilities: npt.ArrayLike, *, seed: int | None = None) -> None:
+        matrix = np.array(probabilities, dtype=np.float64)
+        if matrix.ndim != 2 or 0 in matrix.shape:
+            raise ModelError(f"a stochastic policy is an actions x states array, not one of shape {matrix.shape}")
+        self.num_actions, self.num_states = matrix.shape
+        sums = matrix.sum(axis=0)
+        bad = ~(np.isfinite(matrix).all(axis=0) & (matrix >= 0).all(axis=0) & (np.abs(sums - 1) <= 1e-4))
+        if bad.any():
+            state = int(bad.argmax())
+            column = ", ".join(f"{p:g}" for p in matrix[:, state])
+            raise ModelError(
+                f"the probabilities of actions in state {state} are no distribution: {column} sum to {sums[state]:g}"
+            )
+        matrix /= sums
+        matrix.setflags(write=False)
+        self.probabilities = matrix
+        cumulative = np.cumsum(matrix, axis=0)
+        cumulative[-1] = 1.0
+        self._cumulative = np.ascontiguousarray(cumulative.T)
+        self._generator = np.random.default_rng(seed)
+
+    def action(self, state: int) -> int:
+        """Draw an action for a state."""
+        if not 0 <= state < self.num_states:
+            raise self._refuse(state)
+        return int(self._cumulative[state].searchsorted(self._generator.random(), side="right"))
+
+    def seed(self, seed: int | None) -> None:
+        """Begin the draws anew."""
+        self._generator = np.random.default_rng(seed)
+
+
+class QTable(_Table):
+    """Values of actions per state: the best is chosen, of equal ones that with the lowest index.
+
+    Args:
+        values: S x A, the value of each action in each state.
+
+    Raises:
+        ModelError: If a value is NaN.
+    """
+
+    def __init__(self, values: npt.ArrayLike) -> None:
+        table = np.array(values, dtype=np.float64)
+        if table.ndim != 2 or 0 in table.shape:
+            raise ModelError(f"a Q-table is a states x actions array, not one of shape {table.shape}")
+        if np.isnan(table).any():
+            state, action = (int(place[0]) for place in np.nonzero(np.isnan(table)))
+            raise ModelError(f"the Q-table's value of action {action} in state {state} is NaN")
+        table.setflags(write=False)
+        self.values = table
+        self.num_states, self.num_actions = table.shape
+        self._actions: list[int] = table.argmax(axis=1).tolist()
+
+    def action(self, state: int) -> int:
+        """Return the best action in a state."""
+        if 0 <= state < self.num_states:
+            return self._actions[state]
+        raise self._refuse(state)
+
+    def value(self, state: int) -> float:
+        """Return the value of the best action in a state."""
+        if not 0 <= state < self.num_states:
+            raise self._refuse(state)
+        return float(self.values[state].max())

@@ -50,6 +50,9 @@ class ConfigError(Error):
         message: What is wrong and the way out.
         file: The configuration file, where there is one.
         key: The path of the key, such as ``ensembles.patrol.drive``.
+
+    Attributes:
+        problems: Where several things are wrong, each of them; else the error itself.
     """
 
     def __init__(self, message: str, *, file: str | Path | None = None, key: str | None = None) -> None:
@@ -58,3 +61,4 @@ class ConfigError(Error):
         self.message = message
         self.file = None if file is None else str(file)
         self.key = key
+        self.problems: tuple[ConfigError, ...] = (self,)

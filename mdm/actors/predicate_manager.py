@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from mdm.logic import Change
     from mdm.runtime import Channel, Subscription, Supervision, Timer
 
-__all__ = ["PredicateManager"]
+__all__ = ["ACTION_END", "PredicateManager"]
 
 T = TypeVar("T")
-_ACTION_END = re.compile(r".+\.(running|succeeded|failed|preempted|timed_out|abandoned)")
+ACTION_END = re.compile(r".+\.(running|succeeded|failed|preempted|timed_out|abandoned)")
 
 
 class PredicateManager(Actor):
@@ -154,13 +154,19 @@ class PredicateManager(Actor):
         """
         if name in self._kinds:
             return self._kinds[name]
-        if _ACTION_END.fullmatch(name):
+        if ACTION_END.fullmatch(name):
             return "event"
         return "predicate" if "/" in name else None
 
     def use(self, *names: str) -> None:
         """Ask for names that are known by their form, so that the network has them; call this before the start."""
         self._used.update(names)
+
+    @property
+    def used(self) -> tuple[str, ...]:
+        """Every name that formulas and factors use, sorted."""
+        names = {name for formulas in self._formulas.values() for formula in formulas for name in formula.names}
+        return tuple(sorted(names | self._used))
 
     @property
     def names(self) -> dict[str, Literal["predicate", "event"]]:
@@ -199,9 +205,10 @@ class PredicateManager(Actor):
         network = Network()
         for declare in self._declarations.values():
             declare(network)
-        used = {name for formulas in self._formulas.values() for formula in formulas for name in formula.names}
-        for name in sorted((used | self._used) - self._kinds.keys()):
-            if _ACTION_END.fullmatch(name):
+        for name in self.used:
+            if name in self._kinds:
+                continue
+            if ACTION_END.fullmatch(name):
                 network.add_event(name)
             elif "/" in name:
                 network.add_input(name)
@@ -269,7 +276,7 @@ class PredicateManager(Actor):
         self._network = self.network()
         first = self._network.compile()
         self._known = frozenset(self._network.names)
-        self.action_ends = frozenset(name for name in self._network.events if _ACTION_END.fullmatch(name))
+        self.action_ends = frozenset(name for name in self._network.events if ACTION_END.fullmatch(name))
         self._counter = self._event_counter = 0
         self._hold_timers.clear()
         self._age_timers.clear()

@@ -1,0 +1,48 @@
+"""Functions that a file names as ``module:name``."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from typing import TYPE_CHECKING, Any, cast
+
+from mdm.actors.layer import Layer
+from mdm.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+__all__ = ["find_function", "nothing"]
+
+
+def find_function(reference: str, folder: Path) -> Callable[..., Any]:
+    """Return the function that ``module:name`` stands for; modules beside the file are found first.
+
+    Raises:
+        ConfigError: If there is no such module or function, or the module cannot be imported.
+    """
+    module_name, colon, attribute = reference.partition(":")
+    if not colon or not module_name or not attribute:
+        raise ConfigError(f"a function is named as 'module:name', not {reference!r}")
+    place = str(folder.resolve())
+    if place not in sys.path:
+        sys.path.insert(0, place)
+    try:
+        module = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        missing = repr(error.name) if error.name == module_name else f"{error.name!r}, which {module_name!r} imports"
+        raise ConfigError(f"there is no module {missing}; modules are looked for beside the file first") from None
+    except Exception as error:
+        raise ConfigError(f"module {module_name!r} cannot be imported: {type(error).__name__}: {error}") from None
+    function = getattr(module, attribute, None)
+    if function is None:
+        names = [name for name in dir(module) if not name.startswith("_")]
+        raise ConfigError(f"module {module_name!r} has no {attribute!r}{Layer.similar(attribute, names)}")
+    if not callable(function):
+        raise ConfigError(f"{reference!r} is a {type(function).__name__}, not a function")
+    return cast("Callable[..., Any]", function)
+
+
+def nothing() -> None:
+    """Stand in for a function that is not to be called."""

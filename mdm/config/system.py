@@ -1,0 +1,59 @@
+"""The system: everything that a file describes, as one actor."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mdm.runtime import Actor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mdm.actors import Ensemble, PredicateManager
+
+__all__ = ["System"]
+
+
+class System(Actor):
+    """A predicate manager, ensembles and tasks, as a file describes them: one actor to start.
+
+    Args:
+        predicates: The predicate manager that all ensembles share.
+        ensembles: All ensembles by name; those that no other one's action starts begin with the system.
+        tasks: Async functions of the system that run beside the ensembles, such as drivers of sensors.
+    """
+
+    def __init__(
+        self,
+        predicates: PredicateManager,
+        ensembles: dict[str, Ensemble],
+        tasks: list[Callable[[System], Any]],
+        name: str = "system",
+    ) -> None:
+        super().__init__(name)
+        self.predicates = predicates
+        self.ensembles = ensembles
+        self.tasks = tasks
+        self.add(predicates)
+        for ensemble in self.top:
+            self.add(ensemble)
+
+    @property
+    def path(self) -> str:
+        """Empty, so that channels are called by their ensembles: ``patrol/state``."""
+        return ""
+
+    @property
+    def top(self) -> tuple[Ensemble, ...]:
+        """The ensembles that begin with the system."""
+        below = {below.name for ensemble in self.ensembles.values() for below in ensemble.subensembles}
+        return tuple(ensemble for name, ensemble in self.ensembles.items() if name not in below)
+
+    def on_running(self) -> None:
+        """Run the tasks."""
+        for task in self.tasks:
+            self.spawn(task(self), name=getattr(task, "__name__", "task"))
+
+    def tree(self) -> str:
+        """Return all ensembles, indented under those whose actions start them."""
+        return "\n".join(ensemble.tree() for ensemble in self.top)

@@ -158,6 +158,14 @@ class PredicateManager(Actor):
             return "event"
         return "predicate" if "/" in name else None
 
+    def senses(self, name: str) -> bool:
+        """Whether a name is a predicate that code sets."""
+        return name in self._sensors
+
+    def raises(self, name: str) -> bool:
+        """Whether a name is an event that code raises."""
+        return self._kinds.get(name) == "event" and not self._formulas[name]
+
     def use(self, *names: str) -> None:
         """Ask for names that are known by their form, so that the network has them; call this before the start."""
         self._used.update(names)

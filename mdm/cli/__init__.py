@@ -1,1 +1,83 @@
-"""The `mdm` command."""
+"""The `mdm` command: a module a sub-command, each with ``add_parser`` and ``run``."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+import warnings
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["main"]
+
+_VERBS = ("run", "check", "info", "trace", "simulate")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a sub-command; return 0 (done), 1 (what was asked failed) or 2 (wrong usage)."""
+    parser = argparse.ArgumentParser(
+        prog="mdm",
+        description="Put MDP and POMDP policies to work: run, check, trace and simulate decision processes.",
+        epilog="example: mdm run examples/patrol/patrol.toml",
+    )
+    parser.add_argument("--version", action="version", version=f"mdm {_version()}")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    for verb in _VERBS:
+        module = importlib.import_module(f"mdm.cli.{verb}")
+        module.add_parser(verbs).add_argument(
+            "--debug", action="store_true", help="show the traceback of an error, and decisions in the log"
+        )
+    try:
+        parsed = parser.parse_args(arguments)
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else 2
+    return _run(parsed)
+
+
+def _run(parsed: argparse.Namespace) -> int:
+    module = importlib.import_module(f"mdm.cli.{parsed.verb}")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("default")
+            warnings.showwarning = _show_warning
+            return int(module.run(parsed))
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output has gone; there is nobody to tell, and nothing to flush.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Exception as error:
+        if parsed.debug:
+            raise
+        print(f"mdm {parsed.verb}: {_sentence(error)}", file=sys.stderr)
+        return 1
+
+
+def _sentence(error: Exception) -> str:
+    from mdm.errors import Error  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+    if isinstance(error, Error):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return "the model is too large for this machine's memory"
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return f"unexpected {type(error).__name__}: {error} (--debug shows where)"
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    print(f"mdm: warning: {message}", file=sys.stderr)
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415
+
+    try:
+        return version("markov-decision-making")
+    except PackageNotFoundError:
+        return "(not installed)"

@@ -76,15 +76,15 @@ class Clock(ABC):
             self._arm_next()
         return timer
 
-    async def sleep(self, seconds: float) -> None:
-        """Wait by this clock."""
+    async def sleep(self, seconds: float, *, rank: int = 0) -> None:
+        """Wait by this clock; see `call_at` for the rank."""
         woken = asyncio.get_running_loop().create_future()
 
         def wake() -> None:
             if not woken.done():
                 woken.set_result(None)
 
-        timer = self.call_at(self.now() + round(seconds * 1e9), wake)
+        timer = self.call_at(self.now() + round(seconds * 1e9), wake, rank=rank)
         try:
             await woken
         finally:
@@ -117,12 +117,18 @@ class Clock(ABC):
         else:
             self._armed = None
 
+    def _next_rank(self) -> int:
+        """Return the rank of the next timer."""
+        return self._heap[0][1] if self._heap else 0
+
     def _fire_due(self) -> None:
-        # Only what is due now: a timer that re-arms itself for the present must not starve the event loop.
+        # Only what is due now: a timer that re-arms itself for the present must not starve the event loop. And only
+        # one rank: those of the next are armed anew, and fire when what these caused has been done.
         heap = self._heap
         now = self.now()
+        rank = self._next_rank()
         due: list[Timer] = []
-        while heap and heap[0][0] <= now:
+        while heap and heap[0][0] <= now and heap[0][1] == rank:
             due.append(heapq.heappop(heap)[3])
         self._armed = None
         try:

@@ -120,8 +120,20 @@ class VirtualClock(Clock):
             self._handle = self._loop.call_at(when / 1e9, self._fire_when, when)
 
     def _fire_when(self, when: int) -> None:
-        # Seconds in floating point may be a nanosecond short of the due time.
-        if self.now() < when and self._loop is not None:
-            self._handle = self._loop.call_at((when + 1) / 1e9, self._fire_when, when)
+        loop = self._loop
+        if loop is None:
+            return
+        if self.now() < when:
+            # Seconds in floating point may be a nanosecond short of the due time.
+            self._handle = loop.call_at((when + 1) / 1e9, self._fire_when, when)
+        elif self._next_rank() > 0:
+            # Tasks that slept until this instant shall have their say before its ticks: they run in the loop's next
+            # round, and what they resume in the one after.
+            self._handle = None
+            loop.call_soon(loop.call_soon, self._fire_due_if_open)
         else:
+            self._fire_due()
+
+    def _fire_due_if_open(self) -> None:
+        if self._loop is not None:
             self._fire_due()

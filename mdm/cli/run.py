@@ -1,0 +1,75 @@
+"""``mdm run``: run the ensembles of a file."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mdm.messages import Decision
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "run",
+        help="run the ensembles of a TOML file",
+        description="Run the ensembles of a TOML file until Ctrl-C, SIGTERM, or --epochs decisions of the first one.",
+        epilog="example: mdm run examples/patrol/patrol.toml --virtual --epochs 20",
+    )
+    parser.add_argument("file", metavar="FILE", help="the TOML file")
+    parser.add_argument(
+        "--virtual", action="store_true", help="in virtual time: without waiting, until nothing is left to do"
+    )
+    parser.add_argument("--epochs", metavar="N", type=_count, help="stop after N decisions of the first ensemble")
+    parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
+    return parser
+
+
+def _count(text: str) -> int:
+    try:
+        count = int(text)
+    except ValueError:
+        count = 0
+    if count < 1:
+        raise argparse.ArgumentTypeError(f"a whole number of 1 or more was expected, not {text!r}")
+    return count
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the ensembles; return the exit status."""
+    from mdm.config import load_system  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.runtime import (  # noqa: PLC0415
+        DeadlockError,
+        Runtime,
+        VirtualClock,
+        run as run_program,
+    )
+
+    system = load_system(arguments.file)
+    first = system.top[0].name
+
+    async def main() -> None:
+        clock = VirtualClock() if arguments.virtual else None
+        async with Runtime(clock=clock, log=arguments.log, debug=arguments.debug) as runtime:
+
+            def count(decision: Decision) -> None:
+                if decision.ensemble == first and decision.epoch >= 0:
+                    seen.append(decision.epoch)
+                    if len(seen) >= arguments.epochs:
+                        runtime.shut_down()
+
+            seen: list[int] = []
+            if arguments.epochs is not None:
+                runtime.decisions.subscribe(count)
+            await runtime.start(system)
+            await runtime.wait()
+
+    try:
+        run_program(main, virtual=arguments.virtual)
+    except DeadlockError:
+        print("mdm run: nothing is left to do: no timer is set and no input can come", file=sys.stderr)
+    return 0

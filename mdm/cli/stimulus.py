@@ -1,0 +1,128 @@
+"""Stimuli: what `mdm trace` reads, a JSON object a line."""
+
+from __future__ import annotations
+
+from typing import IO, TYPE_CHECKING, Any, Literal
+
+import msgspec
+
+from mdm.errors import Error
+from mdm.messages import Observation, State
+
+if TYPE_CHECKING:
+    from mdm.actors import Ensemble
+    from mdm.config import System
+
+__all__ = ["Stimulus", "read_stimuli"]
+
+
+class _Line(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    time: float | None = None
+    observation: int | str | list[int | str | None] | None = None
+    state: int | str | list[int | str] | None = None
+    belief: list[float] | None = None
+    predicates: dict[str, bool | None] | None = None
+    events: list[str] | None = None
+    control: Literal["start", "stop", "reset"] | None = None
+    ensemble: str | None = None
+
+
+class Stimulus:
+    """What happens at one instant, checked against the system that it is for.
+
+    Args:
+        line: What was read.
+        when: Nanoseconds of virtual time.
+        system: The system.
+
+    Raises:
+        Error: If a name or number in it stands for nothing.
+    """
+
+    def __init__(self, line: _Line, when: int, system: System) -> None:
+        self.when = when
+        self._line = line
+        if line.ensemble is not None and line.ensemble not in system.ensembles:
+            raise Error(f"there is no ensemble {line.ensemble!r}; there are {', '.join(system.ensembles)}")
+        self._name = system.top[0].name if line.ensemble is None else line.ensemble
+        ensemble = system.ensembles[self._name]
+        self._state = None if line.state is None else _state(ensemble, line.state)
+        self._observation = None if line.observation is None else _observation(ensemble, line.observation)
+        for name in line.predicates or ():
+            _declared(system, name, "predicate")
+        for name in line.events or ():
+            _declared(system, name, "event")
+
+    def apply(self, system: System) -> None:
+        """Let it happen."""
+        line, ensemble = self._line, system.ensembles[self._name]
+        if line.control is not None:
+            getattr(ensemble, line.control)()
+        if line.predicates is not None or line.events is not None:
+            with system.predicates.batch():
+                for name, value in (line.predicates or {}).items():
+                    system.predicates.sense(name, value)
+                if line.events:
+                    system.predicates.occur(*line.events)
+        now = system.runtime.clock.now()
+        if self._state is not None:
+            ensemble.channel("state", State, retain=True).publish(State(now, *self._state))
+        if line.belief is not None:
+            ensemble.publish_belief(line.belief)
+        if self._observation is not None:
+            ensemble.channel("observation", Observation).publish(Observation(now, *self._observation))
+
+
+def _state(ensemble: Ensemble, given: Any) -> tuple[int, tuple[int, ...]]:
+    policy, model = ensemble.control.policy, ensemble.control.model
+    if policy.input != "state":
+        raise Error("the policy decides on beliefs: give an observation or a belief, not a state")
+    if model is not None:
+        index = model.state_space.index(given)
+        return index, model.state_space.unravel(index)
+    if not isinstance(given, int) or not 0 <= given < policy.num_states:
+        raise Error(f"there is no state {given!r}; the policy's {policy.num_states} states count from 0")
+    return given, (given,)
+
+
+def _observation(ensemble: Ensemble, given: Any) -> tuple[int | None, tuple[int | None, ...], tuple[bool, ...]]:
+    space = getattr(ensemble.control.model, "observation_space", None)
+    if space is None or ensemble.control.policy.input != "belief":
+        raise Error("the policy decides on states: give a state, not an observation")
+    if isinstance(given, list) and None in given:
+        if len(given) != len(space.factors):
+            raise Error(f"an observation has {len(space.factors)} components, not {len(given)}")
+        values = tuple(
+            None if word is None else factor.index(word) for factor, word in zip(space.factors, given, strict=True)
+        )
+        return None, values, tuple(value is not None for value in values)
+    index = space.index(given)
+    return index, space.unravel(index), (True,) * len(space.factors)
+
+
+def _declared(system: System, name: str, kind: Literal["predicate", "event"]) -> None:
+    known = [other for other, other_kind in system.predicates.names.items() if other_kind == kind]
+    if name not in known:
+        raise Error(f"there is no {kind} {name!r}; there are {', '.join(known) or 'none'}")
+
+
+def read_stimuli(stream: IO[bytes], system: System) -> tuple[list[Stimulus], str | None]:
+    """Return the stimuli up to the first wrong line, and what is wrong with that line."""
+    decoder = msgspec.json.Decoder(_Line)
+    stimuli: list[Stimulus] = []
+    when = 0
+    for number, text in enumerate(stream, 1):
+        if not text.strip():
+            continue
+        try:
+            line = decoder.decode(text)
+            if line.time is not None:
+                if not 0 <= line.time < 1e9:
+                    raise Error(f"a time is a number of seconds from 0 on, not {line.time}")
+                if round(line.time * 1e9) < when:
+                    raise Error(f"time goes back from {when / 1e9:g} to {line.time:g} s")
+                when = round(line.time * 1e9)
+            stimuli.append(Stimulus(line, when, system))
+        except (msgspec.MsgspecError, UnicodeDecodeError, Error) as error:
+            return stimuli, f"standard input:{number}: {error}"
+    return stimuli, None

@@ -1,0 +1,145 @@
+"""``mdm trace``: from stimuli on standard input to decisions on standard output, in virtual time.
+
+The same input gives the same bytes. Ways to use it: to see what a policy does, to compare two, to test a model.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import argparse
+
+    from mdm.cli.stimulus import Stimulus
+    from mdm.config import System
+    from mdm.messages import Decision
+    from mdm.runtime import Runtime
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "trace",
+        help="print the decisions that a sequence of stimuli leads to",
+        description=(
+            "Read JSON lines from standard input, one stimulus a line, and print one JSON line a decision. A stimulus "
+            'has any of "time" (seconds), "observation", "state", "belief", "predicates" ({"name": true}), "events" '
+            '(["name"]) and "control" ("start", "stop", "reset").'
+        ),
+        epilog="example: echo '{\"observation\": 0}' | mdm trace --model tiger.pomdp --policy tiger.vf",
+    )
+    parser.add_argument("file", metavar="ENSEMBLE.toml", nargs="?", help="the TOML file; its functions are not called")
+    parser.add_argument("--model", metavar="M", help="a model, in place of a TOML file")
+    parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
+    parser.add_argument(
+        "--drive", metavar="event|RATE", default="event", help="decide on events, or RATE times a second"
+    )
+    parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
+    parser.add_argument("--horizon", metavar="H", type=int, help="decisions in an episode")
+    parser.add_argument(
+        "--on-impossible",
+        choices=("predict", "keep", "reset"),
+        default="predict",
+        help="what becomes of the belief at an observation of probability 0",
+    )
+    parser.add_argument(
+        "--on-no-observation",
+        metavar="predict|repeat|NAME",
+        default="predict",
+        help="what a tick without an observation means",
+    )
+    parser.add_argument("--seed", metavar="S", type=int, help="for the draws of a stochastic policy")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Trace the stimuli; return the exit status."""
+    from mdm.cli.stimulus import read_stimuli  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.errors import Error  # noqa: PLC0415
+    from mdm.runtime import (  # noqa: PLC0415
+        Runtime,
+        VirtualClock,
+        run as run_program,
+    )
+
+    system = _system(arguments)
+    stimuli, problem = read_stimuli(sys.stdin.buffer, system)
+
+    async def main() -> None:
+        async with Runtime(clock=VirtualClock(), log=None) as runtime:
+            runtime.faults.subscribe(lambda fault: print(f"mdm trace: {fault.detail}", file=sys.stderr))
+            runtime.decisions.subscribe(_printer(several=len(system.ensembles) > 1))
+            await runtime.start(system)
+            await _feed(runtime, system, stimuli)
+
+    run_program(main, virtual=True)
+    sys.stdout.flush()
+    if problem is not None:
+        raise Error(problem)
+    return 0
+
+
+def _system(arguments: argparse.Namespace) -> System:
+    from mdm.actors import Ensemble, FixedRate, OnEvent, PredicateManager  # noqa: PLC0415
+    from mdm.config import System, load_system  # noqa: PLC0415
+    from mdm.config.functions import nothing  # noqa: PLC0415
+    from mdm.errors import Error  # noqa: PLC0415
+    from mdm.formats import load_model, load_policy  # noqa: PLC0415
+
+    if (arguments.file is None) == (arguments.policy is None):
+        raise Error("give a TOML file, or --policy and, where it needs one, --model")
+    if arguments.file is not None:
+        return load_system(Path(arguments.file), callbacks=False)
+    model = None if arguments.model is None else load_model(arguments.model)
+    if model is not None and arguments.discount is not None:
+        model = model.with_discount(arguments.discount)
+    policy = load_policy(arguments.policy, model, seed=arguments.seed)
+    count = policy.num_actions if model is None else len(model.action_space.factors[0])
+    try:
+        drive = OnEvent() if arguments.drive == "event" else FixedRate(float(arguments.drive))
+    except ValueError:
+        raise Error(f"--drive is 'event' or a rate in decisions per second, not {arguments.drive!r}") from None
+    ensemble = Ensemble(
+        "ensemble",
+        policy=policy,
+        model=model,
+        actions=dict.fromkeys(range(count), nothing),
+        drive=drive,
+        horizon=arguments.horizon,
+        on_impossible=arguments.on_impossible,
+        on_no_observation=arguments.on_no_observation,
+    )
+    return System(PredicateManager(), {"ensemble": ensemble}, [])
+
+
+async def _feed(runtime: Runtime, system: System, stimuli: list[Stimulus]) -> None:
+    """Apply each stimulus at its time; a tick of that instant comes after it."""
+    for stimulus in stimuli:
+        wait = stimulus.when - runtime.clock.now()
+        if wait > 0:
+            await runtime.clock.sleep(wait / 1e9)
+        stimulus.apply(system)
+    # A timer of the last rank, so that ticks of the last instant still happen.
+    await runtime.clock.sleep(0, rank=2)
+
+
+def _printer(*, several: bool) -> Any:
+    from mdm.cli.report import as_json  # noqa: PLC0415
+
+    def show(decision: Decision) -> None:
+        line: dict[str, Any] = {"ensemble": decision.ensemble} if several else {}
+        line |= {"epoch": decision.epoch, "time": decision.time / 1e9, "cause": decision.cause}
+        for key in ("state", "observation", "belief"):
+            value = getattr(decision, key)
+            if value is not None:
+                line[key] = value
+        line |= {"action": decision.action, "action_name": decision.action_name}
+        if decision.reward is not None:
+            line["reward"] = decision.reward
+        print(as_json(line))
+
+    return show

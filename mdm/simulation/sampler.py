@@ -1,0 +1,77 @@
+"""Sampling from a model: first states, transitions, observations; seeded."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.models import MDP, POMDP
+
+if TYPE_CHECKING:
+    from mdm.models.matrices import Matrix
+
+__all__ = ["Sampler"]
+
+_Row = tuple[list[float], list[int]]
+
+
+class Sampler:
+    """Draws from a model's distributions; the same seed gives the same draws.
+
+    Rows of the model are turned into cumulative lists when they are first drawn from, so that a draw costs a bisection
+    and a large model only the rows that are visited.
+
+    Args:
+        model: The model.
+        seed: Seeds the generator.
+    """
+
+    def __init__(self, model: MDP, seed: int | None = None) -> None:
+        self._model = model
+        self._generator = np.random.default_rng(seed)
+        self._numbers: list[float] = []
+        self._first = _cumulative(model.initial_belief, np.arange(len(model.initial_belief)))
+        self._transitions: dict[tuple[int, int], _Row] = {}
+        self._observations: dict[tuple[int, int], _Row] = {}
+
+    def _draw(self, row: _Row) -> int:
+        if not self._numbers:
+            self._numbers = self._generator.random(4096).tolist()
+        levels, symbols = row
+        return symbols[bisect_right(levels, self._numbers.pop())]
+
+    def first_state(self) -> int:
+        """Draw a state from the initial belief."""
+        return self._draw(self._first)
+
+    def next_state(self, state: int, action: int) -> int:
+        """Draw the state that follows."""
+        row = self._transitions.get((action, state))
+        if row is None:
+            row = self._transitions[action, state] = _row(self._model.transition_matrix(action), state)
+        return self._draw(row)
+
+    def observation(self, action: int, state: int) -> int:
+        """Draw what is observed when ``action`` has led to ``state``."""
+        row = self._observations.get((action, state))
+        if row is None:
+            assert isinstance(self._model, POMDP)
+            row = self._observations[action, state] = _row(self._model.observation_matrix(action), state)
+        return self._draw(row)
+
+
+def _row(matrix: Matrix, index: int) -> _Row:
+    if isinstance(matrix, np.ndarray):
+        return _cumulative(matrix[index], np.arange(matrix.shape[1]))
+    begin, end = matrix.indptr[index], matrix.indptr[index + 1]
+    return _cumulative(matrix.data[begin:end], matrix.indices[begin:end])
+
+
+def _cumulative(probabilities: np.ndarray, symbols: np.ndarray) -> _Row:
+    possible = probabilities > 0
+    levels = np.cumsum(probabilities[possible])
+    # The last level is beyond any draw, so that rounding never draws past the end.
+    levels[-1] = 2.0
+    return levels.tolist(), symbols[possible].tolist()

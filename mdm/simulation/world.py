@@ -1,0 +1,142 @@
+"""The world: an actor that a model drives, which takes an ensemble's actions and gives it states or observations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mdm.actors import Ensemble, FixedRate
+from mdm.errors import ConfigError
+from mdm.messages import Action, Observation, State
+from mdm.models import POMDP
+from mdm.runtime import Actor
+from mdm.simulation.sampler import Sampler
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mdm.actors import StateLayer
+    from mdm.models import MDP
+
+__all__ = ["World"]
+
+
+class World(Actor):
+    """Closes the loop around an ensemble without a robot.
+
+    After each decision it draws the next state and, for a POMDP, an observation, and makes them known: by the sensors
+    of the ensemble's state factors and the events of its observation factors where it has such and code sets them, and
+    as messages on its channels otherwise. Start it before the ensemble.
+
+    Args:
+        ensemble: Whose actions count.
+        model: How the world goes; by default the ensemble's own model.
+        seed: Makes a run reproducible.
+        period: Seconds that an action takes until its outcome shows; 0 shows it in the same turn. A fixed-rate
+            ensemble sees outcomes at its ticks, whatever the period.
+        steps: Decisions in an episode; by default the ensemble's horizon.
+        finished: Called with each episode's discounted return.
+    """
+
+    def __init__(
+        self,
+        ensemble: Ensemble,
+        model: MDP | None = None,
+        *,
+        seed: int | None = None,
+        period: float = 1.0,
+        steps: int | None = None,
+        finished: Callable[[float], object] | None = None,
+        name: str = "world",
+    ) -> None:
+        super().__init__(name)
+        given = ensemble.control.model if model is None else model
+        if given is None:
+            raise ConfigError(f"a world for ensemble {ensemble.name!r} needs a model, but the ensemble has none")
+        if ensemble.control.policy.input == "belief" and not isinstance(given, POMDP):
+            raise ConfigError(f"ensemble {ensemble.name!r} decides on beliefs: its world needs observations")
+        self.ensemble = ensemble
+        self.model: MDP = given
+        self.state = 0
+        self.steps = ensemble.control.horizon if steps is None else steps
+        self._period = 0.0 if isinstance(ensemble.control.drive, FixedRate) else period
+        self._sampler = Sampler(given, seed)
+        self._finished = finished
+        self._rewards: list[list[float]] = given.rewards.tolist()
+        self._return = 0.0
+        self._weight = 1.0
+        self._step = 0
+
+    def on_start(self) -> None:
+        """Listen for actions, and begin in a first state."""
+        path, channel = self.ensemble.path, self.runtime.channel
+        self._states = channel(f"{path}/state", State, retain=True)
+        self._observations = channel(f"{path}/observation", Observation)
+        self.subscribe(channel(f"{path}/action", Action), self._on_action)
+        self._begin_episode()
+        if self.ensemble.control.policy.input == "state":
+            self._show_state(changed=True)
+
+    def _begin_episode(self) -> None:
+        self.state = self._sampler.first_state()
+        self._return = 0.0
+        self._weight = 1.0
+        self._step = 0
+
+    def _on_action(self, action: Action) -> None:
+        self._return += self._weight * self._rewards[self.state][action.index]
+        self._weight *= self.model.discount
+        self._step += 1
+        if self._step == self.steps:
+            if self._finished is not None:
+                self._finished(self._return)
+            self._begin_episode()
+            # The next stimulus begins a new episode; what is observed in it does not count.
+            self._later(lambda: self._show(observation=0, changed=True))
+            return
+        before, self.state = self.state, self._sampler.next_state(self.state, action.index)
+        observation = 0
+        if isinstance(self.model, POMDP):
+            observation = self._sampler.observation(action.index, self.state)
+        self._later(lambda: self._show(observation, changed=self.state != before))
+
+    def _later(self, show: Callable[[], object]) -> None:
+        if self._period > 0:
+            self.call_later(self._period, show)
+        else:
+            show()
+
+    def _show(self, observation: int, *, changed: bool) -> None:
+        if self.ensemble.control.policy.input == "state":
+            self._show_state(changed=changed)
+        else:
+            self._show_observation(observation)
+
+    def _show_state(self, *, changed: bool) -> None:
+        layer = self.ensemble.state
+        values = self.model.state_space.unravel(self.state)
+        if changed and layer is not None and _settable(layer):
+            with layer.predicates.batch():
+                for factor, value in zip(layer.factors, values, strict=True):
+                    if len(factor.predicates) == 1:
+                        layer.predicates.sense(factor.predicates[0], bool(value))
+                    else:
+                        for index, name in enumerate(factor.predicates):
+                            layer.predicates.sense(name, index == value)
+        else:
+            self._states.publish(State(self.runtime.clock.now(), self.state, values))
+
+    def _show_observation(self, index: int) -> None:
+        layer = self.ensemble.observation
+        assert isinstance(self.model, POMDP)
+        values = self.model.observation_space.unravel(index)
+        if layer is not None and len(layer.factors) == len(values):
+            events = [factor.events[value] for factor, value in zip(layer.factors, values, strict=True)]
+            if all(layer.predicates.raises(event) for event in events):
+                layer.predicates.occur(*events)
+                return
+        mask = (True,) * len(values)
+        self._observations.publish(Observation(self.runtime.clock.now(), index, values, mask))
+
+
+def _settable(layer: StateLayer) -> bool:
+    return all(layer.predicates.senses(name) for factor in layer.factors for name in factor.predicates)

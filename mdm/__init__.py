@@ -17,6 +17,7 @@ from mdm.actors import (
     StateLayer,
     bind,
 )
+from mdm.config import System, load_system
 from mdm.errors import ConfigError, Error, FormatError, ModelError, ModelWarning
 from mdm.formats import load_model, load_policy, load_rewards
 from mdm.logic import Formula, P, parse
@@ -35,6 +36,7 @@ from mdm.runtime import (
     WallClock,
     run,
 )
+from mdm.simulation import SimulationResult, World, simulate
 
 __all__ = [
     "MDP",
@@ -71,20 +73,23 @@ __all__ = [
     "Restart",
     "Runtime",
     "Sensor",
+    "SimulationResult",
     "Space",
     "StateFactor",
     "StateLayer",
     "StochasticPolicy",
+    "System",
     "Tracker",
     "VirtualClock",
     "VirtualEventLoop",
     "WallClock",
+    "World",
     "bind",
     "load_model",
     "load_policy",
     "load_rewards",
+    "load_system",
     "parse",
     "run",
+    "simulate",
 ]
-
-__version__ = "0.1.0"

@@ -161,7 +161,10 @@ class ActionLayer(Layer):
         if current is None:
             self._begin_life(name, binding, action)
         elif current.binding is binding and current.ending is None and binding.on_repeat == "continue":
-            self._pending = None
+            # A running task goes on. But where its own last step (an event that it raises on arrival) led to this
+            # decision, it is about to end, and what was decided is to do it once more.
+            own = current.work is not None and current.work.is_calling
+            self._pending = (name, binding, action) if own else None
         else:
             if self._pending is not None:
                 self.skipped += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -26,13 +27,11 @@ class Work:
     __slots__ = ("_ended", "abandoned", "name", "task")
 
     def __init__(self, awaitable: Awaitable[Any], name: str, ended: Callable[[Work], object]) -> None:
-        async def body() -> Any:
-            return await awaitable
-
         self.name = name
         self.abandoned = False
         self._ended = ended
-        self.task: asyncio.Task[Any] = asyncio.get_running_loop().create_task(body(), name=name)
+        coroutine = awaitable if inspect.iscoroutine(awaitable) else _wait_for(awaitable)
+        self.task: asyncio.Task[Any] = asyncio.get_running_loop().create_task(coroutine, name=name)
         self.task.add_done_callback(self._done)
 
     def _done(self, task: asyncio.Task[Any]) -> None:
@@ -40,9 +39,17 @@ class Work:
             task.exception()  # looked at here, so that asyncio does not report it a second time
         self._ended(self)
 
+    @property
+    def is_calling(self) -> bool:
+        """Whether it is its own code that runs now, so that the caller is part of what it does."""
+        return asyncio.current_task() is self.task
+
     def cancel(self) -> None:
-        """Ask it to end."""
-        self.task.cancel()
+        """Ask it to end; where its own code brought this about, after its present step, which may be its last."""
+        if self.is_calling:
+            asyncio.get_running_loop().call_soon(self.task.cancel)
+        else:
+            self.task.cancel()
 
     @property
     def done(self) -> bool:
@@ -65,6 +72,10 @@ class Work:
     def result(self) -> Any:
         """What it returned, if it has ended and did."""
         return self.task.result() if self.task.done() and not self.task.cancelled() and not self.error else None
+
+
+async def _wait_for(awaitable: Awaitable[Any]) -> Any:
+    return await awaitable
 
 
 async def wait_all(work: Iterable[Work], seconds: float) -> None:

@@ -73,6 +73,7 @@ class ActionLayer(Layer):
         self.skipped = 0
         self._component = component
         self._latencies = Latencies()
+        self._record = self._latencies.record
         self._current: _Life | None = None
         self._pending: tuple[str, Binding, Action] | None = None
         self._beside: dict[str, _Life] = {}
@@ -146,7 +147,29 @@ class ActionLayer(Layer):
             self.skipped += 1
             return
         index = action.index if self._component is None else self._component(action.index)
-        self._choose(self.names[index], self.bindings[index], action)
+        binding = self.bindings[index]
+        if binding.plain and self._current is None and not binding.concurrent and not self._lives.heard:
+            self._call(self.names[index], binding, action)
+        else:
+            self._choose(self.names[index], binding, action)
+
+    def _call(self, name: str, binding: Binding, action: Action) -> None:
+        """Call a plain function while nothing lives and nobody listens to lives. Hot path."""
+        self.started += 1
+        self._record(self._now() - action.time)
+        try:
+            result = binding.function(action) if binding.takes_action else binding.function()
+        except Exception as error:
+            self._end_life(_Life(self.started, name, binding, action), "failed", describe(error))
+            return
+        if result is not None and inspect.isawaitable(result):
+            life = _Life(self.started, name, binding, action)
+            self._keep(life)
+            life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=name)
+            return
+        self.ended["succeeded"] = self.ended.get("succeeded", 0) + 1
+        if self.predicates is not None and self.predicates.action_ends:
+            self._raise_end(name, "succeeded")
 
     def _choose(self, name: str, binding: Binding, action: Action) -> None:
         if binding.concurrent:
@@ -189,9 +212,9 @@ class ActionLayer(Layer):
             ensemble.start(resume=binding.resume)
             return
         if action.epoch >= 0:
-            self._latencies.record(self._now() - action.time)
+            self._record(self._now() - action.time)
         try:
-            result = binding.call(action)
+            result = binding.function(action) if binding.takes_action else binding.function()
         except Exception as error:
             self._end_life(life, "failed", describe(error))
             return
@@ -261,9 +284,12 @@ class ActionLayer(Layer):
         if self._lives.heard:
             self._tell(life, status, detail)
         if self.predicates is not None and self.predicates.action_ends:
-            event = f"{life.name}.{status}"
-            if event in self.predicates.action_ends:
-                self.predicates.occur(event)
+            self._raise_end(life.name, status)
+
+    def _raise_end(self, name: str, status: ActionStatus) -> None:
+        event = f"{name}.{status}"
+        if self.predicates is not None and event in self.predicates.action_ends:
+            self.predicates.occur(event)
 
     def _tell(self, life: _Life, status: ActionStatus, detail: str = "") -> None:
         self._lives.publish(ActionLife(self._now(), self._path, life.number, life.name, status, detail))

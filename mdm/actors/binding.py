@@ -10,7 +10,6 @@ from mdm.errors import ConfigError
 
 if TYPE_CHECKING:
     from mdm.actors.ensemble import Ensemble
-    from mdm.messages import Action
 
 __all__ = ["Binding", "Callback", "bind"]
 
@@ -31,7 +30,18 @@ class Binding:
         concurrent: The action neither ends the running one nor is ended by the next.
     """
 
-    __slots__ = ("call", "concurrent", "ensemble", "grace", "on_repeat", "plain", "resume", "target", "timeout")
+    __slots__ = (
+        "concurrent",
+        "ensemble",
+        "function",
+        "grace",
+        "on_repeat",
+        "plain",
+        "resume",
+        "takes_action",
+        "target",
+        "timeout",
+    )
 
     def __init__(
         self,
@@ -55,12 +65,13 @@ class Binding:
         self.resume = resume
         self.concurrent = concurrent
         self.ensemble: Ensemble | None = None
-        self.call: Callable[[Action], Any]
+        self.function: Callable[..., Any] = _no_call
+        self.takes_action = False
         if callable(target):
-            self.call = _with_argument(target)
+            self.function = target
+            self.takes_action = _takes_action(target)
         elif hasattr(target, "when_idle"):
             self.ensemble = target
-            self.call = _no_call
         else:
             raise ConfigError(f"an action's target is a function or an ensemble, not {target!r}")
         self.plain = self.ensemble is None and not _is_async(target)
@@ -71,7 +82,7 @@ def bind(target: Callback | Ensemble, **options: Any) -> Binding:
     return Binding(target, **options)
 
 
-def _no_call(_: Action) -> None:
+def _no_call() -> None:
     return None
 
 
@@ -79,12 +90,12 @@ def _is_async(target: object) -> bool:
     return inspect.iscoroutinefunction(target) or inspect.iscoroutinefunction(getattr(target, "__call__", None))  # noqa: B004
 
 
-def _with_argument(function: Callback) -> Callable[[Action], Any]:
-    """Return the function as one of the action message, whether it takes it or not."""
+def _takes_action(function: Callback) -> bool:
+    """Whether a function is to be called with the action message."""
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):  # a builtin without a signature takes nothing
-        return lambda _: function()
+        return False
     required = [
         parameter
         for parameter in parameters
@@ -97,6 +108,4 @@ def _with_argument(function: Callback) -> Callable[[Action], Any]:
         raise ConfigError(
             f"an action's function takes no argument or the Action message, but {function!r} asks for {names}"
         )
-    if required or any(parameter.kind is parameter.VAR_POSITIONAL for parameter in parameters):
-        return function
-    return lambda _: function()
+    return bool(required) or any(parameter.kind is parameter.VAR_POSITIONAL for parameter in parameters)

@@ -92,6 +92,7 @@ class ControlLayer(Layer):
         self._horizon = sys.maxsize if horizon is None else horizon
         self._event_driven = isinstance(self.drive, OnEvent)
         self._latencies = Latencies()
+        self._record = self._latencies.record
         self._state: int | None = None
         self._observation: Observation | None = None
         self._last_observation: int | tuple[int | None, ...] | None = None
@@ -376,7 +377,7 @@ class ControlLayer(Layer):
         latency = self._now() - time
         if self._deadline_ns is None or latency <= self._deadline_ns or not self._late(latency, time):
             self._actions.publish(Action(time, epoch, action))
-        self._latencies.record(latency)
+        self._record(latency)
         if reward is not None:
             self._reward_channel.publish(Reward(time, epoch, reward))
         if belief is not None:

@@ -59,6 +59,7 @@ class PredicateManager(Actor):
         self._batches: dict[int, tuple[dict[str, bool | None], list[str]]] = {}
         self._early: dict[str, bool | None] = {}
         self._known: frozenset[str] = frozenset()
+        self._senses: Callable[[SensorUpdate], None] | None = None
         self.action_ends: frozenset[str] = frozenset()
         self._first_events: EventUpdate | None = None
 
@@ -251,8 +252,10 @@ class PredicateManager(Actor):
         """Take a sensor's value; `Sensor.set` calls this. From any thread."""
         if self._batches and (batch := self._batches.get(get_ident())) is not None:
             batch[0][name] = value
-        else:
+        elif self._senses is None:
             self._input(((name, value),), ())
+        else:
+            self._senses(SensorUpdate(self._now(), ((name, value),)))
 
     def occur(self, *events: str) -> None:
         """Raise events, together; `EventSource.fire` calls this. From any thread."""
@@ -281,6 +284,7 @@ class PredicateManager(Actor):
         self.updates = self.channel("updates", PredicateUpdate)
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
+        self._now = self.runtime.clock.now
         self._network = self.network()
         first = self._network.compile()
         self._known = frozenset(self._network.names)
@@ -303,6 +307,7 @@ class PredicateManager(Actor):
         self._counter = 1
         self.updates.publish(PredicateUpdate(now, 1, first.rising, first.falling, unknown))
         self.subscribe(self.sensed, self._sensed)
+        self._senses = self.sensed.publish
         for name, place, when in self._groundings:
             channel = self.runtime.channel(*place) if isinstance(place, tuple) else place
             self.subscribe(channel, self._grounding(name, when))
@@ -323,24 +328,24 @@ class PredicateManager(Actor):
                     self._seen[name] = update.time
                     if value is not None and name not in self._age_timers:
                         self._watch(name)
-        if change:
+        if change is not None:
             self._publish(update.time, change)
 
     def _publish(self, time: int, change: Change) -> None:
-        rising, falling, unknown = change.rising, change.falling, change.unknown
-        if change.armed or change.disarmed:
-            for name in change.disarmed:
+        rising, falling, unknown, events, armed, disarmed = change
+        if armed or disarmed:
+            for name in disarmed:
                 self._hold_timers.pop(name).cancel()
-            for name in change.armed:
+            for name in armed:
                 self._arm(name, time)
         if rising or falling or unknown:
             self._counter = counter = self._counter + 1
             self.updates.publish(PredicateUpdate(time, counter, rising, falling, unknown))
             if self.map.heard:
                 self.map.publish(PredicateMap(time, counter, self._network.values()))
-        if change.events:
+        if events:
             self._event_counter = counter = self._event_counter + 1
-            self.events.publish(EventUpdate(time, counter, change.events))
+            self.events.publish(EventUpdate(time, counter, events))
 
     def _arm(self, name: str, since: int) -> None:
         def held() -> None:

@@ -47,16 +47,17 @@ class StateFactor:
 
 
 class _Value:
-    """The present value of a factor, from the truth of its predicates as bit masks."""
+    """What is known of a factor: the truth of its predicates, as bit masks."""
 
-    __slots__ = ("factor", "false", "stride", "true", "unknown", "value", "violated")
+    __slots__ = ("binary", "factor", "position", "stride", "true", "unknown", "violated")
 
-    def __init__(self, factor: StateFactor, stride: int) -> None:
+    def __init__(self, factor: StateFactor, position: int, stride: int) -> None:
         self.factor = factor
+        self.binary = len(factor.predicates) == 1
+        self.position = position
         self.stride = stride
         self.true = 0
         self.unknown = (1 << len(factor.predicates)) - 1
-        self.value: int | None = None
         self.violated = 0
 
 
@@ -87,7 +88,8 @@ class StateLayer(Layer):
         self.violations = 0
         self._values: tuple[_Value, ...] = ()
         self._slots: dict[str, tuple[tuple[_Value, int], ...]] = {}
-        self._index: int | None = None
+        self._digits: list[int | None] = []
+        self._index = 0
         self._known = False
 
     def problems(self) -> Iterator[ConfigError]:
@@ -111,14 +113,15 @@ class StateLayer(Layer):
         for problem in self.problems():
             raise problem
         self._published = self.owner.channel("state", State, retain=True)
-        self._index = None
+        self._index = 0
         self._known = False
         values: list[_Value] = []
         stride = 1
-        for factor in reversed(self.factors):
-            values.insert(0, _Value(factor, stride))
+        for position, factor in reversed(list(enumerate(self.factors))):
+            values.insert(0, _Value(factor, position, stride))
             stride *= factor.size
         self._values = tuple(values)
+        self._digits = [None] * len(values)
         slots: dict[str, list[tuple[_Value, int]]] = {}
         for value in self._values:
             for position, predicate in enumerate(value.factor.predicates):
@@ -137,33 +140,53 @@ class StateLayer(Layer):
         )
 
     def _update(self, update: PredicateUpdate) -> None:
-        """Hot path: about 1 µs for one predicate of a binary factor."""
+        """Hot path: about 0.7 µs for one predicate of a binary factor."""
         slots = self._slots
-        touched: dict[_Value, None] = {}
-        for names, true, unknown in ((update.rising, -1, 0), (update.falling, 0, 0), (update.unknown, 0, -1)):
-            for name in names:
-                for value, bit in slots.get(name, ()):
-                    value.true = value.true & ~bit | true & bit
-                    value.unknown = value.unknown & ~bit | unknown & bit
-                    touched[value] = None
-        if not touched:
-            return
+        touched: list[_Value] = []
+        for name in update.rising:
+            if name in slots:
+                for value, bit in slots[name]:
+                    value.true |= bit
+                    value.unknown &= ~bit
+                    touched.append(value)
+        for name in update.falling:
+            if name in slots:
+                for value, bit in slots[name]:
+                    value.true &= ~bit
+                    value.unknown &= ~bit
+                    touched.append(value)
+        if update.unknown:
+            touched += self._forget(update.unknown)
+        if touched:
+            self._publish(touched, update.time)
+
+    def _forget(self, names: tuple[str, ...]) -> list[_Value]:
+        """Take predicates as unknown; return the factors that this concerns."""
+        places = [place for name in names for place in self._slots.get(name, ())]
+        for value, bit in places:
+            value.true &= ~bit
+            value.unknown |= bit
+        return [value for value, _ in places]
+
+    def _publish(self, touched: list[_Value], time: int) -> None:
+        digits = self._digits
+        index = self._index
         for value in touched:
-            value.value = self._evaluate(value, update.time)
-        index = 0
-        for value in self._values:
-            if value.value is None:
-                self._lost(update.time)
-                return
-            index += value.value * value.stride
-        if index != self._index:
+            new = value.true if value.binary and not value.unknown else self._evaluate(value, time)
+            old = digits[value.position]
+            if new != old:
+                digits[value.position] = new
+                index += ((new or 0) - (old or 0)) * value.stride
+        if None in digits:
+            self._lost(time)
+        elif index != self._index or not self._known:
             self._index = index
             self._known = True
-            self._published.publish(State(update.time, index, tuple([value.value for value in self._values])))
+            self._published.publish(State(time, index, tuple(digits)))
 
     def _evaluate(self, value: _Value, time: int) -> int | None:
         true, factor = value.true, value.factor
-        if len(factor.predicates) == 1:
+        if value.binary:
             return None if value.unknown else true
         if true and not true & (true - 1):
             value.violated = 0
@@ -177,7 +200,7 @@ class StateLayer(Layer):
             self._violation(factor, true, time)
         if true and factor.on_violation in {None, "first"}:
             return (true & -true).bit_length() - 1
-        return value.value
+        return self._digits[value.position]
 
     def _violation(self, factor: StateFactor, true: int, time: int) -> None:
         self.violations += 1
@@ -190,10 +213,11 @@ class StateLayer(Layer):
         self.report("violation", f"{text}; {took}", time=time)
 
     def _lost(self, time: int) -> None:
+        # The index goes on counting unknown factors as 0, so that it can be kept up by differences.
+        self._index = sum((digit or 0) * value.stride for digit, value in zip(self._digits, self._values, strict=True))
         if self._known:
             self._known = False
-            self._index = None
-            self._published.publish(State(time, None, tuple(value.value for value in self._values)))
+            self._published.publish(State(time, None, tuple(self._digits)))
 
 
 def _mismatches(factors: tuple[StateFactor, ...], space: Space, path: str) -> Iterator[ConfigError]:

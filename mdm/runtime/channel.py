@@ -76,6 +76,7 @@ class Channel(Generic[T]):
         "_subscriptions",
         "_unheard",
         "dropped",
+        "heard",
         "last",
         "name",
         "published",
@@ -98,6 +99,8 @@ class Channel(Generic[T]):
         self.last: T | None = None
         self.published = 0
         self.dropped = 0
+        # Whether anybody listens, so that a costly message need not be made for nobody.
+        self.heard = False
         self._unheard = 0
         self._dispatcher = dispatcher
         self._owner = owner
@@ -132,15 +135,11 @@ class Channel(Generic[T]):
         elif not self._streams:
             self._unheard += 1
 
-    @property
-    def heard(self) -> bool:
-        """Whether anybody listens, so that a costly message need not be made for nobody."""
-        return bool(self._subscriptions)
-
     def subscribe(self, handler: Callable[[T], object], actor: Actor | None = None) -> Subscription[T]:
         """Call ``handler`` with each message from now on, and with the retained one at once."""
         subscription = Subscription(self, actor or self._owner, handler)
         self._subscriptions = (*self._subscriptions, subscription)
+        self.heard = True
         retained = self.last if self._snapshot is None else self._snapshot()
         if retained is not None:
             self._dispatcher.deliver(subscription, retained)
@@ -153,6 +152,7 @@ class Channel(Generic[T]):
     def remove(self, subscription: Subscription[T]) -> None:
         """Forget a subscription; `Subscription.cancel` calls this."""
         self._subscriptions = tuple(other for other in self._subscriptions if other is not subscription)
+        self.heard = bool(self._subscriptions)
 
     def stream(
         self, *, capacity: int = 64, overflow: Literal["drop_oldest", "drop_newest", "error"] = "drop_oldest"

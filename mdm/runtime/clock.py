@@ -12,6 +12,7 @@ import heapq
 import time
 from abc import ABC, abstractmethod
 from itertools import count
+from time import monotonic_ns
 from typing import TYPE_CHECKING
 
 from mdm.runtime import timerfd
@@ -154,7 +155,7 @@ class WallClock(Clock):
 
     def now(self) -> int:
         """Return nanoseconds since 1970."""
-        return time.monotonic_ns() + self._offset
+        return monotonic_ns() + self._offset
 
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
         """Serve timers on this event loop, through a ``timerfd`` where the platform has one."""

@@ -1,0 +1,110 @@
+"""Tools for tests of programs that use the library: virtual time, probes, and ways to disturb an actor."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from mdm.errors import Error
+from mdm.runtime import Runtime, VirtualClock, run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Iterator
+
+    from mdm.messages import Decision
+    from mdm.runtime import Actor, Channel
+
+__all__ = ["block", "capture_decisions", "crash", "delay", "probe", "run_virtual"]
+
+T = TypeVar("T")
+
+
+def run_virtual(main: Callable[[Runtime], Coroutine[Any, Any, T]], **options: Any) -> T:
+    """Run a coroutine function in virtual time with a runtime of its own, and return what it returns.
+
+    Args:
+        main: Called with the runtime, inside its block.
+        options: For `Runtime`; the log is silent by default.
+    """
+
+    async def program() -> T:
+        async with Runtime(clock=VirtualClock(), **{"log": None, **options}) as runtime:
+            return await main(runtime)
+
+    return run(program, virtual=True)
+
+
+def probe(channel: Channel[T]) -> list[T]:
+    """Return a list that grows by each message of a channel, the retained one first."""
+    messages: list[T] = []
+    channel.subscribe(messages.append)
+    return messages
+
+
+@contextmanager
+def capture_decisions(runtime: Runtime) -> Iterator[list[Decision]]:
+    """Collect all decisions that are made inside the block."""
+    decisions: list[Decision] = []
+    subscription = runtime.decisions.subscribe(decisions.append)
+    try:
+        yield decisions
+    finally:
+        subscription.cancel()
+
+
+def crash(actor: Actor, error: Exception | None = None) -> None:
+    """Let an actor fail, as if one of its handlers had raised."""
+    actor.fail(Error(f"actor {actor.path!r} was made to crash") if error is None else error)
+
+
+@contextmanager
+def block(actor: Actor) -> Iterator[list[Any]]:
+    """Hold back an actor's messages inside the block; they reach it, in order, when the block is left.
+
+    Yields the list of messages held back.
+    """
+    held: list[Any] = []
+    waiting: list[tuple[Callable[[Any], object], Any]] = []
+
+    def hold(handler: Callable[[Any], object], message: Any) -> None:
+        held.append(message)
+        waiting.append((handler, message))
+
+    with _intercepted(actor, hold):
+        yield held
+    for handler, message in waiting:
+        actor.call_later(0, _call(handler, message))
+
+
+@contextmanager
+def delay(actor: Actor, seconds: float) -> Iterator[None]:
+    """Let an actor's messages reach it that much later, by the runtime's clock, inside the block."""
+
+    def later(handler: Callable[[Any], object], message: Any) -> None:
+        actor.call_later(seconds, _call(handler, message))
+
+    with _intercepted(actor, later):
+        yield
+
+
+def _call(handler: Callable[[Any], object], message: Any) -> Callable[[], object]:
+    return lambda: handler(message)
+
+
+@contextmanager
+def _intercepted(actor: Actor, take: Callable[[Callable[[Any], object], Any], None]) -> Iterator[None]:
+    originals = [(subscription, subscription.handler) for subscription in actor.subscriptions]
+    for subscription, handler in originals:
+        subscription.handler = _intercept(take, handler)
+    try:
+        yield
+    finally:
+        for subscription, handler in originals:
+            if subscription in actor.subscriptions:
+                subscription.handler = handler
+
+
+def _intercept(
+    take: Callable[[Callable[[Any], object], Any], None], handler: Callable[[Any], object]
+) -> Callable[[Any], None]:
+    return lambda message: take(handler, message)

@@ -27,9 +27,8 @@ def open_right() -> None:
 def show(decision: Decision) -> None:
     """Print what was believed and done."""
     assert decision.belief is not None
-    print(
-        f"{decision.time / 1e9:4.1f} s  tiger left {decision.belief[0]:6.1%}  {decision.action_name:10}  {decision.reward:7.2f}"
-    )
+    left, reward = decision.belief[0], decision.reward
+    print(f"{decision.time / 1e9:4.1f} s  tiger left {left:6.1%}  {decision.action_name:10}  {reward:7.2f}")
 
 
 async def main() -> None:

@@ -29,7 +29,8 @@ def run_virtual(main: Callable[[Runtime], Coroutine[Any, Any, T]], **options: An
 
     async def program() -> T:
         async with Runtime(clock=VirtualClock(), **{"log": None, **options}) as runtime:
-            return await main(runtime)
+            result = await main(runtime)
+        return result
 
     return run(program, virtual=True)
 

@@ -131,6 +131,11 @@ class Actor:
             self.children.remove(child)
             child.parent = None
 
+    @property
+    def subscriptions(self) -> tuple[Subscription[Any], ...]:
+        """Its subscriptions, in the order of their making."""
+        return tuple(self._subscriptions)
+
     # -- Services ------------------------------------------------------------------------------------------------
 
     def channel(self, name: str, type: type[T], *, retain: bool = False) -> Channel[T]:  # noqa: A002

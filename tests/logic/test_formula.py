@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+from itertools import product
+
+import pytest
+from hypothesis import given, strategies as st
+
+from mdm.logic import Formula, P, parse
+from mdm.logic.formula import Constant
+
+VALUES = (True, False, None)
+
+names = st.sampled_from(
+    ["a", "b", "IsMoving", "robot2/IsMoving", "Patrol.succeeded", "and", "person is waiting", 'say "x"']
+)
+formulas = st.recursive(
+    st.builds(P, names) | st.builds(Constant, st.booleans()),
+    lambda inner: st.one_of(
+        inner.map(lambda f: ~f),
+        st.tuples(inner, inner).map(lambda pair: pair[0] & pair[1]),
+        st.tuples(inner, inner).map(lambda pair: pair[0] | pair[1]),
+        st.tuples(inner, inner).map(lambda pair: pair[0] ^ pair[1]),
+        st.tuples(inner, inner).map(lambda pair: pair[0] >> pair[1]),
+    ),
+    max_leaves=12,
+)
+
+
+def possible(value: bool | None) -> tuple[bool, ...]:
+    return (True, False) if value is None else (value,)
+
+
+@pytest.mark.parametrize(
+    ("formula", "classical"),
+    [
+        (P("a") & P("b"), lambda a, b: a and b),
+        (P("a") | P("b"), lambda a, b: a or b),
+        (P("a") ^ P("b"), lambda a, b: a != b),
+        (P("a") >> P("b"), lambda a, b: not a or b),
+    ],
+)
+def test_connectives_are_unknown_exactly_where_the_unknowns_decide(formula, classical):
+    for a, b in product(VALUES, VALUES):
+        outcomes = {classical(x, y) for x in possible(a) for y in possible(b)}
+        expected = outcomes.pop() if len(outcomes) == 1 else None
+        assert formula.evaluate({"a": a, "b": b}) is expected
+
+
+def test_negation():
+    assert [(~P("a")).evaluate({"a": value}) for value in VALUES] == [False, True, None]
+
+
+@given(formulas)
+def test_text_reads_back(formula: Formula):
+    assert parse(str(formula)) == formula
+    assert hash(parse(str(formula))) == hash(formula)
+
+
+@given(formulas)
+def test_names(formula: Formula):
+    used = formula.names
+    formula.evaluate(dict.fromkeys(used))
+    for name in used:
+        with pytest.raises(KeyError):
+            formula.evaluate(dict.fromkeys(used - {name}))
+
+
+def test_python_operators_take_plain_booleans():
+    assert (P("a") & True) == parse("a and true")
+    assert (False | P("a")) == parse("false or a")
+    assert (True >> P("a")) == parse("true implies a")
+
+
+def test_truth_value_is_refused():
+    with pytest.raises(TypeError, match="join formulas by &"):
+        bool(P("a") and P("b"))
+
+
+def test_other_operands_are_refused():
+    with pytest.raises(TypeError, match="'b'"):
+        P("a") & "b"

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from scipy import sparse
+
+from mdm.errors import ModelError, ModelWarning
+from mdm.models import MDP, POMDP
+
+IDENTITY = [np.eye(2), np.eye(2)]
+REWARDS = [[0.0, 1.0], [2.0, 3.0]]
+
+
+@given(st.integers(1, 6), st.integers(1, 3), st.integers(0, 2**32 - 1))
+def test_dense_and_sparse_hold_the_same_numbers(states, actions, seed):
+    random = np.random.default_rng(seed)
+    transitions = random.random((actions, states, states)) * (random.random((actions, states, states)) < 0.6)
+    transitions[:, :, 0] += 1e-3
+    transitions /= transitions.sum(axis=2, keepdims=True)
+    rewards = random.normal(size=(states, actions))
+    dense = MDP(transitions, rewards, discount=0.9, sparse=False)
+    thin = MDP([sparse.csr_array(t) for t in transitions], rewards, discount=0.9, sparse=True)
+    assert not dense.is_sparse
+    assert thin.is_sparse
+    for action in range(actions):
+        np.testing.assert_allclose(thin.transition_matrix(action).toarray(), dense.transition_matrix(action))
+        np.testing.assert_allclose(dense.transition_matrix(action), transitions[action], atol=1e-12)
+
+
+def test_large_models_are_sparse_unless_told_otherwise():
+    size = 1100
+    model = MDP([sparse.identity(size, format="csr")], np.zeros((size, 1)), discount=0.9)
+    assert model.is_sparse
+    assert not MDP(np.eye(3)[None], np.zeros((3, 1)), discount=0.9).is_sparse
+
+
+def test_names_select_matrices():
+    model = MDP([np.eye(2), np.full((2, 2), 0.5)], REWARDS, discount=1, actions=["stay", "jump"])
+    assert model.transition_matrix("jump")[0, 1] == 0.5
+    assert model.num_agents == 1
+    assert model.kind == "MDP"
+
+
+def test_rows_that_are_almost_right_are_normalised_with_a_warning():
+    with pytest.warns(ModelWarning, match="1 rows of T"):
+        model = MDP([[[0.50001, 0.5], [0, 1]], np.eye(2)], REWARDS, discount=0.9)
+    assert model.transition_matrix(0).sum(axis=1) == pytest.approx([1, 1], abs=1e-15)
+
+
+def test_arrays_cannot_be_changed():
+    model = MDP(IDENTITY, REWARDS, discount=0.9)
+    for array in (model.rewards, model.transition_matrix(0), model.initial_belief):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"transitions": [np.eye(2)]}, "T is given for 1 actions, but the model has 2"),
+        ({"transitions": [np.eye(2), np.eye(3)]}, "T of action '1' is 3x3"),
+        ({"transitions": [np.eye(2), [[0.5, 0.4], [0, 1]]]}, r"T of action '1': the row of '0' sums to 0.9"),
+        ({"transitions": [np.eye(2), [[1.5, -0.5], [0, 1]]]}, r"-0.5 in the row of '0' is no probability"),
+        ({"transitions": [np.eye(2), [[np.nan, 1], [0, 1]]]}, "nan in the row of '0'"),
+        ({"rewards": [[0, np.inf], [0, 0]]}, "reward of action '1' in state '0' is inf"),
+        ({"rewards": [0, 1]}, "states x actions"),
+        ({"discount": 0}, "discount"),
+        ({"discount": 1.01}, "not 1.01"),
+        ({"initial_belief": [0.5, 0.6]}, "the start sums to 1.1"),
+        ({"initial_belief": [1.0]}, "needs 2 numbers"),
+        ({"states": ["a", "b", "c"]}, "3 states"),
+    ],
+)
+def test_wrong_models_are_refused_with_the_culprit(change, message):
+    arguments = {"transitions": IDENTITY, "rewards": REWARDS, "discount": 0.9} | change
+    with pytest.raises(ModelError, match=message):
+        MDP(**arguments)
+
+
+def test_pomdp_checks_its_observations():
+    with pytest.raises(ModelError, match="O of action '1': the row of '1' sums to 0.5"):
+        POMDP(IDENTITY, [np.eye(2), [[1, 0], [0, 0.5]]], REWARDS, discount=0.9)
+    model = POMDP(IDENTITY, [np.eye(2)] * 2, REWARDS, discount=0.9, observation_names=["dark", "bright"])
+    assert model.kind == "POMDP"
+    assert list(model.observation_space.names) == ["dark", "bright"]
+
+
+def test_another_discount_leaves_the_model_as_it_was():
+    model = MDP(IDENTITY, REWARDS, discount=0.9)
+    assert (model.with_discount(0.5).discount, model.discount) == (0.5, 0.9)
+    with pytest.raises(ModelError, match="discount"):
+        model.with_discount(2)

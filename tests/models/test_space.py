@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from mdm.errors import ModelError
+from mdm.models import Factor, Space
+
+shapes = st.lists(st.integers(1, 5), min_size=1, max_size=4)
+
+
+def space_of(shape):
+    return Space(Factor(f"f{i}", size, prefix="x") for i, size in enumerate(shape))
+
+
+@given(shapes, st.data())
+def test_ravel_and_unravel_are_those_of_numpy(shape, data):
+    space = space_of(shape)
+    components = tuple(data.draw(st.integers(0, size - 1)) for size in shape)
+    index = int(np.ravel_multi_index(components, shape))
+    assert space.ravel(components) == index
+    assert space.unravel(index) == components
+    assert len(space) == np.prod(shape)
+
+
+@given(shapes)
+def test_every_name_leads_back_to_its_index(shape):
+    space = space_of(shape)
+    assert [space.index(name) for name in space.names] == list(range(len(space)))
+    assert [space.index(space.names[i].split()) for i in range(len(space))] == list(range(len(space)))
+    assert len(set(space.names)) == len(space)
+
+
+def test_a_huge_joint_space_costs_no_more_than_its_factors():
+    space = Space(Factor(f"f{i}", 1000) for i in range(4))
+    assert len(space) == 10**12
+    assert space.names[10**12 - 1] == "999 999 999 999"
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda s: s.index("lisen hear"), r"'first' has no symbol 'lisen'; did you mean 'listen'"),
+        (lambda s: s.index("listen"), "a word for each of first, second"),
+        (lambda s: s.index(4), "no symbol 4; the 4 symbols count from 0"),
+        (lambda s: s.index(-1), "no symbol -1"),
+        (lambda s: s.unravel(4), "no symbol 4"),
+        (lambda s: s.ravel((0, 2)), "'second' has no symbol 2"),
+        (lambda s: s.ravel((0,)), "2 components, not 1"),
+    ],
+)
+def test_wrong_symbols_are_named(call, message):
+    space = Space([Factor("first", ["listen", "open"]), Factor("second", ["hear", "nothing"])])
+    with pytest.raises(ModelError, match=message):
+        call(space)
+
+
+def test_names_must_differ():
+    with pytest.raises(ModelError, match="'a' twice"):
+        Factor("agent", ["a", "b", "a"])
+
+
+def test_an_index_may_stand_for_a_name():
+    assert Space.single("state", ["left", "right"]).index("1") == 1

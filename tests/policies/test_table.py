@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from mdm.errors import ModelError
+from mdm.policies import DeterministicPolicy, QTable, StochasticPolicy
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 4))
+def test_a_q_table_takes_the_first_of_the_best(seed, states, actions):
+    values = np.random.default_rng(seed).integers(0, 3, size=(states, actions)).astype(float)
+    policy = QTable(values)
+    for state in range(states):
+        best = max(values[state])
+        assert policy.action(state) == list(values[state]).index(best)
+        assert policy.value(state) == best
+
+
+def test_a_stochastic_policy_draws_by_its_probabilities_and_is_reproducible():
+    probabilities = [[0.2, 1.0], [0.5, 0.0], [0.3, 0.0]]
+    first, second = (StochasticPolicy(probabilities, seed=5) for _ in range(2))
+    draws = [first.action(0) for _ in range(20_000)]
+    assert draws == [second.action(0) for _ in range(20_000)]
+    np.testing.assert_allclose(np.bincount(draws) / len(draws), [0.2, 0.5, 0.3], atol=0.02)
+    assert {first.action(1) for _ in range(100)} == {0}
+    first.seed(5)
+    assert [first.action(0) for _ in range(10)] == draws[:10]
+
+
+@pytest.mark.parametrize(
+    ("policy", "states"),
+    [(DeterministicPolicy([0, 1]), 2), (QTable([[0, 1]]), 1), (StochasticPolicy([[1, 1, 1]]), 3)],
+)
+def test_a_state_beyond_the_policy_is_named(policy, states):
+    for state in (states, -1):
+        with pytest.raises(ModelError, match=f"no state {state}; the policy is for {states} states"):
+            policy.action(state)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: DeterministicPolicy([]), "at least one state"),
+        (lambda: DeterministicPolicy([0, 2], 2), "entry for state 1 is 2, but its actions are 0 to 1"),
+        (lambda: DeterministicPolicy([-1]), "state 0 is -1"),
+        (lambda: StochasticPolicy([[0.5, 0.5], [0.5, 0.9]]), "state 1 are no distribution: 0.5, 0.9 sum to 1.4"),
+        (lambda: StochasticPolicy([[1.5], [-0.5]]), "state 0"),
+        (lambda: StochasticPolicy([1.0]), "actions x states"),
+        (lambda: QTable([[0, np.nan]]), "action 1 in state 0 is NaN"),
+        (lambda: QTable([]), "states x actions"),
+    ],
+)
+def test_wrong_tables_are_refused(make, message):
+    with pytest.raises(ModelError, match=message):
+        make()
+
+
+def test_values_that_are_not_known_are_not_made_up():
+    with pytest.raises(ModelError, match="holds no values"):
+        DeterministicPolicy([0]).value(0)

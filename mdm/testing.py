@@ -26,11 +26,12 @@ def run_virtual(main: Callable[[Runtime], Coroutine[Any, Any, T]], **options: An
         main: Called with the runtime, inside its block.
         options: For `Runtime`; the log is silent by default.
     """
+    results: list[T] = []
 
     async def program() -> T:
         async with Runtime(clock=VirtualClock(), **{"log": None, **options}) as runtime:
-            result = await main(runtime)
-        return result
+            results.append(await main(runtime))
+        return results[0]
 
     return run(program, virtual=True)
 

@@ -264,7 +264,8 @@ class Statements:
         if len(values) < count:
             expected = f"{count} numbers ({' x '.join(map(str, shape))})" if shape else "a number"
             self.fail(
-                at + len(values), f"{expected} for this {kind!r} statement expected, but only {len(values)} given"
+                at + max(len(values) - 1, 0),
+                f"{expected} for this {kind!r} statement expected, but only {len(values)} given",
             )
         for offset, value in enumerate(values):
             if not math.isfinite(value) or (kind != "R" and value < 0):

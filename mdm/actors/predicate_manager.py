@@ -335,7 +335,9 @@ class PredicateManager(Actor):
         rising, falling, unknown, events, armed, disarmed = change
         if armed or disarmed:
             for name in disarmed:
-                self._hold_timers.pop(name).cancel()
+                timer = self._hold_timers.pop(name, None)
+                if timer is not None:
+                    timer.cancel()
             for name in armed:
                 self._arm(name, time)
         if rising or falling or unknown:

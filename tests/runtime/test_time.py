@@ -239,7 +239,6 @@ def test_signals_stop_a_program_in_order(loop, number, status):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=os.environ,
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"

@@ -1,0 +1,421 @@
+from __future__ import annotations
+
+import asyncio
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from mdm import (
+    MDP,
+    POMDP,
+    AlphaVectors,
+    ConfigError,
+    DeterministicPolicy,
+    Ensemble,
+    FixedRate,
+    QTable,
+    StochasticPolicy,
+    VirtualClock,
+    load_model,
+    load_policy,
+)
+from mdm.messages import Action, Belief, Control, Observation, Reward, State
+from mdm.testing import capture_decisions, probe, run_virtual
+
+
+def nothing():
+    pass
+
+
+def tiger(discount=0.95):
+    hear = [[0.85, 0.15], [0.15, 0.85]]
+    half = np.full((2, 2), 0.5)
+    return POMDP(
+        [np.eye(2), half, half],
+        [hear, half, half],
+        [[-1, -100, 10], [-1, 10, -100]],
+        discount=discount,
+        states=["left", "right"],
+        actions=["listen", "open-left", "open-right"],
+        observation_names=["hear-left", "hear-right"],
+    )
+
+
+# open a door when surer than 0.9, else listen
+VECTORS = AlphaVectors([[0.0, 0.0], [-90.0, 10.0], [10.0, -90.0]], [0, 1, 2])
+
+
+def ensemble(**options):
+    options = {"policy": VECTORS, "model": tiger(), "actions": dict.fromkeys(range(3), nothing)} | options
+    return Ensemble("robot", **options)
+
+
+def decided(steps, **options):
+    """Return the decisions of an ensemble under a script of steps (each an action on the ensemble, or seconds)."""
+
+    async def main(runtime):
+        robot = ensemble(**options)
+        faults = probe(runtime.faults)
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(robot)
+            for step in steps:
+                if isinstance(step, int | float):
+                    await asyncio.sleep(step)
+                else:
+                    step(robot)
+        return decisions, [(fault.kind, fault.source) for fault in faults], robot
+
+    return run_virtual(main)
+
+
+def see(index):
+    return lambda robot: robot.publish_observation(index)
+
+
+def be(index):
+    return lambda robot: robot.publish_state(index)
+
+
+@settings(max_examples=40)
+@given(st.lists(st.integers(0, 1), max_size=12))
+def test_event_driven_pomdp_against_bayes_by_hand(observations):
+    decisions, _, _ = decided([see(o) for o in observations])
+    belief, model = np.array([0.5, 0.5]), tiger()
+    assert len(decisions) == len(observations) + 1
+    for epoch, (decision, seen) in enumerate(zip(decisions, [None, *observations], strict=True)):
+        if seen is not None:
+            likely = np.array([[0.85, 0.15], [0.15, 0.85]] if action == 0 else [[0.5, 0.5]] * 2)[:, seen]  # noqa: F821
+            moved = belief if action == 0 else np.array([0.5, 0.5])  # noqa: F821
+            belief = moved * likely / (moved * likely).sum()
+        action = 1 if belief[1] > 0.9 else 2 if belief[0] > 0.9 else 0
+        assert (decision.epoch, decision.action, decision.observation) == (epoch, action, seen)
+        np.testing.assert_allclose(decision.belief, belief, atol=1e-12)
+        assert decision.reward == pytest.approx(float(belief @ model.rewards[:, action]))
+        assert decision.cause == ("start" if seen is None else "observation")
+
+
+@pytest.mark.parametrize(
+    ("problem", "vectors"), [("dectiger", "dectiger.dpomdp_0.9"), ("GridSmall", "GridSmall.dpomdp_0.9")]
+)
+def test_the_original_s_recorded_runs(corpus, problem, vectors):
+    """The same actions, expected rewards and beliefs as the original's live controllers published.
+
+    The original publishes two actions at once at its horizon (25 for dectiger); up to there the runs are compared as
+    they are. Ours has exactly 25 decisions in an episode and begins the next one with the stimulus that follows, whose
+    observation does not count; so the rest is compared with one more stimulus put in where the original restarted.
+    """
+    trace = json.loads((corpus / "traces" / f"{problem}_std.json").read_text())
+    horizon = trace["params"].get("decision_horizon")
+    model = load_model(corpus / "models" / "madp" / f"{problem}.dpomdp")
+    policy = load_policy(corpus / "values" / f"{vectors}.vf", model)
+    expected = [(trace["startup"]["actions"][0], trace["startup"]["rewards_latched"][0], None)]
+    stimuli = []
+    for step in trace["steps"]:
+        stimuli.append(see(step["o"]))
+        # where two actions were published, the second is the first of the next episode
+        for index, action in enumerate(step["actions"]):
+            if index:
+                stimuli.append(see(0))
+            expected.append((action, step["expected_rewards_f32"][index], step["beliefs"][index]))
+    actions = dict.fromkeys(range(len(model.action_space.factors[0])), nothing)
+    decisions, _, _ = decided(
+        stimuli, model=model, policy=policy, actions=actions, on_impossible="keep", horizon=horizon
+    )
+    assert len(decisions) == len(expected)
+    for decision, ((action, epoch), reward, belief) in zip(decisions, expected, strict=True):
+        assert (decision.action, decision.epoch) == (action, epoch)
+        assert decision.reward == pytest.approx(reward, abs=1e-6)
+        if belief is not None:
+            np.testing.assert_allclose(decision.belief, belief, atol=1e-6)
+
+
+def test_an_mdp_decides_on_each_state_and_publishes_reward():
+    model = MDP([np.eye(2)] * 2, [[1.0, 2.0], [3.0, 4.0]], discount=0.9)
+    options = {"model": model, "policy": DeterministicPolicy([1, 0]), "actions": dict.fromkeys(range(2), nothing)}
+    decisions, _, robot = decided([be(0), be(1), be(1)], **options)
+    assert [(d.state, d.action, d.reward, d.epoch) for d in decisions] == [
+        (0, 1, 2.0, 0),
+        (1, 0, 3.0, 1),
+        (1, 0, 3.0, 2),
+    ]
+    assert robot.control.latency.count == 3
+
+
+def test_policies_without_a_model():
+    table = {"model": None, "actions": {"a": nothing, "b": nothing}}
+    decisions, _, _ = decided([be(1)], policy=QTable([[0, 1], [1, 0]]), **table)
+    assert [(d.action_name, d.reward) for d in decisions] == [("0", None)]
+    draws = [d.action for d in decided([be(0)] * 50, policy=StochasticPolicy([[0.5], [0.5]], seed=3), **table)[0]]
+    assert draws == [
+        d.action for d in decided([be(0)] * 50, policy=StochasticPolicy([[0.5], [0.5]], seed=3), **table)[0]
+    ]
+    assert set(draws) == {0, 1}
+    decisions, _, _ = decided([be(0)], policy=DeterministicPolicy([1, 0]), rewards=[[1, 2], [3, 4]], **table)
+    assert decisions[0].reward == 2
+
+
+def test_fixed_rate_ticks_on_the_latest_observation():
+    steps = [0.1, see(0), 0.3, see(1), see(0), 0.2, 1.0]
+    decisions, _, robot = decided(steps, drive=FixedRate(2))
+    assert [d.time for d in decisions] == [0, 500_000_000, 1_000_000_000, 1_500_000_000]
+    assert [d.observation for d in decisions] == [None, 0, None, None]
+    assert [d.epoch for d in decisions] == [0, 1, 2, 3]
+    np.testing.assert_allclose(decisions[1].belief, [0.85, 0.15])
+    np.testing.assert_allclose(decisions[2].belief, [0.85, 0.15])  # listening moves nothing: prediction only
+    assert robot.control.superseded == 2
+
+
+@pytest.mark.parametrize(
+    ("option", "beliefs"),
+    [("predict", [0.5, 0.85, 0.85]), ("repeat", [0.5, 0.85, 0.969799]), ("hear-right", [0.5, 0.85, 0.5])],
+)
+def test_ticks_without_an_observation(option, beliefs):
+    decisions, _, _ = decided([0.1, see(0), 1.0], drive=FixedRate(2), on_no_observation=option)
+    assert [d.belief[0] for d in decisions] == pytest.approx(beliefs, abs=1e-5)
+
+
+def test_fixed_rate_mdp_waits_for_a_state():
+    options = {"model": None, "policy": DeterministicPolicy([1, 0]), "actions": dict.fromkeys(range(2), nothing)}
+    decisions, _, robot = decided([1.2, be(1), 1.0], drive=FixedRate(1), **options)
+    assert [(d.time, d.state) for d in decisions] == [(2_000_000_000, 1)]
+    assert robot.control.undecided == 2
+
+
+def test_event_driven_and_fixed_rate_agree_where_observations_are_ticks():
+    seen = [0, 0, 1, 0, 1, 1, 1]
+    by_event, _, _ = decided([see(o) for o in seen])
+    by_tick, _, _ = decided([0.5, *[step for o in seen for step in (see(o), 1.0)]], drive=FixedRate(1))
+    assert [d.action for d in by_event] == [d.action for d in by_tick]
+    for one, other in zip(by_event, by_tick, strict=True):
+        np.testing.assert_array_equal(one.belief, other.belief)
+
+
+@pytest.mark.parametrize("horizon", [1, 2, 3])
+def test_an_episode_has_exactly_as_many_decisions_as_its_horizon(horizon):
+    decisions, _, _ = decided([see(0)] * 7, horizon=horizon)
+    assert [d.epoch for d in decisions] == [index % horizon for index in range(8)]
+    for decision in decisions:
+        if decision.epoch == 0:
+            np.testing.assert_array_equal(decision.belief, [0.5, 0.5])
+            assert decision.cause in {"start", "episode"}
+            assert decision.observation is None
+
+
+def test_a_horizon_at_a_fixed_rate_and_for_an_mdp():
+    decisions, _, _ = decided([3.5], drive=FixedRate(1), horizon=2)
+    assert [d.epoch for d in decisions] == [0, 1, 0, 1]
+    options = {"model": None, "policy": DeterministicPolicy([1, 0]), "actions": dict.fromkeys(range(2), nothing)}
+    decisions, _, _ = decided([be(0), be(1), be(0)], horizon=2, **options)
+    assert [(d.epoch, d.cause) for d in decisions] == [(0, "state"), (1, "state"), (0, "episode")]
+
+
+def test_commands_by_method_and_by_message():
+    def command(word):
+        return lambda robot: robot.channel("control", Control).publish(Control(0, word))
+
+    for stop, start, reset in (
+        (lambda r: r.stop(), lambda r: r.start(), lambda r: r.reset()),
+        (command("stop"), command("start"), command("reset")),
+    ):
+        steps = [see(0), stop, see(0), see(0), start, see(0), reset, start]
+        decisions, _, robot = decided(steps)
+        assert [(d.cause, d.epoch) for d in decisions] == [
+            ("start", 0),
+            ("observation", 1),
+            ("start", 0),
+            ("observation", 1),
+            ("reset", 0),
+        ]
+        np.testing.assert_array_equal(decisions[2].belief, [0.5, 0.5])
+        assert robot.active is False  # the runtime has ended
+
+
+def test_resume_keeps_the_belief():
+    decisions, _, _ = decided([see(0), lambda r: r.stop(), lambda r: r.start(resume=True)])
+    assert decisions[-1].cause == "resume"
+    assert decisions[-1].belief[0] == pytest.approx(0.85)
+
+
+def test_a_stopped_mdp_controller_keeps_its_state_up_to_date():
+    options = {"model": None, "policy": DeterministicPolicy([1, 0]), "actions": dict.fromkeys(range(2), nothing)}
+    decisions, _, _ = decided([be(0), lambda r: r.stop(), be(1), lambda r: r.start()], **options)
+    assert [(d.state, d.cause) for d in decisions] == [(0, "state"), (1, "start")]
+
+
+def test_an_unknown_state_is_not_decided_on():
+    def unknown(robot):
+        robot.channel("state", State, retain=True).publish(State(0, None, (None,)))
+
+    options = {"model": None, "policy": DeterministicPolicy([1, 0]), "actions": dict.fromkeys(range(2), nothing)}
+    decisions, _, _ = decided([be(0), unknown, be(0)], **options)
+    assert [d.state for d in decisions] == [0, 0]
+
+
+def sure(value):
+    return lambda robot: robot.publish_belief([value, 1 - value])
+
+
+def test_external_beliefs_at_once_and_at_the_tick():
+    decisions, _, _ = decided([sure(0.95), see(0)])
+    assert [(d.cause, d.action) for d in decisions] == [("start", 0), ("belief", 2), ("observation", 0)]
+    decisions, _, _ = decided([0.1, see(1), sure(0.95), 0.6, 0.5], drive=FixedRate(2))
+    assert [(d.time // 10**6, d.action) for d in decisions] == [(0, 0), (500, 2), (1000, 0)]
+    np.testing.assert_array_equal(decisions[1].belief, [0.95, 1 - 0.95])
+
+
+@pytest.mark.parametrize("belief", [[np.nan, 1], [-0.1, 1.1], [0.5, 0.6], [1.0], [0.2, 0.3, 0.5], [[0.5, 0.5]]])
+@pytest.mark.parametrize("channel", ["external", "initial"])
+def test_beliefs_that_are_none_are_reported_and_change_nothing(belief, channel):
+    def publish(robot):
+        (robot.publish_belief if channel == "external" else robot.publish_initial_belief)(belief)
+
+    decisions, faults, _ = decided([see(0), publish, see(0)])
+    assert faults == [("belief", "robot/control")]
+    assert [d.belief[0] for d in decisions] == pytest.approx([0.5, 0.85, 0.969799], abs=1e-6)
+
+
+def test_the_last_initial_belief_given_begins_the_next_episode():
+    decisions, faults, _ = decided(
+        [see(0), lambda r: r.publish_initial_belief([0.2, 0.8]), see(0), lambda r: r.reset()]
+    )
+    assert faults == []
+    assert [d.belief[0] for d in decisions] == pytest.approx([0.5, 0.85, 0.969799, 0.2], abs=1e-6)
+
+
+def certain():
+    """A model in which, in the state that is certain, one observation is impossible."""
+    return POMDP(
+        [np.array([[0.0, 1.0], [0.0, 1.0]])],
+        [np.array([[1.0, 0.0], [1.0, 0.0]])],
+        [[0.0], [0.0]],
+        discount=0.9,
+        initial_belief=[0.75, 0.25],
+    )
+
+
+@pytest.mark.parametrize(("option", "after"), [("predict", 0.0), ("keep", 0.75), ("reset", 0.75), ("safe_action", 0.0)])
+def test_impossible_observations(option, after):
+    calls = []
+    options = {"model": certain(), "policy": AlphaVectors([[0.0, 0.0]], [0]), "actions": {0: nothing}}
+    decisions, faults, robot = decided(
+        [see(1)], on_impossible=option, safe_action=lambda: calls.append("safe"), **options
+    )
+    assert faults == [("impossible_observation", "robot/control")]
+    assert decisions[-1].belief[0] == pytest.approx(after)
+    assert robot.control.impossible == 1
+    assert calls == ["safe"] * (2 if option == "safe_action" else 1)  # once at the end of the runtime
+
+
+def test_unknown_observations_are_reported():
+    decisions, faults, _ = decided([see(7)])
+    assert faults == [("observation", "robot/control")]
+    assert len(decisions) == 2
+
+
+def test_missing_components_are_summed_over():
+    hear = np.array([[0.85, 0.15], [0.15, 0.85]])
+    from mdm import Factor, Space  # noqa: PLC0415
+
+    two = np.stack([np.outer(row, row).ravel() for row in hear])
+    model = POMDP(
+        [np.eye(2)], [two], [[0.0], [0.0]], discount=0.9, observation_names=Space([Factor("a", 2), Factor("b", 2)])
+    )
+
+    def partial(robot):
+        robot.channel("observation", Observation).publish(Observation(0, None, (0, None), (True, False)))
+
+    decisions, _, _ = decided([partial], model=model, policy=AlphaVectors([[0.0, 0.0]], [0]), actions={0: nothing})
+    assert decisions[-1].belief[0] == pytest.approx(0.85)
+    assert decisions[-1].observation == (0, None)
+
+
+def test_a_missed_deadline_runs_the_safe_action_instead():
+    calls = []
+
+    class Slow(DeterministicPolicy):
+        def __init__(self, clock):
+            super().__init__([1, 0])
+            self.clock = clock
+
+        def action(self, state):
+            self.clock.behind += 200_000_000
+            return super().action(state)
+
+    class Clock(VirtualClock):
+        behind = 0
+
+        def now(self):
+            return super().now() + self.behind
+
+    from mdm import Runtime, run  # noqa: PLC0415
+
+    async def main():
+        clock = Clock()
+        async with Runtime(clock=clock, log=None) as runtime:
+            faults = probe(runtime.faults)
+            robot = Ensemble(
+                "robot",
+                policy=Slow(clock),
+                actions={"a": lambda: calls.append("a"), "b": lambda: calls.append("b")},
+                deadline=0.1,
+                safe_action=lambda: calls.append("safe"),
+            )
+            await runtime.start(robot)
+            robot.publish_state(0)
+            assert calls == ["safe"]
+            assert [(fault.kind, fault.source) for fault in faults] == [("deadline", "robot/control")]
+            assert "200.000 ms after its stimulus; the deadline is 0.1 s" in faults[0].detail
+
+    run(main, virtual=True)
+
+
+def test_messages_are_published_action_first():
+    async def main(runtime):
+        robot = ensemble()
+        order = []
+        for name, kind in (("action", Action), ("reward", Reward), ("belief", Belief)):
+            runtime.channel(f"robot/{name}", kind, retain=name != "action").subscribe(
+                lambda message, name=name: order.append((name, message.time))
+            )
+        await runtime.start(robot)
+        assert [name for name, _ in order] == ["action", "reward", "belief"]
+        assert {time for _, time in order} == {0}
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"horizon": 0}, "horizon is at least 1"),
+        ({"deadline": 0}, "deadline"),
+        ({"on_impossible": "panic"}, "'panic'"),
+        ({"on_impossible": "safe_action"}, "there is none"),
+        ({"on_no_observation": "hear-lft"}, "'hear-lft'"),
+        ({"model": None}, "a policy over beliefs needs the POMDP"),
+        ({"model": MDP([np.eye(2)] * 3, np.zeros((2, 3)), discount=0.9)}, "has no observations"),
+        ({"policy": AlphaVectors([[0.0] * 3], [0], 3)}, "for 3 states, but the model has 2"),
+        ({"policy": AlphaVectors([[0.0] * 2], [0], 4)}, "for 4 actions, but the model has 3"),
+        ({"rewards": [[0, 1]]}, "for 1 states and 2 actions"),
+        ({"rewards": [[0, np.nan, 1], [0, 0, 0]]}, "finite"),
+        ({"drive": lambda: FixedRate(0)}, "rate"),
+        ({"initial_belief": [0.5, 0.6]}, "sums to 1.1"),
+        ({"actions": {"listen": nothing}}, "'open-left', 'open-right'"),
+        ({"actions": {"listen": nothing, "open-lft": nothing}}, "no such action: 'open-lft'; did you mean 'open-left'"),
+        ({"actions": {"listen": nothing, 1: nothing}}, "by name or by index, not both"),
+        ({"actions": {0: nothing, 1: nothing, 2: 7}}, "not 7"),
+        ({"actions": {0: nothing, 1: nothing, 2: lambda a, b: None}}, "asks for a, b"),
+        ({"agent": 1}, "no agent 1"),
+        ({"safe_action": "Stop"}, "'Stop' is none of the actions"),
+    ],
+)
+def test_wrong_options_are_refused_with_the_key(options, message):
+    from mdm import Error  # noqa: PLC0415
+
+    with pytest.raises(Error, match=message):
+        ensemble(**{key: value() if key == "drive" else value for key, value in options.items()})
+    if "drive" not in options and "initial_belief" not in options:
+        with pytest.raises(ConfigError, match="ensembles.robot"):
+            ensemble(**options)

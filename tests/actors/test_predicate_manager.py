@@ -1,0 +1,317 @@
+from __future__ import annotations
+
+import asyncio
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from mdm import ConfigError, Error, ObservationFactor, ObservationLayer, P, PredicateManager, Runtime, run
+from mdm.messages import EventUpdate, Observation, PredicateMap, PredicateUpdate, SensorUpdate, State
+from mdm.testing import probe, run_virtual
+
+
+def updates_of(runtime, name="predicates"):
+    return probe(runtime.channel(f"{name}/updates", PredicateUpdate))
+
+
+def test_sensors_formulas_latches_and_events():
+    async def main(runtime):
+        manager = PredicateManager()
+        south, north = manager.sensor("South", initial=False), manager.sensor("North")
+        moving = manager.event("Bump")
+        manager.define("Between", ~P("South") & ~P("North"))
+        manager.latch("HalfWay", set="South", reset="North or Bump")
+        manager.event("Arrived", "North")
+        await runtime.start(manager)
+        updates, events = updates_of(runtime), probe(runtime.channel("predicates/events", EventUpdate))
+        assert manager.values() == {"South": False, "North": None, "Between": None, "HalfWay": False}
+        north.set(False)
+        assert manager.value("Between") is True
+        south.set(np.bool_(True))
+        assert manager.value("HalfWay") is True
+        south.set(True)  # nothing new: nothing published
+        moving.fire()
+        assert manager.value("HalfWay") is False
+        north.set(True)
+        north.set(True)
+        assert [(u.rising, u.falling) for u in updates] == [
+            (("Between",), ("North",)),
+            (("South", "HalfWay"), ("Between",)),
+            ((), ("HalfWay",)),
+            (("North",), ()),
+        ]
+        assert [update.counter for update in updates] == [2, 3, 4, 5]
+        assert [update.events for update in events] == [("Bump",), ("Arrived",)]
+        with pytest.raises(TypeError, match="'South' is True, False or None"):
+            south.set(1)
+
+    run_virtual(main)
+
+
+def test_a_batch_is_one_update_and_glitch_free():
+    async def main(runtime):
+        manager = PredicateManager()
+        a, b = manager.sensor("A", initial=True), manager.sensor("B", initial=False)
+        manager.define("Both", "A and B")
+        manager.define("None", "not A and not B")
+        await runtime.start(manager)
+        updates = updates_of(runtime)
+        with manager.batch():
+            a.set(False)
+            with manager.batch():
+                b.set(True)
+            assert updates == []
+        assert [(u.rising, u.falling) for u in updates] == [(("B",), ("A",))]
+        with pytest.raises(LookupError), manager.batch():
+            a.set(True)
+            raise LookupError
+        assert manager.value("Both") is True  # what the sensors said stays true
+
+    run_virtual(main)
+
+
+def test_a_frozen_sensor_becomes_unknown_and_is_reported():
+    async def main(runtime):
+        manager = PredicateManager()
+        sensor = manager.sensor("A", max_age=1.0)
+        manager.define("NotA", "not A")
+        await runtime.start(manager)
+        faults = probe(runtime.faults)
+        for _ in range(5):
+            sensor.set(True)
+            await asyncio.sleep(0.9)
+            assert manager.value("A") is True
+        await asyncio.sleep(0.2)
+        assert manager.values() == {"A": None, "NotA": None}
+        assert [(fault.kind, fault.detail) for fault in faults] == [
+            ("stale", "predicate 'A' was not refreshed for 1 s")
+        ]
+        await asyncio.sleep(10)
+        sensor.set(False)
+        assert manager.value("NotA") is True
+        await asyncio.sleep(1.1)
+        assert manager.value("A") is None
+        assert len(faults) == 2
+
+    run_virtual(main)
+
+
+def test_a_condition_must_have_held():
+    async def main(runtime):
+        manager = PredicateManager()
+        waiting = manager.sensor("Waiting", initial=False)
+        manager.define("WaitedLong", "Waiting", held_for=5)
+        manager.event("Impatient", "WaitedLong")
+        await runtime.start(manager)
+        events = probe(runtime.channel("predicates/events", EventUpdate))
+        waiting.set(True)
+        await asyncio.sleep(4.9)
+        waiting.set(False)
+        waiting.set(True)
+        await asyncio.sleep(4.9)
+        assert manager.value("WaitedLong") is False
+        await asyncio.sleep(0.2)
+        assert manager.value("WaitedLong") is True
+        assert [update.time for update in events] == [9_900_000_000]
+        waiting.set(None)
+        assert manager.value("WaitedLong") is None
+
+    run_virtual(main)
+
+
+def test_an_event_that_is_true_at_start_reaches_those_who_start_right_after():
+    async def main(runtime):
+        manager = PredicateManager()
+        manager.sensor("A", initial=True)
+        manager.event("Up", "A")
+        manager.event("Down", "not A")
+        await runtime.start(manager)
+        layer = ObservationLayer([ObservationFactor("direction", ["Up", "Down"])], manager)
+        seen = probe(runtime.channel("observation/observation", Observation))
+        await runtime.start(layer)
+        assert [message.index for message in seen] == [0]
+
+    run_virtual(main)
+
+
+def test_groundings_on_channels_and_what_they_raise():
+    async def main(runtime):
+        manager = PredicateManager()
+        manager.sensor("High", ("height", State), lambda message: None if message.index < 0 else 10 / message.index < 1)
+        await runtime.start(manager)
+        faults, height = probe(runtime.faults), runtime.channel("height", State)
+        values = []
+        for index in (20, 5, -1, 30, 0):
+            height.publish(State(0, index, ()))
+            values.append(manager.value("High"))
+        assert values == [True, False, None, True, None]
+        assert [fault.kind for fault in faults] == ["sensor"]
+        assert "'when' of predicate 'High' raised ZeroDivisionError" in faults[0].detail
+        assert manager.life == "running"
+
+    run_virtual(main)
+
+
+def test_messages_with_unknown_names_are_reported_and_change_nothing():
+    async def main(runtime):
+        manager = PredicateManager()
+        manager.sensor("A", initial=False)
+        await runtime.start(manager)
+        faults = probe(runtime.faults)
+        runtime.channel("predicates/sensed", SensorUpdate).publish(SensorUpdate(0, (("A", True), ("Aa", True))))
+        assert manager.value("A") is False
+        assert "no predicate or event 'Aa'; did you mean 'A'" in faults[0].detail
+
+    run_virtual(main)
+
+
+def test_threads_set_sensors():
+    async def main():
+        async with Runtime(log=None) as runtime:
+            manager = PredicateManager()
+            sensors = [manager.sensor(f"S{i}", initial=False) for i in range(4)]
+            done = manager.event("Done")
+            await runtime.start(manager)
+            finished = asyncio.Event()
+            ends = []
+
+            def end(update):
+                ends.append(update)
+                if len(ends) == 4:
+                    finished.set()
+
+            runtime.channel("predicates/events", EventUpdate).subscribe(end)
+
+            def work(sensor):
+                for index in range(501):
+                    sensor.set(index % 2 == 0)
+                with manager.batch():
+                    sensor.set(True)
+                    done.fire()
+
+            threads = [threading.Thread(target=work, args=(sensor,)) for sensor in sensors]
+            for thread in threads:
+                thread.start()
+            await finished.wait()
+            for thread in threads:
+                thread.join()
+            assert manager.values() == dict.fromkeys(["S0", "S1", "S2", "S3"], True)
+
+    run(main)
+
+
+def test_other_agents_predicates_are_followed_and_resynchronised():
+    async def main(runtime):
+        other, own = PredicateManager("other"), PredicateManager("own")
+        a, b = other.sensor("A", initial=True), other.sensor("B", initial=False)
+        own.define("Both", "robot2/A and robot2/B")
+        updates, full = runtime.channel("link/updates", PredicateUpdate), runtime.channel("other/map", PredicateMap)
+        own.follow("robot2", updates, full)
+        await runtime.start(other)
+        lost = []
+
+        def forward(update):
+            if not lost:
+                updates.publish(update)
+
+        runtime.channel("other/updates", PredicateUpdate).subscribe(forward)
+        await runtime.start(own)
+        assert own.values() == {"Both": False, "robot2/A": True, "robot2/B": False}
+        b.set(True)
+        assert own.value("Both") is True
+        lost.append(True)
+        a.set(False)  # this update never arrives
+        assert own.value("Both") is True
+        lost.clear()
+        b.set(None)  # the next one shows the gap
+        assert own.values() == {"Both": False, "robot2/A": False, "robot2/B": None}
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("declare", "message"),
+    [
+        (lambda m: (m.sensor("A"), m.define("A", "true")), "'A' is declared twice"),
+        (lambda m: m.sensor("A", max_age=0), "max_age"),
+        (lambda m: m.define("A", "B", held_for=-1), "held_for"),
+        (lambda m: m.sensor("A", when=bool), "a channel and a 'when'"),
+    ],
+)
+def test_wrong_declarations(declare, message):
+    with pytest.raises(ConfigError, match=message):
+        declare(PredicateManager())
+
+
+@pytest.mark.parametrize(
+    ("declare", "message"),
+    [
+        (lambda m: (m.define("A", "B"), m.define("B", "A")), "circle"),
+        (lambda m: m.define("A", "Nothing"), "'Nothing', which is not declared"),
+    ],
+)
+def test_what_only_the_whole_shows_is_refused_at_start(declare, message):
+    async def main(runtime):
+        manager = PredicateManager()
+        declare(manager)
+        with pytest.raises(Error, match=message):
+            await runtime.start(manager)
+
+    run_virtual(main)
+
+
+def test_declarations_after_the_start_are_too_late():
+    async def main(runtime):
+        manager = PredicateManager()
+        early = manager.sensor("A")
+        early.set(True)
+        await runtime.start(manager)
+        assert manager.value("A") is True
+        with pytest.raises(Error, match="came too late"):
+            manager.sensor("B")
+
+    run_virtual(main)
+
+
+@settings(max_examples=50)
+@given(st.data())
+def test_what_is_published_is_what_changed(data):
+    names = ["A", "B", "C"]
+
+    async def main(runtime):
+        manager = PredicateManager()
+        for name in names:
+            manager.sensor(name)
+        manager.define("X", "A and not B")
+        manager.define("Y", "X xor C")
+        manager.define("Never", "X and B")
+        await runtime.start(manager)
+        updates = updates_of(runtime)
+        known = manager.values()
+        for _ in range(data.draw(st.integers(1, 15))):
+            changes = data.draw(
+                st.lists(st.tuples(st.sampled_from(names), st.sampled_from([True, False, None])), max_size=3)
+            )
+            before = len(updates)
+            with manager.batch():
+                for name, value in changes:
+                    manager.sense(name, value)
+            now = manager.values()
+            expected = {name: value for name, value in now.items() if known[name] is not value}
+            assert len(updates) - before == bool(expected)
+            if expected:
+                last = updates[-1]
+                told = (
+                    dict.fromkeys(last.rising, True) | dict.fromkeys(last.falling, False) | dict.fromkeys(last.unknown)
+                )
+                assert told == expected
+            values = {**now, **{name: now[name] for name in names}}
+            for name, formula in (("X", P("A") & ~P("B")), ("Y", P("X") ^ P("C")), ("Never", P("X") & P("B"))):
+                assert now[name] is formula.evaluate(values)
+            assert now["Never"] is not True
+            known = now
+        assert [update.counter for update in updates] == list(range(2, len(updates) + 2))
+
+    run_virtual(main)

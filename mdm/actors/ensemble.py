@@ -191,8 +191,6 @@ class Ensemble(Layer):
 
     def start(self, *, resume: bool = False) -> None:
         """Begin to decide: from the initial belief, or from the present one."""
-        self.action.admit()
-        self.active = True
         if resume:
             self.control.resume()
         else:
@@ -217,7 +215,10 @@ class Ensemble(Layer):
             self.action.make_safe(fault.time)
 
     def _on_control(self, control: Control) -> None:
-        if control.command == "stop" and self.active:
+        if control.command in {"start", "resume"}:
+            self.active = True
+            self.action.admit()
+        elif control.command == "stop" and self.active:
             self.active = False
             self.action.halt(self._became_idle)
 

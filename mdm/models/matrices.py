@@ -14,7 +14,7 @@ from mdm.errors import ModelError, ModelWarning
 if TYPE_CHECKING:
     from mdm.models.space import Space
 
-__all__ = ["Matrix", "Vector", "distribution", "read_only", "stochastic_matrices"]
+__all__ = ["Matrix", "Vector", "distribution", "numbers", "read_only", "stochastic_matrices"]
 
 Vector: TypeAlias = npt.NDArray[np.float64]
 Matrix: TypeAlias = Any
@@ -51,35 +51,37 @@ def stochastic_matrices(
     Raises:
         ModelError: At a wrong shape, a number that is no probability, or a row that does not sum to 1.
     """
-    if len(given) != len(actions):
-        raise ModelError(f"{what} is given for {len(given)} actions, but the model has {len(actions)}")
-    as_sparse = _choose(given, len(rows), columns) if sparse_ is None else sparse_
+    matrices = list(given)  # kept alive while they are told apart by their identities
+    if len(matrices) != len(actions):
+        raise ModelError(f"{what} is given for {len(matrices)} actions, but the model has {len(actions)}")
+    as_sparse = _choose(matrices, len(rows), columns) if sparse_ is None else sparse_
     done: dict[int, Matrix] = {}
     normalised = 0
-    for action, matrix in enumerate(given):
-        if id(matrix) not in done or isinstance(given, np.ndarray):
-            checked, off = _checked(matrix, f"{what} of action {actions.names[action]!r}", rows, columns, as_sparse)
+    for action, matrix in enumerate(matrices):
+        if id(matrix) not in done:
+            name = f"{what} of action {actions.names[action]!r}"
+            done[id(matrix)], off = _checked(matrix, name, rows, columns, as_sparse)
             normalised += off
-            done[id(matrix) if not isinstance(given, np.ndarray) else action] = checked
     if normalised:
         text = f"{normalised} rows of {what} did not quite sum to 1 and were normalised"
         warnings.warn(text, ModelWarning, stacklevel=4)
-    return tuple(done[action if isinstance(given, np.ndarray) else id(matrix)] for action, matrix in enumerate(given))
+    return tuple(done[id(matrix)] for matrix in matrices)
 
 
-def _choose(given: Any, rows: int, columns: int) -> bool:
-    if any(sparse.issparse(matrix) for matrix in given):
-        return len(given) * rows * columns > _LARGE // 10
-    if len(given) * rows * columns <= _LARGE:
+def _choose(matrices: list[Any], rows: int, columns: int) -> bool:
+    """Whether CSR suits: large, and few entries that are not zero."""
+    size = len(matrices) * rows * columns
+    if size <= _LARGE:
         return False
-    return sum(int(np.count_nonzero(matrix)) for matrix in given) < _DENSE * len(given) * rows * columns
+    entries = sum(matrix.nnz if sparse.issparse(matrix) else int(np.count_nonzero(matrix)) for matrix in matrices)
+    return entries < _DENSE * size
 
 
 def _checked(matrix: Any, what: str, rows: Space, columns: int, as_sparse: bool) -> tuple[Matrix, int]:
     if sparse.issparse(matrix):
         result: Any = sparse.csr_array(matrix, dtype=np.float64, copy=True) if as_sparse else matrix.toarray()
     else:
-        dense = np.array(matrix, dtype=np.float64)
+        dense = numbers(matrix, what)
         result = sparse.csr_array(dense) if as_sparse and dense.ndim == 2 else dense
     if result.shape != (len(rows), columns):
         shape = "x".join(map(str, result.shape))
@@ -109,13 +111,25 @@ def _refuse_numbers(matrix: Vector, what: str, rows: Space) -> None:
     raise ModelError(f"{what}: {matrix[row, column]:g} in the row of {rows.names[row]!r} is no probability")
 
 
+def numbers(given: npt.ArrayLike, what: str) -> Vector:
+    """Return a copy of what is given as an array of floats.
+
+    Raises:
+        ModelError: If it is no array of numbers, such as one whose rows differ in length.
+    """
+    try:
+        return np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ModelError(f"{what} is no array of numbers with rows of one length") from None
+
+
 def distribution(given: npt.ArrayLike, *, what: str, size: int) -> Vector:
     """Return a read-only copy of a probability distribution, exactly normalised.
 
     Raises:
         ModelError: If it has another size, a number that is no probability, or a sum that is not 1 within 1e-4.
     """
-    vector = np.array(given, dtype=np.float64)
+    vector = numbers(given, what)
     if vector.shape != (size,):
         raise ModelError(f"{what} has shape {vector.shape}; it needs {size} numbers")
     wrong = ~((vector >= 0) & np.isfinite(vector))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.matrices import Matrix, Vector, distribution, read_only, stochastic_matrices
+from mdm.models.matrices import Matrix, Vector, distribution, numbers, read_only, stochastic_matrices
 from mdm.models.space import Space
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class MDP:
         initial_belief: npt.ArrayLike | None = None,
         sparse: bool | None = None,
     ) -> None:
-        expected = np.array(rewards, dtype=np.float64)
+        expected = numbers(rewards, "the array of rewards")
         if expected.ndim != 2 or 0 in expected.shape:
             raise ModelError(f"the rewards are a states x actions array, not one of shape {expected.shape}")
         self.state_space = as_space("state", states, expected.shape[0])

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
+from scipy.sparse import issparse
+
 from mdm.errors import ModelError
-from mdm.models.matrices import Matrix, stochastic_matrices
+from mdm.models.matrices import Matrix, numbers, stochastic_matrices
 from mdm.models.mdp import MDP, as_space
 
 if TYPE_CHECKING:
@@ -56,10 +58,11 @@ class POMDP(MDP):
             initial_belief=initial_belief,
             sparse=sparse,
         )
-        if len(observations) == 0 or len(observations[0].shape if hasattr(observations[0], "shape") else "xx") != 2:
+        first: Any = observations[0] if len(observations) else ()
+        shape = first.shape if issparse(first) else numbers(first, "the first matrix of observations").shape
+        if len(shape) != 2 or 0 in shape:
             raise ModelError("observations are an actions x states x observations array, or a matrix per action")
-        count = observations[0].shape[1] if hasattr(observations[0], "shape") else len(observations[0][0])
-        self.observation_space = as_space("agent", observation_names, count)
+        self.observation_space = as_space("agent", observation_names, shape[1])
         self._observations = stochastic_matrices(
             observations,
             what="O",

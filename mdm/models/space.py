@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import difflib
 import math
+import operator
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
-from typing import overload
+from typing import SupportsIndex, overload
 
 from mdm.errors import ModelError
 
@@ -175,19 +176,21 @@ class Space:
             raise ModelError(f"there is no symbol {index}; the {self._size} symbols count from 0")
         return tuple(index // stride % len(factor) for stride, factor in zip(self._strides, self.factors, strict=True))
 
-    def index(self, symbol: str | int | Sequence[str | int]) -> int:
+    def index(self, symbol: str | SupportsIndex | Sequence[str | int]) -> int:
         """Return the joint index of a symbol.
 
         Args:
-            symbol: An index; a name; for a joint symbol also the components' names with blanks between, or a sequence
-                of one name or index per factor.
+            symbol: An index, as a number or in decimal digits; a name; for a joint symbol the components' names or
+                indices with blanks between, or a sequence of one name or index per factor (the way where names hold
+                blanks). A name that is made of digits goes before the index.
 
         Raises:
             ModelError: If there is no such symbol.
         """
-        if isinstance(symbol, int):
-            self.unravel(symbol)
-            return symbol
+        if isinstance(symbol, SupportsIndex):
+            index = operator.index(symbol)
+            self.unravel(index)
+            return index
         if len(self.factors) == 1 and isinstance(symbol, str):
             return self.factors[0].index(symbol)
         if isinstance(symbol, str) and symbol.isdecimal():

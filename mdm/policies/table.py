@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+import operator
+from typing import TYPE_CHECKING, Literal, SupportsIndex
 
 import numpy as np
 
 from mdm.errors import ModelError
+from mdm.models.matrices import numbers
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -49,7 +51,11 @@ class DeterministicPolicy(_Table):
     """
 
     def __init__(self, actions: Iterable[int], num_actions: int | None = None) -> None:
-        self._actions = [int(action) for action in actions]
+        self._actions: list[int] = []
+        for state, action in enumerate(actions):
+            if not isinstance(action, SupportsIndex):
+                raise ModelError(f"the policy's entry for state {state} is {action!r}, but an action's index is needed")
+            self._actions.append(operator.index(action))
         if not self._actions:
             raise ModelError("a policy needs at least one state")
         self.num_states = len(self._actions)
@@ -84,7 +90,7 @@ class StochasticPolicy(_Table):
     """
 
     def __init__(self, probabilities: npt.ArrayLike, *, seed: int | None = None) -> None:
-        matrix = np.array(probabilities, dtype=np.float64)
+        matrix = numbers(probabilities, "the array of probabilities")
         if matrix.ndim != 2 or 0 in matrix.shape:
             raise ModelError(f"a stochastic policy is an actions x states array, not one of shape {matrix.shape}")
         self.num_actions, self.num_states = matrix.shape
@@ -100,7 +106,7 @@ class StochasticPolicy(_Table):
         matrix.setflags(write=False)
         self.probabilities = matrix
         cumulative = np.cumsum(matrix, axis=0)
-        cumulative[-1] = 1.0
+        cumulative /= cumulative[-1]  # so that rounding never leaves a gap to draw an action of probability 0 from
         self._cumulative = np.ascontiguousarray(cumulative.T)
         self._generator = np.random.default_rng(seed)
 
@@ -126,7 +132,7 @@ class QTable(_Table):
     """
 
     def __init__(self, values: npt.ArrayLike) -> None:
-        table = np.array(values, dtype=np.float64)
+        table = numbers(values, "the Q-table")
         if table.ndim != 2 or 0 in table.shape:
             raise ModelError(f"a Q-table is a states x actions array, not one of shape {table.shape}")
         if np.isnan(table).any():

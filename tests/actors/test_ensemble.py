@@ -1,0 +1,411 @@
+"""Ensembles: hierarchy, supervision, safe actions, the whole loop."""
+
+from __future__ import annotations
+
+import asyncio
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from mdm import (
+    POMDP,
+    ActorFailure,
+    AlphaVectors,
+    ConfigError,
+    DeterministicPolicy,
+    Ensemble,
+    Error,
+    ObservationFactor,
+    PredicateManager,
+    Restart,
+    Runtime,
+    StateFactor,
+    VirtualClock,
+    bind,
+    run,
+)
+from mdm.messages import ActionLife
+from mdm.testing import capture_decisions, crash, probe, run_virtual
+
+
+async def forever():
+    await asyncio.sleep(1e6)
+
+
+def leaf(name, **options):
+    options = {"policy": DeterministicPolicy([0, 1]), "actions": {"Work": forever, "Rest": lambda: None}} | options
+    return Ensemble(name, **options)
+
+
+def above(name, *children, **options):
+    """An ensemble whose action i runs child i, and whose last action does nothing."""
+    actions = {child.name: child for child in children} | {"Idle": lambda: None}
+    policy = DeterministicPolicy(list(range(len(actions))))
+    return Ensemble(name, **{"policy": policy, "actions": actions} | options)
+
+
+def test_a_child_starts_and_stops_with_its_action_within_the_turn():
+    async def main(runtime):
+        child = leaf("child")
+        top = above("top", child)
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(top)
+            child.publish_state(0)  # its layers live, but it does not decide
+            assert decisions == []
+            top.publish_state(0)
+            assert [decision.ensemble for decision in decisions] == ["top", "top/child"]
+            assert child.active
+            await asyncio.sleep(1)
+            assert child.action.live == ("Work",)
+            lives = probe(runtime.channel("top/lives", ActionLife))
+            top.publish_state(1)
+            assert not child.active
+            await asyncio.sleep(0)
+            await asyncio.sleep(0.1)
+            assert [(life.action, life.status) for life in lives] == [
+                ("child", "preempted"),
+                ("Idle", "running"),
+                ("Idle", "succeeded"),
+            ]
+
+    run_virtual(main)
+
+
+def test_three_levels_stop_from_below():
+    log = []
+
+    async def work():
+        try:
+            await forever()
+        finally:
+            await asyncio.sleep(0.5)
+            log.append("work ended")
+
+    async def main(runtime):
+        bottom = leaf("bottom", actions={"Work": work, "Rest": lambda: None})
+        middle = above("middle", bottom)
+        top = above("top", middle)
+        await runtime.start(top)
+        bottom.publish_state(0)
+        middle.publish_state(0)
+        top.publish_state(0)
+        await asyncio.sleep(1)
+        assert bottom.action.live == ("Work",)
+        for ensemble in (middle, top):
+            ensemble.when_idle(lambda name=ensemble.name: log.append(name))
+        top.stop()
+        await asyncio.sleep(1)
+        assert log[0] == "work ended"
+        assert sorted(log[1:]) == ["middle", "top"]
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_resume_keeps_the_child_s_belief(resume):
+    hear, half = [[0.85, 0.15], [0.15, 0.85]], np.full((2, 2), 0.5)
+    model = POMDP([np.eye(2), half, half], [hear, half, half], [[-1, -100, 10], [-1, 10, -100]], discount=0.95)
+    policy = AlphaVectors([[0.0, 0.0]], [0], 3)
+
+    async def main(runtime):
+        child = Ensemble("child", policy=policy, model=model, actions=dict.fromkeys(range(3), lambda: None))
+        top = Ensemble(
+            "top",
+            policy=DeterministicPolicy([0, 1]),
+            actions={"Child": bind(child, resume=resume), "Idle": lambda: None},
+        )
+        await runtime.start(top)
+        top.publish_state(0)
+        child.publish_observation(0)
+        assert child.control.belief[0] == pytest.approx(0.85)
+        top.publish_state(1)
+        await asyncio.sleep(0.1)
+        top.publish_state(0)
+        assert child.control.belief[0] == pytest.approx(0.85 if resume else 0.5)
+
+    run_virtual(main)
+
+
+def test_a_child_that_stops_by_itself_has_succeeded_and_one_that_fails_has_failed():
+    async def main(runtime):
+        child = leaf("child", supervision="stop")
+        top = above("top", child)
+        await runtime.start(top)
+        lives = probe(runtime.channel("top/lives", ActionLife))
+        top.publish_state(0)
+        child.stop()
+        await asyncio.sleep(0.1)
+        top.publish_state(0)
+        crash(child.control)
+        await asyncio.sleep(0.1)
+        top.publish_state(0)
+        assert [(life.status, life.detail) for life in lives] == [
+            ("running", ""),
+            ("succeeded", ""),
+            ("running", ""),
+            ("failed", "ensemble 'top/child' failed"),
+            ("running", ""),
+            ("failed", "ensemble 'top/child' does not run: it is failed"),
+        ]
+        assert top.life == "running"
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("layer", ["control", "action"])
+def test_escalation_runs_the_safe_action_of_every_ensemble_then_ends(layer):
+    log = []
+
+    async def main(runtime):
+        child = leaf("child", safe_action=lambda: log.append("child is safe"))
+        top = above("top", child, safe_action=lambda: log.append("top is safe"))
+        await runtime.start(top)
+        child.publish_state(0)
+        top.publish_state(0)
+        await asyncio.sleep(1)
+        crash(getattr(child, layer), Error("broken"))
+        await asyncio.sleep(1e6)
+
+    with pytest.raises(ActorFailure, match=f"'top/child/{layer}' failed: broken"):
+        run_virtual(main)
+    assert sorted(log) == ["child is safe", "top is safe"]
+
+
+def test_an_ensemble_that_restarts_decides_again():
+    async def main(runtime):
+        manager = PredicateManager()
+        a = manager.sensor("A", initial=False)
+        robot = Ensemble(
+            "robot",
+            policy=DeterministicPolicy([0, 1]),
+            actions={"X": lambda: None, "Y": lambda: None},
+            predicates=manager,
+            states=[StateFactor("a", ["A"])],
+            supervision=Restart(backoff=0.5),
+        )
+        await runtime.start(manager)
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(robot)
+            crash(robot.state)
+            await asyncio.sleep(1)
+            a.set(True)
+        assert [decision.action for decision in decisions] == [0, 0, 1]
+
+    run_virtual(main)
+
+
+def test_stale_input_runs_the_safe_action():
+    log = []
+
+    async def main(runtime):
+        manager = PredicateManager()
+        sensor = manager.sensor("A", max_age=1)
+        manager.define("B", "not A")
+        robot = Ensemble(
+            "robot",
+            policy=DeterministicPolicy([0, 1]),
+            actions={"X": forever, "Y": lambda: log.append("Y")},
+            predicates=manager,
+            states=[StateFactor("b", ["B"])],
+            safe_action=lambda: log.append("safe"),
+        )
+        faults = probe(runtime.faults)
+        await runtime.start(robot)
+        sensor.set(True)
+        await asyncio.sleep(1.5)
+        assert log == ["safe"]
+        assert [(fault.kind, fault.source, fault.detail) for fault in faults] == [
+            ("stale", "robot/predicates", "predicate 'A' was not refreshed for 1 s"),
+            ("stale_input", "robot", "input is too old: A"),
+        ]
+        sensor.set(False)
+        assert log == ["safe", "Y"]  # and it goes on
+
+    run_virtual(main)
+    assert log == ["safe", "Y", "safe"]  # at the end of the runtime
+
+
+@pytest.mark.parametrize("how", ["return", "error", "cancel"])
+def test_the_end_of_a_runtime_ends_actions_then_runs_the_safe_action(how):
+    log = []
+
+    async def work():
+        try:
+            await forever()
+        finally:
+            await asyncio.sleep(0.2)
+            log.append("work ended")
+
+    async def safe():
+        log.append("safe begins")
+        await asyncio.sleep(0.3)
+        log.append("safe ends")
+
+    async def program():
+        async with Runtime(clock=VirtualClock(), log=None) as runtime:
+            robot = Ensemble("robot", policy=DeterministicPolicy([0]), actions={"Work": work}, safe_action=safe)
+            await runtime.start(robot)
+            robot.publish_state(0)
+            await asyncio.sleep(1)
+            if how == "error":
+                raise LookupError
+            if how == "cancel":
+                await forever()
+
+    async def main():
+        before = asyncio.all_tasks()
+        if how == "cancel":
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(program(), 5)
+        elif how == "error":
+            with pytest.raises(LookupError):
+                await program()
+        else:
+            await program()
+        assert asyncio.all_tasks() == before
+
+    run(main, virtual=True)
+    assert log == ["work ended", "safe begins", "safe ends"]
+
+
+def test_callbacks_may_command_their_own_ensemble_in_their_own_turn():
+    log = []
+
+    async def main(runtime):
+        manager = PredicateManager()
+        a = manager.sensor("A", initial=False)
+
+        def first():
+            log.append("first")
+            a.set(True)
+            log.append("set")  # the next decision comes after this call, not within it
+
+        robot = Ensemble(
+            "robot",
+            policy=DeterministicPolicy([0, 1]),
+            actions={"First": first, "Second": lambda: (log.append("second"), robot.stop(), a.set(False))},
+            predicates=manager,
+            states=[StateFactor("a", ["A"])],
+        )
+        await runtime.start(robot)
+        assert log == ["first", "set", "second"]
+        assert not robot.active
+
+    run_virtual(main)
+
+
+def test_an_ensemble_below_two_parents_is_refused():
+    child = leaf("child")
+    above("one", child)
+    with pytest.raises(Error, match="'child' is already a child of 'one'"):
+        above("two", child)
+
+
+def test_factors_without_a_predicate_manager_are_refused():
+    with pytest.raises(ConfigError, match="has states, but no predicate manager"):
+        leaf("leaf", states=[StateFactor("a", ["A"])])
+    with pytest.raises(ConfigError, match="has observations, but no predicate manager"):
+        leaf("leaf", observations=[ObservationFactor("a", ["A", "B"])])
+
+
+def test_state_factors_must_make_the_policy_s_states():
+    async def main(runtime):
+        manager = PredicateManager()
+        for name in "AB":
+            manager.sensor(name)
+        with pytest.raises(ConfigError, match="make 4 states, but the policy is for 2"):
+            await runtime.start(
+                leaf("leaf", predicates=manager, states=[StateFactor("a", ["A"]), StateFactor("b", ["B"])])
+            )
+
+    run_virtual(main)
+
+
+def test_the_tree_can_be_printed():
+    tree = above("top", above("middle", leaf("bottom"))).tree()
+    assert tree.splitlines() == [
+        "top (MDP, 2 states, 2 actions, event-driven)",
+        "  middle: middle (MDP, 2 states, 2 actions, event-driven)",
+        "    bottom: bottom (MDP, 2 states, 2 actions, event-driven)",
+        "      Work: forever()",
+        "      Rest: <lambda>()",
+        "    Idle: <lambda>()",
+        "  Idle: <lambda>()",
+    ]
+
+
+@settings(max_examples=60)
+@given(st.data())
+def test_random_hierarchies_leave_no_task_behind(data):
+    """Whatever ensembles start, stop and fail at random, nothing runs below one that does not, and nothing is left."""
+
+    def grow(name, depth):
+        children = [] if depth == 0 else [grow(f"{name}{i}", depth - 1) for i in range(data.draw(st.integers(0, 2)))]
+        supervision = data.draw(st.sampled_from(["escalate", "stop", Restart(limit=2, backoff=0.2)]))
+        ensemble = above(name, *children, supervision=supervision) if children else leaf(name, supervision=supervision)
+        everything.append(ensemble)
+        return ensemble
+
+    everything: list[Ensemble] = []
+
+    async def main():
+        before = asyncio.all_tasks()
+        try:
+            async with Runtime(clock=VirtualClock(), log=None) as runtime:
+                top = grow("e", data.draw(st.integers(1, 3)))
+                await runtime.start(top)
+                for _ in range(data.draw(st.integers(1, 15))):
+                    ensemble = data.draw(st.sampled_from(everything))
+                    step = data.draw(st.sampled_from(["state"] * 6 + ["stop", "start", "crash"]))
+                    if step == "state":
+                        states = ensemble.control.policy.num_states
+                        ensemble.publish_state(data.draw(st.integers(0, states - 1)))
+                    elif step == "crash":
+                        crash(data.draw(st.sampled_from([ensemble, ensemble.control, ensemble.action])))
+                    elif ensemble is top:
+                        getattr(ensemble, step)()
+                    await asyncio.sleep(data.draw(st.sampled_from([0, 0.1, 1])))
+                    await asyncio.sleep(0.01)
+                    for each in everything:
+                        for below in each.subensembles:
+                            if below.active and each.life == "running":
+                                assert below.name in each.action.live
+        except ActorFailure:
+            pass
+        assert asyncio.all_tasks() == before
+        assert not any(ensemble.active or ensemble.action.live for ensemble in everything)
+
+    run(main, virtual=True)
+
+
+def test_the_same_input_gives_the_same_bytes():
+    def encode(value):
+        return value.tolist() if isinstance(value, np.ndarray) else str(value)
+
+    async def main(runtime):
+        seen = []
+        manager = PredicateManager()
+        for name in "ABC":
+            manager.sensor(name, initial=False, max_age=2.0)
+        robot = Ensemble(
+            "robot",
+            policy=DeterministicPolicy([0, 1, 2, 0, 1, 2, 0, 1]),
+            actions={"X": forever, "Y": lambda: None, "Z": bind(forever, timeout=0.7)},
+            predicates=manager,
+            states=[StateFactor(name, [name]) for name in "ABC"],
+        )
+        await runtime.start(manager)
+        await runtime.start(robot)
+        for channel in runtime.channels:
+            channel.subscribe(lambda message, name=channel.name: seen.append((name, message)))
+        random = np.random.default_rng(5)
+        for _ in range(300):
+            manager.sense("ABC"[random.integers(3)], bool(random.integers(2)))
+            await asyncio.sleep(float(random.exponential(0.5)))
+        return msgspec.json.encode(seen, enc_hook=encode)
+
+    first, second = run_virtual(main), run_virtual(main)
+    assert first == second
+    assert first.count(b"running") > 100

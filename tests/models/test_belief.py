@@ -137,3 +137,10 @@ def test_unknown_symbols_are_refused(action, observation, message):
     tracker = BeliefTracker(tiger())
     with pytest.raises(ModelError, match=message):
         tracker.update(action, observation)
+
+
+def test_symbols_may_be_numbers_of_numpy_or_names():
+    tracker, same = BeliefTracker(tiger()), BeliefTracker(tiger())
+    for observation in (np.int64(1), ("1",), (np.int32(1),)):
+        assert tracker.update(np.int64(0), observation) == pytest.approx(same.update(0, 1))
+        np.testing.assert_allclose(tracker.belief, same.belief, atol=1e-15)

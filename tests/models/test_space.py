@@ -63,3 +63,16 @@ def test_names_must_differ():
 
 def test_an_index_may_stand_for_a_name():
     assert Space.single("state", ["left", "right"]).index("1") == 1
+
+
+def test_an_index_may_be_a_number_of_numpy():
+    index = Space.single("state", ["left", "right"]).index(np.int64(1))
+    assert (index, type(index)) == (1, int)
+    with pytest.raises(ModelError, match="no symbol 2"):
+        Space.single("state", ["left", "right"]).index(np.int64(2))
+
+
+def test_names_that_hold_blanks_are_given_one_by_one():
+    space = Space([Factor("place", ["Room A", "Room B"]), Factor("fire", ["no fire", "fire"])])
+    assert space.index(("Room B", "no fire")) == 2
+    assert space.names[2] == "Room B no fire"

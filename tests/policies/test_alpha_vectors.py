@@ -58,9 +58,18 @@ def test_agrees_with_madp(corpus, name):
         (([1.0, 2.0], [0]), "vectors x states"),
         (([[1.0, np.nan]], [0]), "vector 0 has a number that is not finite"),
         (([[1.0], [2.0]], [0, -1]), "vector 1 is for action -1"),
+        (([[1.0], [2.0]], [0, 0.5]), "vector 1 is for action 0.5; actions are whole numbers"),
+        (([[1.0], [2.0, 3.0]], [0, 0]), "no array of numbers"),
         (([[1.0], [2.0]], [0, 3], 3), "vector 1 is for action 3, but the actions are 0 to 2"),
     ],
 )
 def test_wrong_vectors_are_refused(arguments, message):
     with pytest.raises(ModelError, match=message):
         AlphaVectors(*arguments)
+
+
+def test_a_belief_over_other_states_is_refused():
+    policy = AlphaVectors([[1.0, 2.0]], [0])
+    for method in (policy.action, policy.value, policy.q_values):
+        with pytest.raises(ModelError, match=r"beliefs of 2 numbers, not of shape \(3,\)"):
+            method(np.full(3, 1 / 3))

@@ -45,6 +45,8 @@ def test_a_state_beyond_the_policy_is_named(policy, states):
         (lambda: DeterministicPolicy([]), "at least one state"),
         (lambda: DeterministicPolicy([0, 2], 2), "entry for state 1 is 2, but its actions are 0 to 1"),
         (lambda: DeterministicPolicy([-1]), "state 0 is -1"),
+        (lambda: DeterministicPolicy([0, 0.5]), "entry for state 1 is 0.5, but an action's index is needed"),
+        (lambda: QTable([[0], [1, 2]]), "the Q-table is no array of numbers"),
         (lambda: StochasticPolicy([[0.5, 0.5], [0.5, 0.9]]), "state 1 are no distribution: 0.5, 0.9 sum to 1.4"),
         (lambda: StochasticPolicy([[1.5], [-0.5]]), "state 0"),
         (lambda: StochasticPolicy([1.0]), "actions x states"),
@@ -60,3 +62,15 @@ def test_wrong_tables_are_refused(make, message):
 def test_values_that_are_not_known_are_not_made_up():
     with pytest.raises(ModelError, match="holds no values"):
         DeterministicPolicy([0]).value(0)
+
+
+def test_an_action_of_probability_zero_is_never_drawn():
+    """Ten tenths fall short of one; the gap belongs to the last action that may be drawn, not to the last."""
+    policy = StochasticPolicy([[0.1]] * 10 + [[0.0]])
+
+    class Largest:
+        def random(self):
+            return np.nextafter(1.0, 0.0)
+
+    policy._generator = Largest()
+    assert policy.action(0) == 9

@@ -19,9 +19,9 @@ from mdm.models import POMDP, BeliefTracker
 from mdm.runtime import Histogram, Latencies
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
-    from mdm.models import MDP, Space
+    from mdm.models import MDP
     from mdm.policies import Policy
     from mdm.runtime import Ticker
 
@@ -80,7 +80,7 @@ class ControlLayer(Layer):
         self.impossible = 0
         self.superseded = 0
         self.undecided = 0
-        self.actions: Space | None = None if model is None else model.action_space
+        self.action_names: Sequence[str] = () if model is None else model.action_space.names
         self._rewards = _rewards(rewards, model)
         if tracker is None and policy.input == "belief" and isinstance(model, POMDP):
             tracker = BeliefTracker(model)
@@ -395,7 +395,7 @@ class ControlLayer(Layer):
         return self.has_safe_action
 
     def _name(self, action: int) -> str:
-        return str(action) if self.actions is None else self.actions.names[action]
+        return self.action_names[action] if self.action_names else str(action)
 
     @property
     def latency(self) -> Histogram:

@@ -102,6 +102,8 @@ class Ensemble(Layer):
             self.action = ActionLayer(
                 names, actions, component=component, predicates=predicates, safe_action=safe_action
             )
+            if model is None:
+                self.control.action_names = names
             self.control.has_safe_action = self.action.safe is not None
             if on_impossible == "safe_action" and self.action.safe is None:
                 raise ConfigError("on_impossible asks for the safe action, but there is none", key="safe_action")

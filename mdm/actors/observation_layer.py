@@ -76,11 +76,16 @@ class ObservationLayer(Layer):
         self._rest: list[int | None] = []
         self._strides: tuple[int, ...] = ()
 
+    @property
+    def key(self) -> str:
+        """Where the factors stand in a configuration."""
+        return f"ensembles.{self.owner.name}.observations"
+
     def problems(self) -> Iterator[ConfigError]:
         """Yield what is wrong with the factors: against the events declared, each other, and the model."""
         owners: dict[str, str] = {}
         for factor in self.factors:
-            key = f"{self.owner.path}.observations.{factor.name}"
+            key = f"{self.key}.{factor.name}"
             for position, event in enumerate(factor.events):
                 if self.predicates.knows(event) != "event" and position != factor.idle:
                     events = [known for known, kind in self.predicates.names.items() if kind == "event"]
@@ -110,14 +115,14 @@ class ObservationLayer(Layer):
             yield ConfigError(
                 f"{len(self.factors)} observation factors do not make up the model's {len(sizes)} "
                 f"({', '.join(f'{factor.name}: {len(factor)}' for factor in space.factors)})",
-                key=f"{self.owner.path}.observations",
+                key=self.key,
             )
             return
         for factor, size in zip(self.factors, sizes, strict=True):
             if len(factor.events) != size:
                 yield ConfigError(
                     f"observation factor {factor.name!r} has {len(factor.events)} symbols, but the model's has {size}",
-                    key=f"{self.owner.path}.observations.{factor.name}",
+                    key=f"{self.key}.{factor.name}",
                 )
 
     def on_start(self) -> None:

@@ -92,6 +92,11 @@ class StateLayer(Layer):
         self._index = 0
         self._known = False
 
+    @property
+    def key(self) -> str:
+        """Where the factors stand in a configuration."""
+        return f"ensembles.{self.owner.name}.states"
+
     def problems(self) -> Iterator[ConfigError]:
         """Yield what is wrong with the factors: against the predicates declared and against the model."""
         for factor in self.factors:
@@ -100,10 +105,10 @@ class StateLayer(Layer):
                     yield ConfigError(
                         f"state factor {factor.name!r} uses {predicate!r}, which is no declared predicate"
                         f"{self._similar(predicate)}",
-                        key=f"{self.owner.path}.states.{factor.name}",
+                        key=f"{self.key}.{factor.name}",
                     )
         if self.space is not None:
-            yield from _mismatches(self.factors, self.space, self.owner.path)
+            yield from _mismatches(self.factors, self.space, self.key)
 
     def _similar(self, name: str) -> str:
         return self.similar(name, [known for known, kind in self.predicates.names.items() if kind == "predicate"])
@@ -220,7 +225,7 @@ class StateLayer(Layer):
             self._published.publish(State(time, None, tuple(self._digits)))
 
 
-def _mismatches(factors: tuple[StateFactor, ...], space: Space, path: str) -> Iterator[ConfigError]:
+def _mismatches(factors: tuple[StateFactor, ...], space: Space, key: str) -> Iterator[ConfigError]:
     """Yield how factors differ from a model's: matched by name where the model has those names, else by order."""
     sizes = {factor.name: len(factor) for factor in space.factors}
     if all(factor.name in sizes for factor in factors):
@@ -230,7 +235,7 @@ def _mismatches(factors: tuple[StateFactor, ...], space: Space, path: str) -> It
             yield ConfigError(
                 f"state factors stand in the order {', '.join(f.name for f in factors)}, "
                 f"but the model's is {', '.join(order)}",
-                key=f"{path}.states",
+                key=key,
             )
             return
     elif len(factors) == len(sizes):
@@ -241,14 +246,14 @@ def _mismatches(factors: tuple[StateFactor, ...], space: Space, path: str) -> It
         yield ConfigError(
             f"{len(factors)} state factors ({', '.join(f'{f.name}: {f.size}' for f in factors)}) do not make up the "
             f"model's {len(space)} states ({', '.join(f'{name}: {size}' for name, size in sizes.items())})",
-            key=f"{path}.states",
+            key=key,
         )
         return
     for factor, size in zip(factors, expected, strict=True):
         if factor.size != size:
             yield ConfigError(
                 f"state factor {factor.name!r} has {factor.size} values, but the model's has {size}",
-                key=f"{path}.states.{factor.name}",
+                key=f"{key}.{factor.name}",
             )
 
 

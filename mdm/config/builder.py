@@ -130,6 +130,8 @@ class _Builder:
         for name, value in self._tables_of(document, "predicates"):
             with self._collecting(f"predicates.{name}"):
                 self._predicate(name, value)
+            if self._predicates.knows(name) is None:
+                self._predicates.sensor(name)  # stands in for what was wrong, so that its uses are not wrong as well
         for name, value in self._tables_of(document, "events"):
             with self._collecting(f"events.{name}"):
                 self._event(name, value)

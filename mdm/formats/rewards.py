@@ -1,7 +1,8 @@
 """Rewards as statements over (a, s, s', o), reduced to the expected R(s, a).
 
 R(s, a) is the sum over s' of T(s' | s, a) times the sum over o of O(o | a, s') R(a, s, s', o). The last statement that
-covers an entry counts.
+covers an entry counts. Rewards are looked at only where T is not 0: in O(non-zeros of T), times O where they depend on
+the observation, and then in blocks of states.
 """
 
 from __future__ import annotations
@@ -10,13 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from mdm.formats.probabilities import Indices, Places
+
 __all__ = ["Rewards"]
 
-_LIMIT = 20_000_000
+_BLOCK = 5_000_000
+_Statement = tuple["Places", "Places", "Places", Any]
 
 
 class Rewards:
@@ -29,85 +34,134 @@ class Rewards:
     """
 
     def __init__(self, num_actions: int, num_states: int, num_observations: int) -> None:
-        self._shape = (num_actions, num_states, num_observations)
-        self._statements: list[tuple[Any, Any, Any, Any, Any]] = []
+        self._num_states = num_states
+        self._num_observations = num_observations
+        self._by_action: list[list[_Statement]] = [[] for _ in range(num_actions)]
 
     def add(
-        self,
-        action: int | Sequence[int] | None,
-        state: int | None,
-        next_state: int | None,
-        observation: int | None,
-        value: float | npt.NDArray[np.float64],
+        self, action: int | Sequence[int] | None, state: Places, next_state: Places, observation: Places, value: Any
     ) -> None:
-        """Add a statement; None stands for all, a list for several actions.
+        """Add a statement; None stands for all, a sequence for several actions.
 
-        ``value`` is a number; a row over the observations (over the next states in an MDP) where ``observation`` is
-        None; or a matrix over next states and observations where ``next_state`` is None too (over states and next
-        states in an MDP).
+        ``value`` is a number; as many numbers as there are indices in the other arguments; a row over the observations
+        (over the next states in an MDP) where ``observation`` is None; or a matrix over next states and observations
+        where ``next_state`` is None too (over states and next states in an MDP).
         """
-        self._statements.append((action, state, next_state, observation, value))
+        statement = (state, next_state, observation, value)
+        for each in range(len(self._by_action)) if action is None else [action] if isinstance(action, int) else action:
+            self._by_action[each].append(statement)
 
     def expected(self, transitions: Sequence[Any], observations: Sequence[Any] | None) -> npt.NDArray[np.float64]:
-        """Return R(s, a), an S x A array."""
-        num_actions, num_states, _ = self._shape
-        result = np.zeros((num_states, num_actions))
-        by_action: list[list[tuple[Any, Any, Any, Any]]] = [[] for _ in range(num_actions)]
-        for action, *rest in self._statements:
-            for each in range(num_actions) if action is None else action if isinstance(action, list) else (action,):
-                by_action[each].append((rest[0], rest[1], rest[2], rest[3]))
-        for action, statements in enumerate(by_action):
-            if statements:
-                matrix = observations[action] if observations is not None else None
+        """Return R(s, a), an S x A array, under CSR matrices of T and O per action."""
+        result = np.zeros((self._num_states, len(self._by_action)))
+        for action, statements in enumerate(self._by_action):
+            if all(n is None and o is None and not _is_row(s, n, o, value) for s, n, o, value in statements):
+                for state, _, _, value in statements:
+                    result[slice(None) if state is None else state, action] = value
+            else:
+                matrix = None if observations is None else observations[action]
                 result[:, action] = self._action(statements, transitions[action], matrix)
         return result
 
-    def _action(
-        self, statements: list[tuple[Any, Any, Any, Any]], transition: Any, observation: Any
-    ) -> npt.NDArray[np.float64]:
-        num_states = self._shape[1]
-        if all(n is None and o is None and isinstance(value, float) for _, n, o, value in statements):
-            flat = np.zeros(num_states)
-            for state, _, _, value in statements:
-                flat[slice(None) if state is None else state] = value
-            return flat
+    def _action(self, statements: list[_Statement], transition: Any, observation: Any) -> npt.NDArray[np.float64]:
         over_observations = observation is not None and any(
-            o is not None or np.ndim(value) > 0 for _, _, o, value in statements
+            o is not None or _is_row(s, n, o, value) for s, n, o, value in statements
         )
-        width = num_states * (self._shape[2] if over_observations else 1)
-        step = max(1, min(num_states, _LIMIT // width))
-        # In blocks of states, so that the full S x S' x O array is never made for a large model.
-        blocks = [
-            self._block(
-                statements, first, min(first + step, num_states), transition, observation if over_observations else None
-            )
-            for first in range(0, num_states, step)
-        ]
-        return np.concatenate(blocks)
+        starts = transition.indptr.astype(np.int64)
+        width = self._num_observations if over_observations else 1
+        result = np.zeros(self._num_states)
+        first = 0
+        while first < self._num_states:
+            last = int(np.searchsorted(starts, starts[first] + _BLOCK // width, side="right")) - 1
+            last = min(max(last, first + 1), self._num_states)
+            block = _Block(transition, starts, first, last, width if over_observations else 0)
+            for statement in statements:
+                block.apply(*statement)
+            rewards = block.rewards
+            if over_observations:
+                chances = observation[block.next_states].toarray()
+                rewards = np.einsum("no,no->n", chances, rewards)
+            weights = transition.data[starts[first] : starts[last]] * rewards
+            result[first:last] = np.bincount(block.states - first, weights, minlength=last - first)
+            first = last
+        return result
 
-    def _block(
-        self, statements: list[tuple[Any, Any, Any, Any]], first: int, last: int, transition: Any, observation: Any
-    ) -> npt.NDArray[np.float64]:
-        num_states = self._shape[1]
-        rows = transition[first:last]
-        weights = rows if isinstance(rows, np.ndarray) else rows.toarray()
-        everything = slice(None)
-        if observation is None:
-            values = np.zeros((last - first, num_states))
-            for state, next_state, _, value in statements:
-                if state is None or first <= state < last:
-                    place = everything if state is None else state - first
-                    part = value[first:last] if np.ndim(value) == 2 else value
-                    values[place, everything if next_state is None else next_state] = part
-            return np.asarray((weights * values).sum(axis=1))
-        dense = observation if isinstance(observation, np.ndarray) else observation.toarray()
-        cube = np.zeros((last - first, num_states, dense.shape[1]))
-        for state, next_state, symbol, value in statements:
-            if state is None or first <= state < last:
-                place = everything if state is None else state - first
-                cube[
-                    place,
-                    everything if next_state is None else next_state,
-                    everything if symbol is None else symbol,
-                ] = value
-        return np.asarray(np.einsum("sn,no,sno->s", weights, dense, cube))
+
+class _Block:
+    """Rewards of one action for the transitions that begin in some states, each over all observations or none."""
+
+    def __init__(self, transition: Any, starts: Indices, first: int, last: int, width: int) -> None:
+        self._first, self._last = first, last
+        self._num_states = transition.shape[1]
+        self._starts = starts[first : last + 1] - starts[first]
+        self.states = np.repeat(np.arange(first, last), np.diff(self._starts))
+        self.next_states = transition.indices[starts[first] : starts[last]].astype(np.int64)
+        self._keys = self.states * self._num_states + self.next_states
+        self._width = width
+        self.rewards = np.zeros((len(self.states), width) if width else len(self.states))
+
+    def apply(self, state: Places, next_state: Places, observation: Places, value: Any) -> None:
+        """Let a statement set what it covers."""
+        if isinstance(state, int) and not self._first <= state < self._last:
+            return
+        if _is_row(state, next_state, observation, value):
+            where, _ = self._where(state, next_state)
+            if np.ndim(value) == 2:
+                if self._width:
+                    self.rewards[where] = value[self.next_states[where]]
+                else:
+                    self.rewards[where] = value[self.states[where], self.next_states[where]]
+            else:
+                self.rewards[where] = value if self._width else value[self.next_states[where]]
+        elif isinstance(observation, np.ndarray):
+            for symbol in np.unique(observation):
+                chosen = observation == symbol
+                self.apply(
+                    state[chosen] if isinstance(state, np.ndarray) else state,
+                    next_state[chosen] if isinstance(next_state, np.ndarray) else next_state,
+                    int(symbol),
+                    _parallel(state, next_state, value[chosen] if np.ndim(value) else value),
+                )
+        else:
+            where, source = self._where(state, next_state)
+            values = value[source] if np.ndim(value) else value
+            if not self._width:
+                self.rewards[where] = values
+            elif observation is None:
+                self.rewards[where] = values[:, None] if np.ndim(values) else values
+            else:
+                self.rewards[where, observation] = values
+
+    def _where(self, state: Places, next_state: Places) -> tuple[Any, Any]:
+        """Return which transitions lie between the states, and for each the place of its states among those given."""
+        if state is None and next_state is None:
+            return slice(None), 0
+        if next_state is None and isinstance(state, int):
+            begin, end = self._starts[state - self._first], self._starts[state - self._first + 1]
+            return slice(int(begin), int(end)), 0
+        if state is None or next_state is None:
+            wanted, present = (next_state, self.next_states) if state is None else (state, self.states)
+            assert wanted is not None
+            wanted = np.atleast_1d(wanted)
+            latest = np.full(self._num_states, -1)
+            latest[wanted] = np.arange(len(wanted))
+            source = latest[present]
+            where = np.flatnonzero(source >= 0)
+            return where, source[where]
+        keys = np.atleast_1d(np.asarray(state * self._num_states + next_state))
+        if not len(self._keys):
+            return slice(0), slice(0)
+        at = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+        found = np.flatnonzero(self._keys[at] == keys)
+        return at[found], found
+
+
+def _is_row(state: Places, next_state: Places, observation: Places, value: Any) -> bool:
+    """Whether a value is a row or a matrix over what is not named, rather than a number for each that is."""
+    return np.ndim(value) > 0 and not any(isinstance(p, np.ndarray) for p in (state, next_state, observation))
+
+
+def _parallel(state: Places, next_state: Places, value: Any) -> Any:
+    """Return the values for the states named, or the latest where all states are meant."""
+    named = isinstance(state, np.ndarray) or isinstance(next_state, np.ndarray)
+    return value[-1] if np.ndim(value) and not named else value

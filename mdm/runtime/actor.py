@@ -19,7 +19,7 @@ from mdm.runtime.work import Work, wait_all
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
-    from anyio.abc import TaskGroup, TaskStatus
+    from anyio.abc import TaskGroup
 
     from mdm.runtime.clock import Timer
     from mdm.runtime.runtime import Runtime
@@ -120,6 +120,8 @@ class Actor:
         try:
             await self._start(child)
         except BaseException:
+            # Whoever waited for the start may have been cancelled: what has started by then ends in good order.
+            await child._stop()
             self.children.remove(child)
             child.parent = None
             raise
@@ -254,13 +256,22 @@ class Actor:
     async def _start(self, child: Actor) -> None:
         if self._group is None:
             raise Error(f"actor {self.path!r} does not run, so it cannot start {child.name!r}")
-        await self._group.start(child._run, self.runtime)
+        await child.live_in(self._group, self.runtime)
+
+    async def live_in(self, group: TaskGroup, runtime: Runtime) -> None:
+        """Live as a task of a group, and wait until it runs; the runtime and parents call this."""
+        self._ended = anyio.Event()
+        self._request = "none"
+        start = _Start()
+        group.start_soon(self._run, runtime, start)
+        await start.wait()
 
     async def _stop(self) -> None:
-        if self.life in {"created", "stopped", "failed"} or self._ended is None:
+        if self._ended is None:
             return
         self.end()
-        await self._ended.wait()
+        with anyio.CancelScope(shield=True):
+            await self._ended.wait()
 
     def end(self) -> None:
         """Ask this actor to stop, its children before it; returns at once."""
@@ -269,24 +280,24 @@ class Actor:
         if self._requested is not None:
             self._requested.set()
 
-    async def _run(self, runtime: Runtime, *, task_status: TaskStatus[None]) -> None:
+    async def _run(self, runtime: Runtime, start: _Start) -> None:
         self._runtime = runtime
-        self._ended = anyio.Event()
-        self._request = "none"
         started = False
         error: BaseException | None = None
         try:
             while True:
                 self._requested = anyio.Event()
-                error = await self._live(None if started else task_status)
+                if self._asked("stop"):
+                    self._requested.set()
+                error = await self._live(None if started else start)
                 started = True
                 if error is not None or not await self._restarting():
                     break
         finally:
             self._change("failed" if self._asked("fail") or error is not None else "stopped")
-            self._ended.set()
-        if error is not None:
-            raise error
+            start.failed(error)
+            if self._ended is not None:
+                self._ended.set()
 
     def _asked(self, request: Request) -> bool:
         return self._request == request
@@ -303,7 +314,7 @@ class Actor:
             await self._requested.wait()
         return not self._asked("stop")
 
-    async def _live(self, task_status: TaskStatus[None] | None) -> BaseException | None:
+    async def _live(self, start: _Start | None) -> BaseException | None:
         """Live once, from start to stop; return what a first start raised."""
         failed: BaseException | None = None
         async with anyio.create_task_group() as group:
@@ -313,17 +324,18 @@ class Actor:
             try:
                 await self._begin()
                 for child in tuple(self.children):
-                    await self._start(child)
+                    if not self._asked("stop"):
+                        await self._start(child)
             except Exception as error:
                 failed = error
             if failed is None:
                 self._change("running")
                 self.runtime.dispatcher.deliver(Subscription(None, self, lambda _: self.on_running()), None)
-                if task_status is not None:
-                    task_status.started()
+                if start is not None:
+                    start.done()
                 if self._requested is not None:
                     await self._requested.wait()
-            elif task_status is None:
+            elif start is None:
                 self.life = "running"
                 self.fail(failed)
                 failed = None
@@ -406,6 +418,30 @@ class Actor:
             restarts=self._restarts,
             work=len(self._work),
         )
+
+
+class _Start:
+    """Tells whoever starts an actor that it runs, or what its start raised."""
+
+    def __init__(self) -> None:
+        self._event = anyio.Event()
+        self._error: BaseException | None = None
+
+    def done(self) -> None:
+        """Say that the actor runs."""
+        self._event.set()
+
+    def failed(self, error: BaseException | None) -> None:
+        """Say that it has ended; before it ran, because of an error."""
+        if not self._event.is_set():
+            self._error = error
+            self._event.set()
+
+    async def wait(self) -> None:
+        """Wait until it runs; raise what its start raised."""
+        await self._event.wait()
+        if self._error is not None:
+            raise self._error
 
 
 def describe(error: BaseException) -> str:

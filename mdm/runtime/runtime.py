@@ -135,7 +135,7 @@ class Runtime:
 
     async def _grow(self, began: asyncio.Event) -> None:
         async with anyio.create_task_group() as group:
-            await group.start(self.root._run, self)  # noqa: SLF001
+            await self.root.live_in(group, self)
             began.set()
 
     async def __aexit__(

@@ -146,7 +146,7 @@ def test_an_mdp_decides_on_each_state_and_publishes_reward():
 def test_policies_without_a_model():
     table = {"model": None, "actions": {"a": nothing, "b": nothing}}
     decisions, _, _ = decided([be(1)], policy=QTable([[0, 1], [1, 0]]), **table)
-    assert [(d.action_name, d.reward) for d in decisions] == [("0", None)]
+    assert [(d.action_name, d.reward) for d in decisions] == [("a", None)]
     draws = [d.action for d in decided([be(0)] * 50, policy=StochasticPolicy([[0.5], [0.5]], seed=3), **table)[0]]
     assert draws == [
         d.action for d in decided([be(0)] * 50, policy=StochasticPolicy([[0.5], [0.5]], seed=3), **table)[0]
@@ -316,7 +316,7 @@ def test_unknown_observations_are_reported():
 
 def test_missing_components_are_summed_over():
     hear = np.array([[0.85, 0.15], [0.15, 0.85]])
-    from mdm import Factor, Space  # noqa: PLC0415
+    from mdm import Factor, Space
 
     two = np.stack([np.outer(row, row).ravel() for row in hear])
     model = POMDP(
@@ -349,7 +349,7 @@ def test_a_missed_deadline_runs_the_safe_action_instead():
         def now(self):
             return super().now() + self.behind
 
-    from mdm import Runtime, run  # noqa: PLC0415
+    from mdm import Runtime, run
 
     async def main():
         clock = Clock()
@@ -412,7 +412,7 @@ def test_messages_are_published_action_first():
     ],
 )
 def test_wrong_options_are_refused_with_the_key(options, message):
-    from mdm import Error  # noqa: PLC0415
+    from mdm import Error
 
     with pytest.raises(Error, match=message):
         ensemble(**{key: value() if key == "drive" else value for key, value in options.items()})

@@ -397,3 +397,28 @@ def test_two_runtimes_in_one_program_do_not_know_of_each_other():
             return [len(messages) for messages in seen]
 
     assert run(main, virtual=True) == [1, 1]
+
+
+def test_a_cancelled_start_ends_what_has_started_in_good_order():
+    log = []
+
+    class Slow(Recorded):
+        async def on_stopping(self):
+            await asyncio.sleep(0.5)
+            log.append(("stopping", self.path))
+
+    async def main(runtime):
+        parent = Slow("parent", log)
+        parent.add(Recorded("child", log))
+        starting = asyncio.create_task(runtime.start(parent))
+        while parent.life == "created":
+            await asyncio.sleep(0)
+        starting.cancel()
+        await asyncio.wait([starting])
+        assert starting.cancelled()
+        assert runtime.root.children == []
+
+    run_virtual(main)
+    assert log[0] == ("start", "parent")
+    assert log[-2:] == [("stopping", "parent"), ("stop", "parent")] or log[-3] == ("stopping", "parent")
+    assert sum(what == "start" for what, _ in log) == sum(what == "stop" for what, _ in log)

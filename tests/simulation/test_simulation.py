@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from mdm import (
+    MDP,
+    ConfigError,
+    DeterministicPolicy,
+    Ensemble,
+    FixedRate,
+    PredicateManager,
+    StateFactor,
+    World,
+    load_model,
+    load_policy,
+    simulate,
+)
+from mdm.simulation import Sampler
+from mdm.simulation.simulate import steps_for
+from mdm.testing import capture_decisions, run_virtual
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+def random_mdp(seed, states=4, actions=2):
+    random = np.random.default_rng(seed)
+    transitions = random.dirichlet(np.ones(states) * 0.5, size=(actions, states))
+    return MDP(transitions, random.normal(size=(states, actions)), discount=0.8), random.integers(actions, size=states)
+
+
+@settings(max_examples=5)
+@given(st.integers(0, 100))
+def test_an_mdp_is_worth_what_linear_algebra_says(seed):
+    model, actions = random_mdp(seed)
+    moves = np.stack([model.transition_matrix(a)[s] for s, a in enumerate(actions)])
+    gains = model.rewards[np.arange(4), actions]
+    exact = float(model.initial_belief @ np.linalg.solve(np.eye(4) - model.discount * moves, gains))
+    result = simulate(model, DeterministicPolicy(actions, 2), episodes=800, seed=seed)
+    assert abs(result.mean - exact) < 5 * result.standard_error + 1e-3
+    assert result.standard_error == pytest.approx(np.std(result.returns, ddof=1) / math.sqrt(800))
+
+
+@pytest.mark.parametrize("drive", [None, FixedRate(10)])
+def test_tiger_is_worth_its_published_optimum(drive):
+    model = load_model(EXAMPLES / "tiger.pomdp")
+    policy = load_policy(EXAMPLES / "tiger.vf", model)
+    result = simulate(model, policy, episodes=400, seed=1, drive=drive)
+    assert abs(result.mean - 19.3713) < 4 * result.standard_error
+    assert result == simulate(model, policy, episodes=400, seed=1, drive=drive)
+    assert result.mean != simulate(model, policy, episodes=400, seed=2, drive=drive).mean
+
+
+def test_draws_follow_the_model():
+    model, _ = random_mdp(3)
+    for sparse in (False, True):
+        again = MDP([model.transition_matrix(a) for a in range(2)], model.rewards, discount=0.8, sparse=sparse)
+        sampler = Sampler(again, seed=1)
+        counts = np.bincount([sampler.next_state(2, 1) for _ in range(20_000)], minlength=4)
+        np.testing.assert_allclose(counts / 20_000, model.transition_matrix(1)[2], atol=0.02)
+
+
+def test_a_world_sets_predicates_and_takes_its_time():
+    model, _ = random_mdp(1, states=4)
+
+    async def main(runtime):
+        manager = PredicateManager()
+        for name in ("A", "B"):
+            manager.sensor(name)
+        from mdm import Factor, Space
+
+        named = MDP(
+            [model.transition_matrix(a) for a in range(2)],
+            model.rewards,
+            discount=0.8,
+            states=Space([Factor("a", 2), Factor("b", 2)]),
+        )
+        robot = Ensemble(
+            "robot",
+            policy=DeterministicPolicy([0, 1, 0, 1]),
+            model=named,
+            actions={0: lambda: None, 1: lambda: None},
+            predicates=manager,
+            states=[StateFactor("a", ["A"]), StateFactor("b", ["B"])],
+        )
+        world = World(robot, seed=4, period=0.5)
+        await runtime.start(manager)
+        await runtime.start(world)
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(robot)
+            for _ in range(20):
+                await runtime.clock.sleep(0.5)
+                values = manager.values()
+                assert decisions[-1].state == 2 * values["A"] + values["B"]
+        assert [decision.time for decision in decisions] == [index * 500_000_000 for index in range(len(decisions))]
+        assert len(decisions) >= 20
+
+    run_virtual(main)
+
+
+def test_steps_and_mistakes():
+    assert 0.95 ** steps_for(0.95) <= 1e-4 < 0.95 ** (steps_for(0.95) - 1)
+    model, actions = random_mdp(0)
+    policy = DeterministicPolicy(actions, 2)
+    with pytest.raises(ConfigError, match="needs an end"):
+        simulate(model.with_discount(1), policy, episodes=1)
+    assert simulate(model.with_discount(1), policy, episodes=2, steps=3, seed=0).steps == 3
+    with pytest.raises(ConfigError, match="at least 1 episode"):
+        simulate(model, policy, episodes=0)
+    with pytest.raises(ConfigError, match="has none"):
+        World(Ensemble("robot", policy=policy, actions={0: print, 1: print}))

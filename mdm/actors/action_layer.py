@@ -17,7 +17,7 @@ from mdm.runtime import Histogram, Latencies
 from mdm.runtime.actor import describe
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Awaitable, Callable, Iterator, Mapping
 
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.predicate_manager import PredicateManager
@@ -102,7 +102,7 @@ class ActionLayer(Layer):
     def on_start(self) -> None:
         """Listen for actions."""
         self._lives = self.owner.channel("lives", ActionLife)
-        self._now = self.runtime.clock.now
+        self._now = self.runtime.clock.reader()
         self._path = self.owner.path
         self._halted = True
         self.subscribe(self.owner.channel("action", Action), self._on_action)
@@ -148,28 +148,29 @@ class ActionLayer(Layer):
             return
         index = action.index if self._component is None else self._component(action.index)
         binding = self.bindings[index]
-        if binding.plain and self._current is None and not binding.concurrent and not self._lives.heard:
-            self._call(self.names[index], binding, action)
-        else:
+        if not binding.plain or self._current is not None or binding.concurrent or self._lives.heard:
             self._choose(self.names[index], binding, action)
-
-    def _call(self, name: str, binding: Binding, action: Action) -> None:
-        """Call a plain function while nothing lives and nobody listens to lives. Hot path."""
+            return
+        # Hot path: a plain function, while nothing lives and nobody listens to lives, needs no record of its own.
         self.started += 1
         self._record(self._now() - action.time)
         try:
             result = binding.function(action) if binding.takes_action else binding.function()
         except Exception as error:
-            self._end_life(_Life(self.started, name, binding, action), "failed", describe(error))
+            self._end_life(_Life(self.started, self.names[index], binding, action), "failed", describe(error))
             return
         if result is not None and inspect.isawaitable(result):
-            life = _Life(self.started, name, binding, action)
-            self._keep(life)
-            life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=name)
+            self._run_task(_Life(self.started, self.names[index], binding, action), result)
             return
-        self.ended["succeeded"] = self.ended.get("succeeded", 0) + 1
+        ended = self.ended
+        ended["succeeded"] = ended.get("succeeded", 0) + 1
         if self.predicates is not None and self.predicates.action_ends:
-            self._raise_end(name, "succeeded")
+            self._raise_end(self.names[index], "succeeded")
+
+    def _run_task(self, life: _Life, awaitable: Awaitable[object]) -> None:
+        """Run what a function has returned as a task."""
+        self._keep(life)
+        life.work = self.spawn(awaitable, lambda work: self._work_ended(life, work), name=life.name)
 
     def _choose(self, name: str, binding: Binding, action: Action) -> None:
         if binding.concurrent:
@@ -219,8 +220,7 @@ class ActionLayer(Layer):
             self._end_life(life, "failed", describe(error))
             return
         if result is not None and inspect.isawaitable(result):
-            self._keep(life)
-            life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=name)
+            self._run_task(life, result)
         else:
             self._end_life(life, "succeeded")
 

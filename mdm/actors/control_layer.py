@@ -188,7 +188,7 @@ class ControlLayer(Layer):
     def on_start(self) -> None:
         """Listen; deciding begins with `start`."""
         channel = self.owner.channel
-        self._now = self.runtime.clock.now
+        self._now = self.runtime.clock.reader()
         self._actions = channel("action", Action)
         self._reward_channel = channel("reward", Reward, retain=True)
         self._beliefs = channel("belief", Belief, retain=True)
@@ -376,12 +376,12 @@ class ControlLayer(Layer):
         self._action = action
         latency = self._now() - time
         if self._deadline_ns is None or latency <= self._deadline_ns or not self._late(latency, time):
-            self._actions.publish(Action(time, epoch, action))
+            self._actions.emit(Action(time, epoch, action))
         self._record(latency)
         if reward is not None:
-            self._reward_channel.publish(Reward(time, epoch, reward))
+            self._reward_channel.emit(Reward(time, epoch, reward))
         if belief is not None:
-            self._beliefs.publish(Belief(time, belief))
+            self._beliefs.emit(Belief(time, belief))
         if self._decisions.heard:
             self._decisions.publish(
                 Decision(time, self._path, epoch, cause, state, observation, belief, action, self._name(action), reward)

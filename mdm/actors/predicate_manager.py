@@ -249,13 +249,17 @@ class PredicateManager(Actor):
                 self._input(tuple(values.items()), tuple(events))
 
     def sense(self, name: str, value: bool | None) -> None:
-        """Take a sensor's value; `Sensor.set` calls this. From any thread."""
+        """Take a predicate's value, by its name. From any thread."""
+        self.take(((name, value),))
+
+    def take(self, readings: tuple[tuple[str, bool | None], ...]) -> None:
+        """Take values of predicates as one update; `Sensor.set` calls this. From any thread."""
         if self._batches and (batch := self._batches.get(get_ident())) is not None:
-            batch[0][name] = value
+            batch[0].update(readings)
         elif self._senses is None:
-            self._input(((name, value),), ())
+            self._input(readings, ())
         else:
-            self._senses(SensorUpdate(self._now(), ((name, value),)))
+            self._senses(SensorUpdate(self._now(), readings))
 
     def occur(self, *events: str) -> None:
         """Raise events, together; `EventSource.fire` calls this. From any thread."""
@@ -284,7 +288,7 @@ class PredicateManager(Actor):
         self.updates = self.channel("updates", PredicateUpdate)
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
-        self._now = self.runtime.clock.now
+        self._now = self.runtime.clock.reader()
         self._network = self.network()
         first = self._network.compile()
         self._known = frozenset(self._network.names)
@@ -328,8 +332,14 @@ class PredicateManager(Actor):
                     self._seen[name] = update.time
                     if value is not None and name not in self._age_timers:
                         self._watch(name)
-        if change is not None:
+        if change is None:
+            return
+        rising, falling, unknown, events, armed, disarmed = change
+        if events or armed or disarmed or self.map.heard:
             self._publish(update.time, change)
+        else:  # hot path: predicates alone have changed
+            self._counter = counter = self._counter + 1
+            self.updates.emit(PredicateUpdate(update.time, counter, rising, falling, unknown))
 
     def _publish(self, time: int, change: Change) -> None:
         rising, falling, unknown, events, armed, disarmed = change
@@ -342,12 +352,12 @@ class PredicateManager(Actor):
                 self._arm(name, time)
         if rising or falling or unknown:
             self._counter = counter = self._counter + 1
-            self.updates.publish(PredicateUpdate(time, counter, rising, falling, unknown))
+            self.updates.emit(PredicateUpdate(time, counter, rising, falling, unknown))
             if self.map.heard:
                 self.map.publish(PredicateMap(time, counter, self._network.values()))
         if events:
             self._event_counter = counter = self._event_counter + 1
-            self.events.publish(EventUpdate(time, counter, events))
+            self.events.emit(EventUpdate(time, counter, events))
 
     def _arm(self, name: str, since: int) -> None:
         def held() -> None:

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 
 __all__ = ["EventSource", "Sensor"]
 
+Reading = tuple[tuple[str, "bool | None"], ...]
+
 
 class Sensor:
     """Sets one predicate, from anywhere: a callback, a task, another thread.
@@ -20,11 +22,12 @@ class Sensor:
         manager: Its predicate manager.
     """
 
-    __slots__ = ("_manager", "name")
+    __slots__ = ("_manager", "_readings", "name")
 
     def __init__(self, name: str, manager: PredicateManager) -> None:
         self.name = name
         self._manager = manager
+        self._readings: dict[bool | None, Reading] = {value: ((name, value),) for value in (True, False, None)}
 
     def set(self, value: bool | np.bool_ | None) -> None:
         """Say whether the predicate holds; None says that it is unknown.
@@ -36,7 +39,7 @@ class Sensor:
             if not isinstance(value, np.bool_):
                 raise TypeError(f"predicate {self.name!r} is True, False or None (unknown), not {value!r}")
             value = bool(value)
-        self._manager.sense(self.name, value)
+        self._manager.take(self._readings[value])
 
     @property
     def value(self) -> bool | None:

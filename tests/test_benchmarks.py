@@ -1,0 +1,40 @@
+"""Every benchmark runs and writes what it measured; speeds are not judged here."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
+
+
+@pytest.mark.parametrize("name", ["decision_latency", "ticks", "startup"])
+def test_benchmark(tmp_path, name):
+    if name == "decision_latency":
+        pytest.importorskip("pykka")
+    output = tmp_path / "out.json"
+    done = subprocess.run(
+        [sys.executable, str(BENCHMARKS / f"{name}.py"), "--quick", "--output", str(output)],
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    assert done.returncode == 0, done.stderr
+    results = json.loads(output.read_text())
+    assert results["benchmark"] == name
+    assert results["machine"]["python"]
+    if name == "decision_latency":
+        assert {"mdm: MDP, 12 states", "asyncio.Queue tasks", "pykka actors", "direct call", "mdm: dectiger"} <= {
+            row["case"] for row in results["latency"]
+        }
+        (saturation,) = results["saturation"]
+        assert saturation["lost"] == 0
+        assert saturation["stream took"] + saturation["stream dropped (counted)"] == saturation["stimuli"] + 1
+    elif name == "ticks":
+        assert {row["way"] for row in results["ticks"]} == {"mdm", "loop.call_at", "asyncio.sleep"}
+    else:
+        assert all(row["median_ms"] > 0 for row in results["startup"])

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["main"]
+__all__ = ["VERBS", "main"]
 
-_VERBS = ("run", "check", "info", "trace", "simulate")
+VERBS = ("run", "check", "info", "trace", "simulate")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--version", action="version", version=f"mdm {_version()}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    for verb in _VERBS:
+    for verb in VERBS:
         module = importlib.import_module(f"mdm.cli.{verb}")
         module.add_parser(verbs).add_argument(
             "--debug", action="store_true", help="show the traceback of an error, and decisions in the log"

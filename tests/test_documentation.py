@@ -1,0 +1,56 @@
+"""What the pages show works: the README's program, the configuration page's file."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def block(page, language):
+    return re.search(rf"```{language}\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)[1]
+
+
+def test_the_readme_s_program_is_the_example():
+    program = block("README.md", "python")
+    example = (ROOT / "examples" / "q_table.py").read_text(encoding="utf-8")
+    assert example.endswith(program)
+
+
+def test_the_configuration_page_s_file_is_complete(tmp_path):
+    (tmp_path / "robot.toml").write_text(block("docs/configuration.md", "toml"))
+    (tmp_path / "robot.py").write_text(
+        "async def read_sensors(system): pass\nasync def assist(): pass\ndef stop(): pass\ndef go_on(): pass\n"
+    )
+    (tmp_path / "top.policy").write_text("[4](0,1,2,0)")
+    (tmp_path / "top.mdp").write_text(
+        "discount: 0.9\nvalues: reward\nstates: 4\nactions: Patrol Assist Stop\nT: * identity\n"
+    )
+    (tmp_path / "patrol.pomdp").write_text(
+        "discount: 0.9\nvalues: reward\nstates: 1\nactions: GoOn\nobservations: 2\nT: * identity\nO: * uniform\n"
+    )
+    (tmp_path / "patrol.vf").write_text("0 -1\n0\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "mdm", "check", str(tmp_path / "robot.toml")], capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_every_key_of_an_ensemble_is_in_the_page():
+    from mdm.config.tables import ActionTable, EnsembleTable
+
+    page = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
+    for table in (EnsembleTable, ActionTable):
+        for key in table.__struct_fields__:
+            assert f"`{key}`" in page, key
+
+
+def test_every_verb_is_in_the_readme():
+    from mdm.cli import VERBS
+
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for verb in VERBS:
+        assert f"mdm {verb} " in readme

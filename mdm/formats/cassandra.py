@@ -198,6 +198,8 @@ class _Reader:
             return build(self._source, statements, states, actions, observations, discount, start, sparse)
         except ModelError as error:
             raise FormatError(str(error), file=self._source.path) from None
+        except MemoryError:
+            self._source.fail("the model is too large for this machine's memory")
 
     def _field(self, at: int, words: list[str], space: Space, kind: str) -> Field:
         word = words[0]
@@ -221,9 +223,9 @@ def build(
 ) -> MDP | POMDP:
     """Return the model that statements make, or say what was never given."""
     for letter, stack in (("T", statements.transitions), ("O", statements.observations)):
-        if stack is not None and not stack.given.all():
-            action = actions.names[int((~stack.given).argmax())]
-            source.fail(f"no {letter!r} statement is given for action {action!r}")
+        action = None if stack is None else stack.missing()
+        if action is not None:
+            source.fail(f"no {letter!r} statement is given for action {actions.names[action]!r}")
     transitions = statements.transitions.matrices()
     if observations is None or statements.observations is None:
         rewards = statements.rewards.expected(transitions, None)

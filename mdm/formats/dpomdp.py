@@ -93,14 +93,14 @@ class _Reader:
                 lines[-1][0],
                 f"the {key} of {len(agents)} agents need a line for each agent, but {len(lines)} are given",
             )
-        factors = [
-            Factor(agent, self._names(line, text.split(), f"{key} of agent {agent!r}"), prefix=key[0])
+        named = [
+            self._names(line, text.split(), f"{key} of agent {agent!r}")
             for agent, (line, text) in zip(agents, lines, strict=True)
         ]
-        joint = math.prod(map(len, factors))
+        joint = math.prod(names if isinstance(names, int) else len(names) for names in named)
         if joint > LARGEST:
             self._fail(lines[0][0], f"{joint} joint {key} are more than the {LARGEST} that are possible")
-        return Space(factors)
+        return Space(Factor(agent, names, prefix=key[0]) for agent, names in zip(agents, named, strict=True))
 
     def _start(self, states: Space) -> npt.NDArray[np.float64]:
         count = len(states)
@@ -167,6 +167,8 @@ class _Reader:
             model = build(self._source, statements, states, actions, observations, discount, start, sparse)
         except ModelError as error:
             raise FormatError(str(error), file=self._source.path) from None
+        except MemoryError:
+            self._source.fail("the model is too large for this machine's memory")
         assert isinstance(model, POMDP)
         return model
 

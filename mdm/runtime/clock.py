@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Clock", "Timer", "WallClock"]
 
+_STEP = 4_000
+_LONGEST_LEAD = 400_000
+
 
 class Timer:
     """A callback that waits for its time; ``cancel()`` takes it back."""
@@ -149,10 +152,20 @@ class WallClock(Clock):
     The offset between the steady clock and the time of day is taken once, so that a correction of the time of day
     never makes it jump; processes on one machine, and machines whose time of day is synchronised, agree on it to
     within that synchronisation, which is what lets replicas tick together.
+
+    An idle machine takes some 100 to 400 µs to wake a program. The clock learns how long this one takes, asks to be
+    woken that much earlier, and spins for what is left, which is seldom more than 100 µs: 1 % of a core at 100 Hz.
+
+    Args:
+        spin: Wake early and spin; without it, timers come as late as the machine wakes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, spin: bool = True) -> None:
         super().__init__()
+        self._spin = spin
+        self._lead = 100_000
+        self._woken_for = 0
+        self._learning = False
         self._offset = time.time_ns() - time.monotonic_ns()
         self._descriptor: int | None = None
         self._handle: asyncio.TimerHandle | None = None
@@ -193,7 +206,9 @@ class WallClock(Clock):
     def _arm(self, when: int) -> None:
         steady = when - self._offset
         if self._descriptor is not None:
-            timerfd.set_time(self._descriptor, steady)
+            self._woken_for = steady - self._lead
+            self._learning = self._spin and self._woken_for > monotonic_ns()
+            timerfd.set_time(self._descriptor, self._woken_for)
         elif self._loop is not None:
             if self._handle is not None:
                 self._handle.cancel()
@@ -201,5 +216,15 @@ class WallClock(Clock):
             self._handle = self._loop.call_later(max(delay, 0.0), self._fire_due)
 
     def _timerfd_fired(self) -> None:
-        if self._descriptor is not None and timerfd.acknowledge(self._descriptor):
-            self._fire_due()
+        if self._descriptor is None or not timerfd.acknowledge(self._descriptor):
+            return
+        now = monotonic_ns()
+        if self._learning:
+            # Small steps, two up for one that is twice as long down, lead to the time that two wakes in three exceed.
+            late = now - self._woken_for > self._lead
+            self._lead = min(self._lead + _STEP, _LONGEST_LEAD) if late else max(self._lead - 2 * _STEP, 0)
+        if self._armed is not None:
+            due = self._armed - self._offset
+            while monotonic_ns() < due:
+                pass
+        self._fire_due()

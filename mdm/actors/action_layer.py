@@ -14,7 +14,7 @@ from mdm.actors.layer import Layer
 from mdm.errors import ConfigError
 from mdm.messages import Action, ActionLife, ActionStatus
 from mdm.runtime import Histogram, Latencies
-from mdm.runtime.actor import describe
+from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterator, Mapping

@@ -363,7 +363,11 @@ class ControlLayer(Layer):
         if tracker is None:
             state = self._state
             assert state is not None
-            action = self.policy.action(state)
+            try:
+                action = self.policy.action(state)
+            except ModelError as error:
+                self._safety.publish(Fault(time, self.path, "state", str(error)))
+                return
             reward = None if self._rewards is None else self._rewards.item(action, state)
             belief = None
         else:

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from threading import get_ident
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+from mdm.actors.follower import Follower
 from mdm.actors.sensor import EventSource, Sensor
 from mdm.errors import ConfigError, Error
 from mdm.logic import Formula, Network, parse
@@ -18,10 +19,10 @@ from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdat
 from mdm.runtime import Actor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterator
 
     from mdm.logic import Change
-    from mdm.runtime import Channel, Subscription, Supervision, Timer
+    from mdm.runtime import Channel, Supervision, Timer
 
 __all__ = ["ACTION_END", "PredicateManager"]
 
@@ -316,7 +317,7 @@ class PredicateManager(Actor):
             channel = self.runtime.channel(*place) if isinstance(place, tuple) else place
             self.subscribe(channel, self._grounding(name, when))
         for agent, updates, full in self._followed:
-            follower = _Follower(self, agent, full)
+            follower = Follower(self, agent, full)
             self.subscribe(updates, follower.update)
             follower.synchronise()
 
@@ -397,44 +398,6 @@ class PredicateManager(Actor):
                 sensor.set(None)
 
         return grounded
-
-
-class _Follower:
-    """Keeps another agent's predicates up to date in a predicate manager."""
-
-    def __init__(self, manager: PredicateManager, agent: str, full: Channel[PredicateMap]) -> None:
-        self._manager = manager
-        self._agent = agent
-        self._full = full
-        self._subscription: Subscription[PredicateMap] | None = None
-        self._counter = -1
-
-    def synchronise(self) -> None:
-        """Read the other's whole map, once."""
-        if self._subscription is None:
-            self._subscription = self._manager.subscribe(self._full, self._map)
-
-    def _map(self, message: PredicateMap) -> None:
-        if self._subscription is not None:
-            self._subscription.cancel()
-            self._subscription = None
-        self._counter = message.counter
-        self._take(message.time, message.values.items())
-
-    def update(self, update: PredicateUpdate) -> None:
-        """Take what changed at the other agent."""
-        if update.counter != self._counter + 1:
-            self.synchronise()
-        self._counter = update.counter
-        changes = [(name, True) for name in update.rising]
-        changes += [(name, False) for name in update.falling]
-        self._take(update.time, [*changes, *((name, None) for name in update.unknown)])
-
-    def _take(self, time: int, values: Iterable[tuple[str, bool | None]]) -> None:
-        known = self._manager.known
-        changes = tuple((f"{self._agent}/{name}", value) for name, value in values if f"{self._agent}/{name}" in known)
-        if changes:
-            self._manager.sensed.publish(SensorUpdate(time, changes))
 
 
 def _tree(formula: Formula | str) -> Formula:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import traceback
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from weakref import WeakSet
 
@@ -12,8 +11,9 @@ from mdm.errors import Error
 from mdm.messages import Fault, StateChange, Tick
 from mdm.runtime.channel import Channel, Subscription
 from mdm.runtime.scheduler import Ticker
+from mdm.runtime.start import Start
 from mdm.runtime.statistics import ActorStatistics
-from mdm.runtime.supervision import ActorFailure, Restart, RestartBudget, Supervision
+from mdm.runtime.supervision import ActorFailure, Restart, RestartBudget, Supervision, describe
 from mdm.runtime.work import Work, wait_all
 
 if TYPE_CHECKING:
@@ -262,7 +262,7 @@ class Actor:
         """Live as a task of a group, and wait until it runs; the runtime and parents call this."""
         self._ended = anyio.Event()
         self._request = "none"
-        start = _Start()
+        start = Start()
         group.start_soon(self._run, runtime, start)
         await start.wait()
 
@@ -280,7 +280,7 @@ class Actor:
         if self._requested is not None:
             self._requested.set()
 
-    async def _run(self, runtime: Runtime, start: _Start) -> None:
+    async def _run(self, runtime: Runtime, start: Start) -> None:
         self._runtime = runtime
         started = False
         error: BaseException | None = None
@@ -314,7 +314,7 @@ class Actor:
             await self._requested.wait()
         return not self._asked("stop")
 
-    async def _live(self, start: _Start | None) -> BaseException | None:
+    async def _live(self, start: Start | None) -> BaseException | None:
         """Live once, from start to stop; return what a first start raised."""
         failed: BaseException | None = None
         async with anyio.create_task_group() as group:
@@ -418,34 +418,3 @@ class Actor:
             restarts=self._restarts,
             work=len(self._work),
         )
-
-
-class _Start:
-    """Tells whoever starts an actor that it runs, or what its start raised."""
-
-    def __init__(self) -> None:
-        self._event = anyio.Event()
-        self._error: BaseException | None = None
-
-    def done(self) -> None:
-        """Say that the actor runs."""
-        self._event.set()
-
-    def failed(self, error: BaseException | None) -> None:
-        """Say that it has ended; before it ran, because of an error."""
-        if not self._event.is_set():
-            self._error = error
-            self._event.set()
-
-    async def wait(self) -> None:
-        """Wait until it runs; raise what its start raised."""
-        await self._event.wait()
-        if self._error is not None:
-            raise self._error
-
-
-def describe(error: BaseException) -> str:
-    """Return one sentence for an error: its type, its text, and where in the code it came from."""
-    frames = traceback.extract_tb(error.__traceback__)
-    place = f" (at {frames[-1].filename}:{frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {error}{place}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from collections import deque
 from typing import Literal
 
@@ -9,7 +10,7 @@ import msgspec
 
 from mdm.errors import Error
 
-__all__ = ["ActorFailure", "Restart", "Supervision"]
+__all__ = ["ActorFailure", "Restart", "RestartBudget", "Supervision", "describe"]
 
 
 class ActorFailure(Error):
@@ -54,3 +55,10 @@ class RestartBudget:
             return None
         times.append(now)
         return float(min(policy.backoff * 2 ** (len(times) - 1), policy.max_backoff))
+
+
+def describe(error: BaseException) -> str:
+    """Return one sentence for an error: its type, its text, and where in the code it came from."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" (at {frames[-1].filename}:{frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {error}{place}"

@@ -253,6 +253,18 @@ def test_an_unknown_state_is_not_decided_on():
     assert [d.state for d in decisions] == [0, 0]
 
 
+@pytest.mark.parametrize("drive", [None, FixedRate(1)])
+def test_a_state_beyond_the_policy_is_reported_and_runs_the_safe_action(drive):
+    calls = []
+    options = {"model": None, "policy": DeterministicPolicy([1, 0]), "actions": dict.fromkeys(range(2), nothing)}
+    decisions, faults, _ = decided(
+        [be(7), 0.5, 0.1, be(1), 1.0], drive=drive, safe_action=lambda: calls.append("safe"), **options
+    )
+    assert ("state", "robot/control") in faults
+    assert calls[0] == "safe"
+    assert [decision.state for decision in decisions][-1] == 1
+
+
 def sure(value):
     return lambda robot: robot.publish_belief([value, 1 - value])
 

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError, ModelWarning
-from mdm.formats.source import Source, Words
-from mdm.formats.statements import Field, Statements, number
+from mdm.formats.source import Source, Words, number
+from mdm.formats.statements import Field, Statements
 from mdm.models import MDP, POMDP, Space
 
 if TYPE_CHECKING:

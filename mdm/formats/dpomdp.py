@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError
 from mdm.formats.cassandra import LARGEST, build
-from mdm.formats.source import Source, Words
-from mdm.formats.statements import Field, Statements, number
+from mdm.formats.source import Source, Words, number
+from mdm.formats.statements import Field, Statements
 from mdm.models import POMDP, Space
 from mdm.models.space import Factor
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError
 from mdm.formats import cassandra, dpomdp, ublas, value_function
+from mdm.formats.cassandra import LARGEST
 from mdm.formats.source import Source, suffixes
 from mdm.policies import AlphaVectors, DeterministicPolicy, QTable, StochasticPolicy
 
@@ -58,7 +59,8 @@ def load_policy(
     Args:
         path: The file.
         model: The model that the policy is for; its sizes are checked.
-        kind: What a matrix is, where neither content nor model decide: ``stochastic`` or ``q``.
+        kind: What uBLAS text holds, where neither content nor model decide: ``stochastic`` or ``q`` for a matrix,
+            ``table`` for a vector of actions.
         seed: For the draws of a stochastic policy.
 
     Raises:
@@ -101,6 +103,9 @@ def _table(
     kind: PolicyKind | None,
     seed: int | None,
 ) -> LoadedPolicy:
+    if kind is not None and (kind == "table") != (array.ndim == 1):
+        held = "a vector, an action per state" if array.ndim == 1 else "a matrix"
+        source.fail(f"the file holds {held}, but kind={kind!r} was asked for")
     if array.ndim == 1:
         return _vector(source, array, None if model is None else len(model.action_space))
     stochastic = bool((array >= 0).all() and (np.abs(array.sum(axis=0) - 1) <= 1e-4).all())
@@ -114,12 +119,17 @@ def _table(
             kind = "stochastic"  # probabilities that do not sum to one are a broken policy rather than a Q-table
         else:
             kind = "stochastic" if stochastic else "q"
-    return StochasticPolicy(array, seed=seed) if kind == "stochastic" else QTable(array)
+    if kind == "q":
+        return QTable(array)
+    try:
+        return StochasticPolicy(array, seed=seed)
+    except ModelError as error:
+        raise ModelError(f"{error}; if the matrix is a Q-table (states x actions), say kind='q'") from None
 
 
 def _vector(source: Source, array: npt.NDArray[np.float64], num_actions: int | None) -> DeterministicPolicy:
     for state, action in enumerate(array.tolist()):
-        if not action >= 0 or action != int(action):
+        if not (0 <= action <= LARGEST and action.is_integer()):
             source.fail(f"the action for state {state} is {action:g}: an index from 0 on was expected")
         if num_actions is not None and action >= num_actions:
             source.fail(f"the action for state {state} is {action:g}, but the model's {num_actions} count from 0")

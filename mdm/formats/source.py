@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from mdm.errors import FormatError
 
-__all__ = ["Source", "suffixes"]
+__all__ = ["Source", "Words", "number", "suffixes"]
 
 _COMMENT = re.compile(r"#[^\n]*")
 _SIGNED = re.compile(r"[0-9.]")
@@ -115,6 +115,14 @@ def _read(path: Path) -> str:
     if not text.strip():
         raise FormatError("the file is empty", file=path)
     return text
+
+
+def number(word: str) -> float | None:
+    """Return the number that a word stands for, or None; ``nan`` and ``inf`` are numbers here, and refused later."""
+    try:
+        return float(word) if "_" not in word else None
+    except ValueError:
+        return None
 
 
 def suffixes(path: str | Path) -> str:

@@ -1,22 +1,19 @@
-"""The statements that Cassandra's formats and MADP's have in common: ``T:``, ``O:`` and ``R:`` over named symbols.
-
-Most of a large file repeats a few forms of statement. Once a statement for a single entry has been read word by word,
-those of its kind that differ from it only in their symbols and numbers are read in blocks, by the column; 1,000,000
-entries take 2 s in place of 9.
-"""
+"""The statements that Cassandra's formats and MADP's have in common: ``T:``, ``O:`` and ``R:`` over named symbols."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
 from mdm.errors import FormatError, ModelError
+from mdm.formats.entries import Entries
 from mdm.formats.probabilities import Places, Probabilities
 from mdm.formats.rewards import Rewards
+from mdm.formats.source import number
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,22 +21,13 @@ if TYPE_CHECKING:
     from mdm.formats.source import Words
     from mdm.models import Space
 
-__all__ = ["Field", "Statements", "number"]
+__all__ = ["Field", "Statements"]
 
 Field = int | list[int] | None
 """A symbol's index, several, or None for all."""
 
 _MOST_ROWS = 50_000_000
 _MOST_ERRORS = 5
-_FIRST_BLOCK, _LAST_BLOCK = 16, 65_536
-
-
-def number(word: str) -> float | None:
-    """Return the number that a word stands for, or None; ``nan`` and ``inf`` are numbers here, and refused later."""
-    try:
-        return float(word) if "_" not in word else None
-    except ValueError:
-        return None
 
 
 class Statements:
@@ -75,9 +63,7 @@ class Statements:
         self._sign = sign
         self._field = field
         self._colons = colons
-        self._known: dict[str, dict[Any, int]] = {"a": {}, "s": {}, "n": {}, "o": {}}
-        self._forms: dict[str, _Form] = {}
-        self._entries: dict[str, _Entries] = {}
+        self._entries = Entries(words.words, self._symbol, self._add)
         if len(actions) * len(states) > _MOST_ROWS:
             raise ModelError(
                 f"{len(actions)} actions in {len(states)} states are too many: at most {_MOST_ROWS} pairs are possible"
@@ -106,14 +92,14 @@ class Statements:
             if kind == "O" and self.observations is None:
                 self.fail(at, "an 'O:' statement, but the file declares no observations")
             try:
-                at = self._block(kind, at) or self._statement(kind, at + 2)
+                at = self._entries.read(kind, at) or self._statement(kind, at + 2)
             except FormatError as error:
                 errors.append(error)
                 at = self._next_statement(at + 2)
             if len(errors) == _MOST_ERRORS:
                 break
-        for kind in list(self._entries):
-            self._flush(kind)
+        for kind in "TOR":
+            self._entries.flush(kind)
         if len(errors) == 1:
             raise errors[0]
         if errors:
@@ -163,108 +149,18 @@ class Statements:
                 for span, letter, field in zip(spans, letters, fields, strict=False)
                 if field is not None
             ]
-            self._forms[kind] = _Form(words[begin:end], named, tuple(field is None for field in fields))
+            self._entries.learn(kind, words[begin:end], named, tuple(field is None for field in fields))
         return end
 
-    def _block(self, kind: str, begin: int) -> int:
-        """Read the statements from ``begin`` on that have the form of the last single entry of this kind.
-
-        Returns:
-            Where the next statement begins; 0 where not one has the form.
-        """
-        form = self._forms.get(kind)
-        if form is None:
-            return 0
-        words, length, at, size = self._words, form.length, begin, _FIRST_BLOCK
-        while True:
-            count = wanted = min(size, (len(words) - at) // length)
-            for offset, word in form.same:
-                column = words[at + offset : at + count * length : length]
-                if column.count(word) < len(column):
-                    count = next(index for index, other in enumerate(column) if other != word)
-            columns: list[list[int]] = []
-            for first, last, letter in form.named:
-                columns.append(self._indices(letter, kind, at, first, last, length, count))
-                count = len(columns[-1])
-            values = self._leading_numbers(kind, words[at + length - 1 : at + count * length : length])
-            count = len(values)
-            if count:
-                self._collect(kind, form.wild, [column[:count] for column in columns], values)
-            at += count * length
-            if count < wanted or not count:
-                return at if at > begin else 0
-            size = min(size * 4, _LAST_BLOCK)
-
-    def _indices(self, letter: str, kind: str, at: int, first: int, last: int, length: int, count: int) -> list[int]:
-        """Return the symbols' indices in one field of many statements, up to the first that is no single symbol."""
-        words, known = self._words, self._known[letter]
-        columns = [words[at + offset : at + count * length : length] for offset in range(first, last)]
-        keys: list[Any] = columns[0] if len(columns) == 1 else list(zip(*columns, strict=True))
-        found: list[Any] = list(map(known.get, keys))
-        if None in found:
-            space = self._spaces[letter]
-            assert space is not None
-            for index, key in enumerate(keys):
-                if key not in known:
-                    try:
-                        one = self._field(at, [key] if isinstance(key, str) else list(key), space, kind)
-                    except FormatError:
-                        one = None  # it is read again by itself, and refused with its place
-                    if not isinstance(one, int):
-                        return found[:index]
-                    known[key] = one
-                found[index] = known[key]
-        return found
-
-    @staticmethod
-    def _leading_numbers(kind: str, words: list[str]) -> list[float]:
-        """Return the numbers at the beginning of some words, up to the first that is none or not possible here."""
+    def _symbol(self, kind: str, letter: str, at: int, words: list[str]) -> int | None:
+        """Return the index of the one symbol that some words name, or None where they name none or several."""
+        space = self._spaces[letter]
+        assert space is not None
         try:
-            values = [] if "_" in "".join(words) else list(map(float, words))
-        except ValueError:
-            values = []
-        if values and math.isfinite(sum(values)) and (kind == "R" or min(values) >= 0):
-            return values
-        values = []
-        for word in words:
-            value = number(word)
-            if value is None or not math.isfinite(value) or (kind != "R" and value < 0):
-                break
-            values.append(value)
-        return values
-
-    def _collect(self, kind: str, wild: tuple[bool, ...], columns: list[list[int]], values: list[float]) -> None:
-        """Keep single entries until they are many, or a statement of another form comes."""
-        entries = self._entries.get(kind)
-        if entries is None or entries.wild != wild or len(entries.values) > _LAST_BLOCK:
-            self._flush(kind)
-            entries = self._entries[kind] = _Entries(wild, [[] for _ in columns], [])
-        for kept, column in zip(entries.columns, columns, strict=True):
-            kept.extend(column)
-        entries.values.extend(values)
-
-    def _flush(self, kind: str) -> None:
-        """Store the entries that were kept, action by action."""
-        entries = self._entries.pop(kind, None)
-        if entries is None:
-            return
-        columns = iter(entries.columns)
-        action, *places = [None if wild else np.array(next(columns), dtype=np.int64) for wild in entries.wild]
-        values = np.array(entries.values)
-        if action is None:
-            self._add_entries(kind, None, list(places), values)
-            return
-        order = np.argsort(action, kind="stable")
-        for part in np.split(order, np.flatnonzero(np.diff(action[order])) + 1):
-            mine: list[Places] = [None if place is None else place[part] for place in places]
-            self._add_entries(kind, int(action[part[0]]), mine, values[part])
-
-    def _add_entries(
-        self, kind: str, action: int | None, places: list[Places], values: npt.NDArray[np.float64]
-    ) -> None:
-        # Where nothing but the action is named, they all say the same: the last one counts.
-        named = any(place is not None for place in places)
-        self._add(kind, action, places, values if named else float(values[-1]))
+            field = self._field(at, words, space, kind)
+        except FormatError:
+            return None  # the statement is read again by itself, and refused with its place
+        return field if isinstance(field, int) else None
 
     def _field_end(self, at: int) -> int:
         if not self._colons:
@@ -349,9 +245,9 @@ class Statements:
             wild = tuple(field is None for field in fields)
             single = [[field] for field in fields if isinstance(field, int)]
             if len(single) + sum(wild) == len(fields):
-                self._collect(kind, wild, single, [value])
+                self._entries.add(kind, wild, single, [value])
                 return
-        self._flush(kind)
+        self._entries.flush(kind)
         places: list[Places] = [np.array(field) if isinstance(field, list) else field for field in fields[1:]]
         self._add(kind, fields[0], places, value)
 
@@ -364,29 +260,3 @@ class Statements:
             assert stack is not None
             row, column = [*places, None, None][:2]
             stack.add(action, row, column, value)
-
-
-class _Form:
-    """The form of a statement for a single entry.
-
-    Attributes:
-        length: In words, the value's at the end included.
-        same: The places of the words that every statement of this form has, with these words.
-        named: The beginning, end and kind of symbol of each field that names one.
-        wild: For each field whether it is ``*``.
-    """
-
-    def __init__(self, words: list[str], named: list[tuple[int, int, str]], wild: tuple[bool, ...]) -> None:
-        self.length = len(words)
-        self.named = named
-        self.wild = wild
-        changing = {self.length - 1}.union(*(range(first, last) for first, last, _ in named))
-        self.same = [(offset, word) for offset, word in enumerate(words) if offset not in changing]
-
-
-class _Entries(NamedTuple):
-    """Single entries of one form: for each field that is not ``*`` a column of indices, and the values."""
-
-    wild: tuple[bool, ...]
-    columns: list[list[int]]
-    values: list[float]

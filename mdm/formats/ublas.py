@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from mdm.formats.source import Source
+from mdm.formats.source import Source, number
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,7 +47,8 @@ class _Reader:
             self._fail(0, "a size in brackets was expected, such as '[12]' for a vector or '[2,3]' for a matrix")
         sizes = [size.strip() for size in head[1].split(",")]
         if len(sizes) > 2 or not all(size.isdecimal() and 0 < int(size) <= 10**9 for size in sizes):
-            self._fail(head.start(1), f"'[{head[1].strip()}]' is no size of a vector or matrix: one or two numbers are")
+            size = " ".join(head[1].split())
+            self._fail(head.start(1), f"'[{size[:40]}]' is no size of a vector or matrix: one or two numbers are")
         rows = self._rows(text, head.end(), depth=len(sizes))
         count = int(sizes[0])
         if len(sizes) == 1:
@@ -78,7 +79,8 @@ class _Reader:
                     self._end(text, bracket.end())
                     return rows
             last = bracket.end()
-        return self._fail(len(text) - 1, f"the text ends before the brackets of {text[:at].strip()} are closed")
+        head = "".join(text[:at].split())
+        return self._fail(len(text) - 1, f"the text ends before the brackets of {head} are closed")
 
     def _end(self, text: str, at: int) -> None:
         rest = text[at:].strip()
@@ -91,10 +93,10 @@ class _Reader:
             words.pop()  # some writers leave a comma at the end
         numbers: list[float] = []
         for word in words:
-            try:
-                numbers.append(float(word))
-            except ValueError:
-                self._fail(at, f"{word.strip()!r} in the {what} is no number")
+            value = number(word)
+            if value is None:
+                self._fail(at, f"{word.strip()[:40]!r} in the {what} is no number")
+            numbers.append(value)
             at += len(word) + 1
         if len(numbers) != count:
             self._fail(at - 1, f"the head says {count} numbers, but {len(numbers)} are given in the {what}")

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.formats.source import Source
+from mdm.formats.cassandra import LARGEST
+from mdm.formats.source import Source, number as number_of
 from mdm.policies import AlphaVectors
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["read"]
 
-_NO_ACTION = 2**31 - 1
+_NO_ACTION = "2147483647"
 """What MADP writes for a vector that belongs to no action; it can never be chosen."""
 
 
@@ -37,19 +38,15 @@ def read(path: str | Path, *, num_actions: int | None = None) -> AlphaVectors:
     actions: list[int] = []
     vectors: list[list[float]] = []
     for (number, head), (vector_number, words) in zip(lines[::2], lines[1::2], strict=False):
-        if len(head) != 2 or not head[0].isdecimal() or not head[1].lstrip("-").isdecimal():
-            source.fail(
-                f"an action's index and a second number were expected, not {' '.join(head)[:40]!r}", line=number
-            )
-        if int(head[0]) == _NO_ACTION:
+        action = _action(source, number, head, num_actions)
+        if action is None:
             continue
-        if num_actions is not None and int(head[0]) >= num_actions:
-            source.fail(f"there is no action {head[0]}: the model's {num_actions} count from 0", line=number)
-        actions.append(int(head[0]))
-        try:
-            vectors.append([float(word) for word in words])
-        except ValueError as error:
-            source.fail(f"a line of numbers was expected: {error}", line=vector_number)
+        actions.append(action)
+        values = [number_of(word) for word in words]
+        if None in values:
+            wrong = words[values.index(None)]
+            source.fail(f"a line of numbers was expected, but {wrong[:40]!r} stands in it", line=vector_number)
+        vectors.append([value for value in values if value is not None])
         if not np.isfinite(vectors[-1]).all():
             source.fail("a value is not finite", line=vector_number)
         if len(vectors[-1]) != len(vectors[0]):
@@ -59,3 +56,16 @@ def read(path: str | Path, *, num_actions: int | None = None) -> AlphaVectors:
     if not vectors:
         source.fail("the file holds no vector of an action")
     return AlphaVectors(vectors, actions, num_actions)
+
+
+def _action(source: Source, line: int, words: list[str], num_actions: int | None) -> int | None:
+    """Return the action that a block is for, or None where it is for none."""
+    if len(words) != 2 or not words[0].isdecimal() or not words[1].lstrip("-").isdecimal():
+        source.fail(f"an action's index and a second number were expected, not {' '.join(words)[:40]!r}", line=line)
+    if words[0] == _NO_ACTION:
+        return None
+    if num_actions is not None and int(words[0]) >= num_actions:
+        source.fail(f"there is no action {words[0]}: the model's {num_actions} count from 0", line=line)
+    if int(words[0]) > LARGEST:
+        source.fail(f"{words[0][:40]} is no action's index: at most {LARGEST} is possible", line=line)
+    return int(words[0])

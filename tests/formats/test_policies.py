@@ -103,6 +103,12 @@ MODEL = MDP([np.eye(3)] * 2, np.zeros((3, 2)), discount=0.9)
         ("[3](0,-1,2)", "state 1 is -1"),
         ("[3](0,1.5,2)", "state 1 is 1.5"),
         ("[3](0,x,2)", "'x'"),
+        ("[3](0,1_0,2)", "'1_0'"),
+        ("[3](0,inf,2)", "state 1 is inf"),
+        ("[3](0,nan,2)", "state 1 is nan"),
+        ("[3](0,1e300,2)", "state 1 is 1e+300"),
+        ("[3\n3](0,1,2)", "'[3 3]' is no size"),
+        ("0 -1\n1 2 1_0\n", "'1_0'"),
         ("[3](0,1,9)", "state 2 is 9, but the model's 2"),
         ("[2](0,1)", "2 states and 2 actions, but the model has 3 and 2"),
         ("[2,3]((0.5,0.5,0.5),(0.5,0.5,0.9))", "1.4"),
@@ -123,6 +129,37 @@ def test_wrong_policies_are_refused(tmp_path, text, words):
         load_policy(write(tmp_path, text), MODEL)
     assert words in str(caught.value)
     assert "x.policy" in str(caught.value)
+
+
+def test_an_index_that_no_array_holds_is_refused(tmp_path):
+    for action in ("99999999999", "9" * 100):
+        with pytest.raises(FormatError, match="is no action's index"):
+            load_policy(write(tmp_path, f"{action} -1\n1 2\n", "v.vf"))
+        with pytest.raises(FormatError, match="state 0 is"):
+            load_policy(write(tmp_path, f"[1]({action})"))
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "words"),
+    [
+        ("[2](0,1)", "q", "a vector, an action per state, but kind='q'"),
+        ("[2,2]((1,0),(0,1))", "table", "a matrix, but kind='table'"),
+        ("[2,2]((0.5,0.5),(0.9,0.9))", None, "say kind='q'"),
+    ],
+)
+def test_a_kind_that_does_not_fit_says_the_way_out(tmp_path, text, kind, words):
+    with pytest.raises(FormatError) as caught:
+        load_policy(write(tmp_path, text), kind=kind)
+    assert words in str(caught.value)
+
+
+@given(st.text(alphabet="[](),0123.-e \ninfa_", max_size=30))
+def test_any_text_gives_a_policy_or_a_format_error(tmp_path_factory, text):
+    path = write(tmp_path_factory.mktemp("u"), text)
+    try:
+        assert load_policy(path).num_states > 0
+    except FormatError as error:
+        assert "\n" not in str(error)
 
 
 MALFORMED = CORPUS / "malformed"

@@ -123,7 +123,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize("form", ["pomdp", "mdp", "team"])
-@settings(max_examples=40)
+@settings(max_examples=100)
 @given(data=st.data())
 def test_every_form_in_any_order_fills_what_it_says(folder, form, data):
     writer = Writer(data, team=form == "team", mdp=form == "mdp")
@@ -196,7 +196,7 @@ def test_an_error_within_a_block_is_told_in_its_place(tmp_path, line, message, c
     [
         ("T: * : * : * 0.00001\n", "100000 x 100000"),
         ("T: * uniform\n", "makes more numbers than"),
-        (HEAD.format(states=9_000_000).replace("actions: 2", "actions: 9") + "T: * identity\n", "are too many"),
+        (HEAD.format(states=100_000).replace("actions: 2", "actions: 600") + "T: * identity\n", "are too many"),
     ],
 )
 def test_what_no_memory_holds_is_refused_before_it_is_made(tmp_path, text, message):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from mdm.actors.binding import Binding, Callback, bind
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError
+from mdm.logic import similar
 from mdm.messages import Action, ActionLife, ActionStatus
 from mdm.runtime import Histogram, Latencies
 from mdm.runtime.supervision import describe
@@ -309,7 +310,7 @@ def _bindings(
     unknown = [key for key in keys if key not in wanted]
     hint = f" (the actions are {', '.join(names[:20])})"
     if unknown:
-        close = "".join(Layer.similar(str(key), names) for key in unknown[:1])
+        close = "".join(similar(str(key), names) for key in unknown[:1])
         raise ConfigError(
             f"no such action: {', '.join(repr(key) for key in unknown)}{close or hint}", key=f"actions.{unknown[0]}"
         )

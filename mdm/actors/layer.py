@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from typing import TYPE_CHECKING
 
 from mdm.runtime import Actor
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
 
     from mdm.errors import ConfigError
 
@@ -26,9 +25,3 @@ class Layer(Actor):
     def problems(self) -> Iterator[ConfigError]:
         """Yield everything that would keep this layer from starting."""
         yield from ()
-
-    @staticmethod
-    def similar(name: str, known: Iterable[str]) -> str:
-        """Return a hint at the names closest to a wrong one."""
-        close = difflib.get_close_matches(name, list(known), n=3)
-        return f"; did you mean {' or '.join(repr(other) for other in close)}?" if close else ""

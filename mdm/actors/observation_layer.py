@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError
+from mdm.logic import similar
 from mdm.messages import EventUpdate, Observation
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ class ObservationLayer(Layer):
                     events = [known for known, kind in self.predicates.names.items() if kind == "event"]
                     yield ConfigError(
                         f"observation factor {factor.name!r} uses {event!r}, which is no declared event"
-                        f"{self.similar(event, events)}",
+                        f"{similar(event, events)}",
                         key=key,
                     )
                 if event in owners:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError, Error
+from mdm.logic import similar
 from mdm.messages import PredicateUpdate, State
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ class StateLayer(Layer):
             yield from _mismatches(self.factors, self.space, self.key)
 
     def _similar(self, name: str) -> str:
-        return self.similar(name, [known for known, kind in self.predicates.names.items() if kind == "predicate"])
+        return similar(name, [known for known, kind in self.predicates.names.items() if kind == "predicate"])
 
     def on_start(self) -> None:
         """Take every predicate's value, and each change from now on."""

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import msgspec
 
 from mdm.actors import Binding, Ensemble, FixedRate, ObservationFactor, OnEvent, PredicateManager, StateFactor
-from mdm.actors.layer import Layer
 from mdm.actors.predicate_manager import ACTION_END
 from mdm.config.functions import find_function, nothing
 from mdm.config.system import System
@@ -25,6 +24,7 @@ from mdm.config.tables import (
 )
 from mdm.errors import ConfigError, Error, FormatError
 from mdm.formats import load_model, load_policy, load_rewards
+from mdm.logic import similar
 from mdm.policies import DeterministicPolicy, Policy
 from mdm.runtime import Restart, Supervision
 
@@ -112,7 +112,7 @@ class _Builder:
             unknown = text.split("`")[1] if "unknown field" in text else None
             if unknown is not None:
                 fields = getattr(kind, "__struct_fields__", ())
-                text = f"there is no key {unknown!r} here{Layer.similar(unknown, fields)}"
+                text = f"there is no key {unknown!r} here{similar(unknown, fields)}"
                 text += "" if "did you mean" in text else f"; the keys are {', '.join(fields)}"
                 self._problem(text, f"{key}{place}.{unknown}")
             else:
@@ -308,7 +308,7 @@ class _Builder:
             return self._function(entry.call, key)
         below = str(entry.ensemble)
         if below not in self._tables:
-            raise ConfigError(f"there is no ensemble {below!r} in this file{Layer.similar(below, self._tables)}")
+            raise ConfigError(f"there is no ensemble {below!r} in this file{similar(below, self._tables)}")
         if below in above:
             circle = " -> ".join((*above[above.index(below) :], below))
             raise ConfigError(f"ensembles start each other in a circle: {circle}")
@@ -348,5 +348,5 @@ class _Builder:
             for event in self._predicates.used:
                 action = event.rpartition(".")[0]
                 if ACTION_END.fullmatch(event) and "/" not in event and action not in actions:
-                    hint = Layer.similar(action, actions)
+                    hint = similar(action, actions)
                     self._problem(f"{event!r} is the end of an action that no ensemble has{hint}", "predicates")

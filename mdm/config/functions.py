@@ -6,8 +6,8 @@ import importlib
 import sys
 from typing import TYPE_CHECKING, Any, cast
 
-from mdm.actors.layer import Layer
 from mdm.errors import ConfigError
+from mdm.logic import similar
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,7 +38,7 @@ def find_function(reference: str, folder: Path) -> Callable[..., Any]:
     function = getattr(module, attribute, None)
     if function is None:
         names = [name for name in dir(module) if not name.startswith("_")]
-        raise ConfigError(f"module {module_name!r} has no {attribute!r}{Layer.similar(attribute, names)}")
+        raise ConfigError(f"module {module_name!r} has no {attribute!r}{similar(attribute, names)}")
     if not callable(function):
         raise ConfigError(f"{reference!r} is a {type(function).__name__}, not a function")
     return cast("Callable[..., Any]", function)

@@ -1,7 +1,8 @@
 """Propositional logic with an unknown: formulas, their text form, and networks that are kept up to date."""
 
+from mdm.logic.declarations import similar
 from mdm.logic.formula import Formula, P
 from mdm.logic.network import Change, Network
 from mdm.logic.parser import parse
 
-__all__ = ["Change", "Formula", "Network", "P", "parse"]
+__all__ = ["Change", "Formula", "Network", "P", "parse", "similar"]

@@ -13,9 +13,10 @@ from mdm.logic.formula import And, Constant, Formula, Implies, Not, Or, P, Xor
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["FALSE", "TRUE", "UNKNOWN", "compile_formula", "compile_hold", "compile_latch"]
+__all__ = ["CODES", "FALSE", "TRUE", "UNKNOWN", "compile_formula", "compile_hold", "compile_latch"]
 
 FALSE, UNKNOWN, TRUE = 0, 1, 2
+CODES = {False: FALSE, None: UNKNOWN, True: TRUE}
 _PAIRS = [(left, right) for left in range(3) for right in range(3)]
 _TABLES = {
     "AND": tuple(min(left, right) for left, right in _PAIRS),

@@ -6,21 +6,17 @@ transient value is ever seen, and stops where a value stays as it was.
 
 from __future__ import annotations
 
-import difflib
-from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, NamedTuple
 
-from mdm.errors import Error, FormatError
-from mdm.logic.compiler import FALSE, TRUE, UNKNOWN, compile_formula, compile_hold, compile_latch
-from mdm.logic.formula import Formula
-from mdm.logic.parser import parse
+from mdm.errors import Error
+from mdm.logic.compiler import CODES, FALSE, TRUE, UNKNOWN, compile_formula, compile_hold, compile_latch
+from mdm.logic.declarations import Declaration, Declarations, similar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 __all__ = ["Change", "Network"]
 
-_CODE = {False: FALSE, None: UNKNOWN, True: TRUE}
 _VALUE = (False, None, True)
 _Plan = tuple[tuple[int, "Callable[[list[int]], int]"], ...]
 _LONGEST_PLAN = 8
@@ -41,27 +37,11 @@ class Change(NamedTuple):
     disarmed: tuple[str, ...] = ()
 
 
-class _Node:
-    """A declared node, before compilation."""
-
-    __slots__ = ("formulas", "initial", "kind", "name")
-
-    def __init__(self, name: str, kind: str, formulas: tuple[Formula, ...] = (), initial: int = UNKNOWN) -> None:
-        self.name = name
-        self.kind = kind
-        self.formulas = formulas
-        self.initial = initial
-
-    @property
-    def is_event(self) -> bool:
-        return self.kind in {"event", "rise"}
-
-
-class Network:
+class Network(Declarations):
     """Predicates and events, inputs and derived ones: declare them, `compile`, then `update`."""
 
     def __init__(self) -> None:
-        self._nodes: dict[str, _Node] = {}
+        super().__init__()
         self._values: list[int] = []
         self._names: list[str | None] = []
         self._index: dict[str, int] = {}
@@ -76,44 +56,6 @@ class Network:
         self._entries: dict[str, tuple[int, _Plan | None]] = {}
         self._changes: dict[tuple[int, ...], Change] = {}
         self._raisable: frozenset[int] = frozenset()
-        self.remote: tuple[str, ...] = ()
-
-    # -- Declarations --------------------------------------------------------------------------------------------
-
-    def _declare(self, node: _Node) -> None:
-        if node.name in self._nodes:
-            raise Error(f"{node.name!r} is declared twice; a name stands for one predicate or event")
-        self._nodes[node.name] = node
-
-    def add_input(self, name: str, value: bool | None = None) -> None:
-        """Declare a predicate that is set from outside."""
-        self._declare(_Node(name, "input", initial=_CODE[value]))
-
-    def add_event(self, name: str) -> None:
-        """Declare an event that is raised from outside: true within the update that raises it, and no longer."""
-        self._declare(_Node(name, "event", initial=FALSE))
-
-    def define(self, name: str, formula: Formula | str) -> None:
-        """Declare a predicate by a formula over predicates."""
-        self._declare(_Node(name, "define", (_tree(name, formula),)))
-
-    def latch(self, name: str, *, set: Formula | str, reset: Formula | str, initial: bool = False) -> None:  # noqa: A002
-        """Declare a predicate that is true from ``set`` until ``reset``; reset wins, an unknown one changes nothing.
-
-        Both may name events.
-        """
-        self._declare(_Node(name, "latch", (_tree(name, set), _tree(name, reset)), _CODE[initial]))
-
-    def hold(self, name: str, formula: Formula | str) -> None:
-        """Declare a predicate that is as its formula, but true only when the caller says that time has elapsed."""
-        self._declare(_Node(name, "hold", (_tree(name, formula),)))
-
-    def rise(self, name: str, formula: Formula | str) -> None:
-        """Declare an event that occurs when a formula becomes true, having been false or unknown.
-
-        The formula may name events, and is then judged anew at each of them.
-        """
-        self._declare(_Node(name, "rise", (_tree(name, formula),), FALSE))
 
     # -- Compilation ---------------------------------------------------------------------------------------------
 
@@ -147,44 +89,13 @@ class Network:
                 self._entries[name] = (self._index[name], self._plan(self._index[name]))
         return self._first()
 
-    def _add_remote(self) -> None:
-        used = {name for node in self._nodes.values() for formula in node.formulas for name in formula.names}
-        self.remote = tuple(sorted(name for name in used - self._nodes.keys() if "/" in name))
-        for name in self.remote:
-            self.add_input(name)
-
-    def _check(self) -> None:
-        for node in self._nodes.values():
-            for formula in node.formulas:
-                for name in sorted(formula.names):
-                    other = self._nodes.get(name)
-                    if other is None:
-                        close = difflib.get_close_matches(name, self._nodes, n=3)
-                        hint = f"; did you mean {' or '.join(repr(c) for c in close)}?" if close else ""
-                        raise Error(f"{node.name!r} uses {name!r}, which is not declared{hint}")
-                    if other.is_event and node.kind in {"define", "hold"}:
-                        raise Error(
-                            f"{node.name!r} uses {name!r}, which is an event and has no lasting value: "
-                            "remember it with a latch"
-                        )
-
-    def _order(self) -> list[str]:
-        sorter: TopologicalSorter[str] = TopologicalSorter()
-        for node in self._nodes.values():
-            sorter.add(node.name, *sorted({name for formula in node.formulas for name in formula.names}))
-        try:
-            return list(sorter.static_order())
-        except CycleError as error:
-            cycle: list[str] = error.args[1]
-            raise Error(f"predicates depend on each other in a circle: {' -> '.join(reversed(cycle))}") from None
-
     def _place(self, name: str | None, value: int) -> int:
         self._names.append(name)
         self._values.append(value)
         self._functions.append(None)
         return len(self._names) - 1
 
-    def _compile_node(self, node: _Node, formula: int) -> None:
+    def _compile_node(self, node: Declaration, formula: int) -> None:
         index = self._index[node.name]
         if node.kind == "define":
             self._functions[index] = compile_formula(node.formulas[0], self._index)
@@ -293,7 +204,7 @@ class Network:
             if entry is None:
                 raise self._refusal(name)
             at, plan = entry
-            code = _CODE[value]
+            code = CODES[value]
             values = self._values
             if values[at] == code:
                 return None
@@ -335,7 +246,7 @@ class Network:
         for name, value in inputs:
             at = self._index[name]
             before.setdefault(at, values[at])
-            values[at] = _CODE[value]
+            values[at] = CODES[value]
         for name in elapsed:
             flag = self._flags[name]
             before[flag] = values[flag]
@@ -366,9 +277,7 @@ class Network:
 
     def _refusal(self, name: str) -> Error:
         if name not in self._index:
-            close = difflib.get_close_matches(name, self._index, n=3)
-            hint = f"; did you mean {' or '.join(repr(c) for c in close)}?" if close else ""
-            return Error(f"there is no predicate or event {name!r}{hint}")
+            return Error(f"there is no predicate or event {name!r}{similar(name, self._index)}")
         kind = "raised: it is no event" if self._nodes[name].kind == "input" else "set from outside: it is derived"
         return Error(f"{name!r} cannot be {kind}")
 
@@ -436,12 +345,3 @@ class Network:
             tuple(armed),
             tuple(disarmed),
         )
-
-
-def _tree(name: str, formula: Formula | str) -> Formula:
-    if isinstance(formula, Formula):
-        return formula
-    try:
-        return parse(formula)
-    except FormatError as error:
-        raise FormatError(f"in the formula of {name!r}: {error.message}", column=error.column) from None

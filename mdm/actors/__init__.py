@@ -1,8 +1,8 @@
 """The layers as actors: predicate manager, state, observation, control and action layer, and the ensemble."""
 
-from mdm.actors.action_layer import ActionLayer
+from mdm.actors.action_layer import ActionLayer, ActionStatistics
 from mdm.actors.binding import Binding, bind
-from mdm.actors.control_layer import ControlLayer
+from mdm.actors.control_layer import ControlLayer, ControlStatistics
 from mdm.actors.drive import Drive, FixedRate, OnEvent
 from mdm.actors.ensemble import Ensemble
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
@@ -12,8 +12,10 @@ from mdm.actors.state_layer import StateFactor, StateLayer
 
 __all__ = [
     "ActionLayer",
+    "ActionStatistics",
     "Binding",
     "ControlLayer",
+    "ControlStatistics",
     "Drive",
     "Ensemble",
     "EventSource",

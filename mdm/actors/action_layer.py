@@ -9,12 +9,14 @@ from __future__ import annotations
 import inspect
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from mdm.actors.binding import Binding, Callback, bind
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.messages import Action, ActionLife, ActionStatus
-from mdm.runtime import Histogram, Latencies
+from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from mdm.actors.predicate_manager import PredicateManager
     from mdm.runtime import Timer, Work
 
-__all__ = ["ActionLayer"]
+__all__ = ["ActionLayer", "ActionStatistics"]
 
 
 class _Life:
@@ -41,6 +43,20 @@ class _Life:
         self.deadline: Timer | None = None
         self.grace: Timer | None = None
         self.ending: ActionStatus | None = None
+
+
+class ActionStatistics(ActorStatistics, frozen=True):
+    """What an action layer has done: lives started, how they ended, and which are live.
+
+    ``skipped`` counts decisions that were overtaken before their action began; ``latency`` is from stimulus to the
+    callback's call.
+    """
+
+    started: int
+    ended: dict[ActionStatus, int]
+    skipped: int
+    live: tuple[str, ...]
+    latency: Histogram
 
 
 class ActionLayer(Layer):
@@ -86,6 +102,17 @@ class ActionLayer(Layer):
         """The names of the actions that are live now."""
         current = () if self._current is None else (self._current.name,)
         return (*current, *self._beside)
+
+    def statistics(self) -> ActionStatistics:
+        """Return what the layer has done so far."""
+        return ActionStatistics(
+            **msgspec.structs.asdict(super().statistics()),
+            started=self.started,
+            ended=dict(self.ended),
+            skipped=self.skipped,
+            live=self.live,
+            latency=self.latency,
+        )
 
     @property
     def latency(self) -> Histogram:

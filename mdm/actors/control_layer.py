@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Literal
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -16,7 +17,7 @@ from mdm.actors.layer import Layer
 from mdm.errors import ConfigError, Error, ModelError
 from mdm.messages import Action, Belief, Control, Decision, Fault, Observation, Reward, State, Tick
 from mdm.models import POMDP, BeliefTracker
-from mdm.runtime import Histogram, Latencies
+from mdm.runtime import ActorStatistics, Histogram, Latencies
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -25,9 +26,22 @@ if TYPE_CHECKING:
     from mdm.policies import Policy
     from mdm.runtime import Ticker
 
-__all__ = ["ControlLayer", "OnImpossible"]
+__all__ = ["ControlLayer", "ControlStatistics", "OnImpossible"]
 
 OnImpossible = Literal["predict", "keep", "reset", "safe_action"]
+
+
+class ControlStatistics(ActorStatistics, frozen=True):
+    """What a control layer has decided: actions published, observations that were impossible or superseded.
+
+    ``undecided`` counts ticks without a known state; ``latency`` is from stimulus to decision.
+    """
+
+    decisions: int
+    impossible: int
+    superseded: int
+    undecided: int
+    latency: Histogram
 
 
 class ControlLayer(Layer):
@@ -400,6 +414,17 @@ class ControlLayer(Layer):
 
     def _name(self, action: int) -> str:
         return self.action_names[action] if self.action_names else str(action)
+
+    def statistics(self) -> ControlStatistics:
+        """Return what the layer has decided so far."""
+        return ControlStatistics(
+            **msgspec.structs.asdict(super().statistics()),
+            decisions=self._actions.published if self.life != "created" else 0,
+            impossible=self.impossible,
+            superseded=self.superseded,
+            undecided=self.undecided,
+            latency=self.latency,
+        )
 
     @property
     def latency(self) -> Histogram:

@@ -124,8 +124,7 @@ class Channel(Generic[T]):
             dispatcher.publish_from_thread(self, message)
             return
         self.published += 1
-        if self.retain:
-            self.last = message
+        self.last = message
         if self._subscriptions:
             append = dispatcher.queue.append
             for subscription in self._subscriptions:
@@ -141,8 +140,7 @@ class Channel(Generic[T]):
         Hot path: a third of a microsecond less in each decision than `publish` would cost.
         """
         self.published += 1
-        if self.retain:
-            self.last = message
+        self.last = message
         if self._subscriptions:
             append = self._dispatcher.queue.append
             for subscription in self._subscriptions:
@@ -155,7 +153,7 @@ class Channel(Generic[T]):
         subscription = Subscription(self, actor or self._owner, handler)
         self._subscriptions = (*self._subscriptions, subscription)
         self.heard = True
-        retained = self.last if self._snapshot is None else self._snapshot()
+        retained = self._snapshot() if self._snapshot is not None else self.last if self.retain else None
         if retained is not None:
             self._dispatcher.deliver(subscription, retained)
         return subscription
@@ -202,6 +200,7 @@ class Channel(Generic[T]):
         return ChannelStatistics(
             name=self.name,
             published=self.published,
+            last=getattr(self.last, "time", None),
             dropped=self.dropped,
             unheard=self._unheard,
             subscribers=len(self._subscriptions) - len(self._streams),

@@ -13,10 +13,15 @@ _BUCKETS = 8 * 64
 
 
 class ChannelStatistics(msgspec.Struct, frozen=True):
-    """What crossed a channel; ``dropped`` counts messages that a bounded stream or a stopped actor did not take."""
+    """What crossed a channel.
+
+    ``dropped`` counts messages that a bounded stream or a stopped actor did not take, ``unheard`` those that had no
+    subscriber; ``last`` is the stamp of the last message in nanoseconds, None before the first.
+    """
 
     name: str
     published: int
+    last: int | None
     dropped: int
     unheard: int
     subscribers: int

@@ -296,6 +296,27 @@ def test_callbacks_may_command_their_own_ensemble_in_their_own_turn():
     run_virtual(main)
 
 
+def test_statistics_of_the_whole_tree():
+    async def main(runtime):
+        robot = leaf("robot")
+        await runtime.start(robot)
+        for state in (1, 1, 1, 0):
+            robot.publish_state(state)
+            await asyncio.sleep(1)
+        control, action = robot.control.statistics(), robot.action.statistics()
+        assert (control.decisions, control.latency.count, control.received, control.state) == (4, 4, 5, "running")
+        assert (action.started, action.ended, action.live, action.work) == (4, {"succeeded": 3}, ("Work",), 1)
+        assert action.latency.count == 4
+        whole = runtime.statistics()
+        assert [actor.path for actor in whole.actors] == ["robot", "robot/action", "robot/control"]
+        states = next(channel for channel in whole.channels if channel.name == "robot/state")
+        assert (states.published, states.last, states.subscribers) == (4, 3_000_000_000, 1)
+        with pytest.raises(AttributeError):
+            control.decisions = 0
+
+    run_virtual(main)
+
+
 def test_an_ensemble_below_two_parents_is_refused():
     child = leaf("child")
     above("one", child)

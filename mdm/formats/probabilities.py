@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
 from mdm.errors import ModelError
+from mdm.models.compressed import csr, is_compressed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -90,12 +90,12 @@ class Probabilities:
         chosen = kept[order[last]]
         chosen = chosen[values[chosen] != 0]
         starts = np.concatenate([[0], np.cumsum(np.bincount(rows[chosen], minlength=num_rows))])
-        return sparse.csr_array((values[chosen], columns[chosen], starts), shape=self._shape)
+        return csr((values[chosen], columns[chosen], starts), self._shape)
 
     def _entries(self, row: Places, column: Places, value: Any) -> tuple[Indices, Indices, Any]:
         """Return rows, columns and values of what one statement says, without most of its zeros."""
         num_rows, num_columns = self._shape
-        if sparse.issparse(value):
+        if is_compressed(value):
             entries = value.tocoo()
             return entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data
         listed = isinstance(row, np.ndarray) or isinstance(column, np.ndarray)

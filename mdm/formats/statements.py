@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
 from mdm.errors import FormatError, ModelError
 from mdm.formats.entries import Entries
 from mdm.formats.probabilities import Places, Probabilities
 from mdm.formats.rewards import Rewards
 from mdm.formats.source import number
+from mdm.models.compressed import csr_identity
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -206,7 +206,7 @@ class Statements:
         if word == "identity":
             if len(shape) != 2 or shape[0] != shape[1]:
                 self.fail(at, f"'identity' stands for a square matrix, but {kind} needs {' x '.join(map(str, shape))}")
-            return sparse.eye_array(shape[0], format="csr")
+            return csr_identity(shape[0])
         if kind != "T" or len(shape) != 1:
             self.fail(at, "'reset' stands for a row of T: the start distribution")
         return self._start

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
 from mdm.errors import ModelError, ModelWarning
+from mdm.models.compressed import csr, is_compressed
 
 if TYPE_CHECKING:
     from mdm.models.space import Space
@@ -73,16 +73,16 @@ def _choose(matrices: list[Any], rows: int, columns: int) -> bool:
     size = len(matrices) * rows * columns
     if size <= _LARGE:
         return False
-    entries = sum(matrix.nnz if sparse.issparse(matrix) else int(np.count_nonzero(matrix)) for matrix in matrices)
+    entries = sum(matrix.nnz if is_compressed(matrix) else int(np.count_nonzero(matrix)) for matrix in matrices)
     return entries < _DENSE * size
 
 
 def _checked(matrix: Any, what: str, rows: Space, columns: int, as_sparse: bool) -> tuple[Matrix, int]:
-    if sparse.issparse(matrix):
-        result: Any = sparse.csr_array(matrix, dtype=np.float64, copy=True) if as_sparse else matrix.toarray()
+    if is_compressed(matrix):
+        result: Any = csr(matrix) if as_sparse else matrix.toarray()
     else:
         dense = numbers(matrix, what)
-        result = sparse.csr_array(dense) if as_sparse and dense.ndim == 2 else dense
+        result = csr(dense) if as_sparse and dense.ndim == 2 else dense
     if result.shape != (len(rows), columns):
         shape = "x".join(map(str, result.shape))
         raise ModelError(f"{what} is {shape}; it needs {len(rows)} rows and {columns} columns")
@@ -147,6 +147,6 @@ def distribution(given: npt.ArrayLike, *, what: str, size: int) -> Vector:
 
 def read_only(matrix: Any) -> Any:
     """Return the same array, no longer writeable."""
-    for array in (matrix.data, matrix.indices, matrix.indptr) if sparse.issparse(matrix) else (matrix,):
+    for array in (matrix.data, matrix.indices, matrix.indptr) if is_compressed(matrix) else (matrix,):
         array.flags.writeable = False
     return matrix

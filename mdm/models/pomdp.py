@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
-from scipy.sparse import issparse
-
 from mdm.errors import ModelError
+from mdm.models.compressed import is_compressed
 from mdm.models.matrices import Matrix, numbers, stochastic_matrices
 from mdm.models.mdp import MDP, as_space
 
@@ -59,7 +58,7 @@ class POMDP(MDP):
             sparse=sparse,
         )
         first: Any = observations[0] if len(observations) else ()
-        shape = first.shape if issparse(first) else numbers(first, "the first matrix of observations").shape
+        shape = first.shape if is_compressed(first) else numbers(first, "the first matrix of observations").shape
         if len(shape) != 2 or 0 in shape:
             raise ModelError("observations are an actions x states x observations array, or a matrix per action")
         self.observation_space = as_space("agent", observation_names, shape[1])

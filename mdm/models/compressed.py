@@ -1,0 +1,28 @@
+"""Compressed (CSR) matrices, by scipy, which is imported when the first is made: it takes as long as all the rest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+__all__ = ["csr", "csr_identity", "is_compressed"]
+
+
+def is_compressed(matrix: object) -> bool:
+    """Whether something is a sparse matrix of scipy's, of whatever layout."""
+    return not isinstance(matrix, np.ndarray) and hasattr(matrix, "tocsr")
+
+
+def csr(matrix: Any, shape: tuple[int, int] | None = None) -> Any:
+    """Return a CSR matrix of floats: a copy of a dense or sparse one, or from ``(data, indices, starts of rows)``."""
+    from scipy.sparse import csr_array  # noqa: PLC0415 - see above
+
+    return csr_array(matrix, shape=shape, dtype=np.float64, copy=True)
+
+
+def csr_identity(size: int) -> Any:
+    """Return an identity matrix."""
+    from scipy.sparse import eye_array  # noqa: PLC0415 - see above
+
+    return eye_array(size, format="csr")

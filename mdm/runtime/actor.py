@@ -17,7 +17,7 @@ from mdm.runtime.supervision import ActorFailure, Restart, RestartBudget, Superv
 from mdm.runtime.work import Work, wait_all
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
+    from collections.abc import Awaitable, Callable, Iterable
 
     from anyio.abc import TaskGroup
 
@@ -145,9 +145,11 @@ class Actor:
         path = self.path
         return self.runtime.channel(f"{path}/{name}" if path else name, type, retain=retain)
 
-    def subscribe(self, channel: Channel[T], handler: Callable[[T], object]) -> Subscription[T]:
-        """Handle each message of a channel until this actor stops."""
-        subscription = channel.subscribe(handler, self)
+    def subscribe(
+        self, channel: Channel[T], handler: Callable[[T], object], *, topics: Iterable[str] | None = None
+    ) -> Subscription[T]:
+        """Handle each message of a channel, or those on some topics alone, until this actor stops."""
+        subscription = channel.subscribe(handler, self, topics=topics)
         self._subscriptions.append(subscription)
         return subscription
 
@@ -287,7 +289,7 @@ class Actor:
         try:
             while True:
                 self._requested = anyio.Event()
-                if self._asked("stop"):
+                if not self._asked("none"):
                     self._requested.set()
                 error = await self._live(None if started else start)
                 started = True
@@ -312,7 +314,7 @@ class Actor:
         self._change("restarting")
         with anyio.move_on_after(self._backoff):
             await self._requested.wait()
-        return not self._asked("stop")
+        return not (self._asked("stop") or self._asked("fail"))
 
     async def _live(self, start: Start | None) -> BaseException | None:
         """Live once, from start to stop; return what a first start raised."""

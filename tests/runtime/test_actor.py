@@ -201,6 +201,23 @@ def test_supervision_restart_has_a_limit_and_a_growing_back_off():
     assert ("handled", 4) not in log
 
 
+def test_a_failure_too_many_while_it_waits_to_restart_ends_it():
+    log = []
+
+    async def main(runtime):
+        actor = Recorded("actor", log, supervision=Restart(limit=1, within=60, backoff=2))
+        await runtime.start(actor)
+        crash(actor)
+        await asyncio.sleep(0.5)
+        crash(actor)
+        await asyncio.sleep(60)
+        pytest.fail("the block goes on")
+
+    with pytest.raises(ActorFailure, match="made to crash"):
+        run_virtual(main)
+    assert log == [("start", "actor"), ("stop", "actor")]
+
+
 def test_a_restart_adds_children_anew():
     log = []
 

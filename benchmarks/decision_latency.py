@@ -194,9 +194,7 @@ async def scale(counts: list[int], rounds: int, repeats: int) -> list[dict[str, 
     rows = []
     for shared in (False, True):
         async with mdm.Runtime(log=None) as runtime:
-            sensors = {
-                count: await crowd(runtime, count, shared=shared) for count in counts if not shared or count <= 100
-            }
+            sensors = {count: await crowd(runtime, count, shared=shared) for count in counts}
             costs: dict[int, list[float]] = {count: [] for count in sensors}
             for turn in range(rounds + 1):
                 for count, setters in sensors.items():

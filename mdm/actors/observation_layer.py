@@ -143,7 +143,7 @@ class ObservationLayer(Layer):
             strides.insert(0, stride)
             stride *= len(factor.events)
         self._strides = tuple(strides)
-        self.subscribe(self.predicates.events, self._update)
+        self.subscribe(self.predicates.events, self._update, topics=self._places)
 
     def _update(self, update: EventUpdate) -> None:
         new: dict[int, int] = {}

@@ -340,7 +340,8 @@ class PredicateManager(Actor):
             self._publish(update.time, change)
         else:  # hot path: predicates alone have changed
             self._counter = counter = self._counter + 1
-            self.updates.emit(PredicateUpdate(update.time, counter, rising, falling, unknown))
+            message = PredicateUpdate(update.time, counter, rising, falling, unknown)
+            self.updates.emit_on(message, rising, falling, unknown)
 
     def _publish(self, time: int, change: Change) -> None:
         rising, falling, unknown, events, armed, disarmed = change
@@ -353,12 +354,13 @@ class PredicateManager(Actor):
                 self._arm(name, time)
         if rising or falling or unknown:
             self._counter = counter = self._counter + 1
-            self.updates.emit(PredicateUpdate(time, counter, rising, falling, unknown))
+            message = PredicateUpdate(time, counter, rising, falling, unknown)
+            self.updates.emit_on(message, rising, falling, unknown)
             if self.map.heard:
                 self.map.publish(PredicateMap(time, counter, self._network.values()))
         if events:
             self._event_counter = counter = self._event_counter + 1
-            self.events.emit(EventUpdate(time, counter, events))
+            self.events.emit_on(EventUpdate(time, counter, events), events)
 
     def _arm(self, name: str, since: int) -> None:
         def held() -> None:

@@ -133,7 +133,7 @@ class StateLayer(Layer):
             for position, predicate in enumerate(value.factor.predicates):
                 slots.setdefault(predicate, []).append((value, 1 << position))
         self._slots = {predicate: tuple(places) for predicate, places in slots.items()}
-        self.subscribe(self.predicates.updates, self._update)
+        self.subscribe(self.predicates.updates, self._update, topics=self._slots)
         now = self.predicates.values()
         self._update(
             PredicateUpdate(

@@ -9,7 +9,7 @@ from mdm.runtime.statistics import ChannelStatistics
 from mdm.runtime.stream import Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from mdm.runtime.actor import Actor
     from mdm.runtime.dispatcher import Dispatcher
@@ -20,9 +20,9 @@ T = TypeVar("T")
 
 
 class Subscription(Generic[T]):
-    """One actor's handler on one channel."""
+    """One actor's handler on one channel, for all of its messages or for some topics."""
 
-    __slots__ = ("_dropped", "_since", "_until", "actor", "channel", "handler")
+    __slots__ = ("_since", "_until", "actor", "channel", "handler", "taken", "topics")
 
     def __init__(self, channel: Channel[T] | None, actor: Actor | None, handler: Callable[[T], object]) -> None:
         self.channel = channel
@@ -30,13 +30,14 @@ class Subscription(Generic[T]):
         self.handler = handler
         self._since = channel.published if channel is not None else 0
         self._until: int | None = None
-        self._dropped = 0
+        self.topics: tuple[str, ...] | None = None
+        self.taken = 0
 
     @property
     def received(self) -> int:
         """How many messages were handed to the handler."""
-        if self.channel is None:
-            return 0
+        if self.channel is None or self.topics is not None:
+            return self.taken
         return (self.channel.published if self._until is None else self._until) - self._since
 
     def cancel(self) -> None:
@@ -70,10 +71,12 @@ class Channel(Generic[T]):
 
     __slots__ = (
         "_dispatcher",
+        "_general",
         "_owner",
         "_snapshot",
         "_streams",
         "_subscriptions",
+        "_topics",
         "_unheard",
         "dropped",
         "heard",
@@ -105,7 +108,10 @@ class Channel(Generic[T]):
         self._dispatcher = dispatcher
         self._owner = owner
         self._snapshot: Callable[[], T | None] | None = None
+        # All subscriptions; those for every message; and those for topics, by topic.
         self._subscriptions: tuple[Subscription[T], ...] = ()
+        self._general: tuple[Subscription[T], ...] = ()
+        self._topics: dict[str, tuple[Subscription[T], ...]] = {}
         self._streams: tuple[Stream[T], ...] = ()
 
     def publish(self, message: T) -> None:
@@ -129,6 +135,8 @@ class Channel(Generic[T]):
             append = dispatcher.queue.append
             for subscription in self._subscriptions:
                 append((subscription, message))
+                if subscription.topics is not None:
+                    subscription.taken += 1
             if not dispatcher.active:
                 dispatcher.run()
         elif not self._streams:
@@ -148,10 +156,43 @@ class Channel(Generic[T]):
         else:
             self._unheard += 1
 
-    def subscribe(self, handler: Callable[[T], object], actor: Actor | None = None) -> Subscription[T]:
-        """Call ``handler`` with each message from now on, and with the retained one at once."""
+    def emit_on(self, message: T, *topics: tuple[str, ...]) -> None:
+        """As `emit`, but of those who subscribed to topics only to those whose topic is among the groups given."""
+        self.published += 1
+        self.last = message
+        append = self._dispatcher.queue.append
+        for subscription in self._general:
+            append((subscription, message))
+        known = self._topics
+        if not known:
+            return
+        found: tuple[Subscription[T], ...] = ()
+        for group in topics:
+            for topic in group:
+                if topic in known:
+                    found = known[topic] if not found else (*found, *known[topic])
+        for subscription in found if len(found) == 1 else dict.fromkeys(found):
+            subscription.taken += 1
+            append((subscription, message))
+
+    def subscribe(
+        self, handler: Callable[[T], object], actor: Actor | None = None, *, topics: Iterable[str] | None = None
+    ) -> Subscription[T]:
+        """Call ``handler`` with each message from now on, and with the retained one at once.
+
+        Args:
+            handler: A plain function.
+            actor: To whom it belongs.
+            topics: Of messages that are emitted on topics, take those on one of these alone.
+        """
         subscription = Subscription(self, actor or self._owner, handler)
         self._subscriptions = (*self._subscriptions, subscription)
+        if topics is None:
+            self._general = (*self._general, subscription)
+        else:
+            subscription.topics = tuple(topics)
+            for topic in subscription.topics:
+                self._topics[topic] = (*self._topics.get(topic, ()), subscription)
         self.heard = True
         retained = self._snapshot() if self._snapshot is not None else self.last if self.retain else None
         if retained is not None:
@@ -164,7 +205,12 @@ class Channel(Generic[T]):
 
     def remove(self, subscription: Subscription[T]) -> None:
         """Forget a subscription; `Subscription.cancel` calls this."""
-        self._subscriptions = tuple(other for other in self._subscriptions if other is not subscription)
+        self._subscriptions = _without(self._subscriptions, subscription)
+        self._general = _without(self._general, subscription)
+        for topic in subscription.topics or ():
+            self._topics[topic] = _without(self._topics[topic], subscription)
+            if not self._topics[topic]:
+                del self._topics[topic]
         self.heard = bool(self._subscriptions)
 
     def stream(
@@ -206,3 +252,7 @@ class Channel(Generic[T]):
             subscribers=len(self._subscriptions) - len(self._streams),
             streams=len(self._streams),
         )
+
+
+def _without(subscriptions: tuple[Subscription[T], ...], one: Subscription[T]) -> tuple[Subscription[T], ...]:
+    return tuple(other for other in subscriptions if other is not one)

@@ -252,3 +252,33 @@ def test_a_dispatcher_survives_an_interrupt_in_a_handler():
 def test_a_dispatcher_needs_no_runtime():
     dispatcher = Dispatcher(WallClock())
     assert dispatcher.statistics().turns == 0
+
+
+def test_topics_reach_only_those_who_asked_for_them():
+    async def main(runtime):
+        channel = runtime.channel("x", State)
+        seen = {name: [] for name in ("all", "ab", "c")}
+        actor = Actor("actor")
+        await runtime.start(actor)
+        channel.subscribe(lambda message: seen["all"].append(message.index))
+        both = actor.subscribe(channel, lambda message: seen["ab"].append(message.index), topics=["a", "b"])
+        actor.subscribe(channel, lambda message: seen["c"].append(message.index), topics=["c"])
+
+        def emit():
+            channel.emit_on(state(1), ("a", "b"), ())
+            channel.emit_on(state(2), (), ("c", "a"))
+            channel.emit_on(state(3), ("d",))
+
+        actor.call_later(0, emit)
+        await asyncio.sleep(1)
+        assert seen == {"all": [1, 2, 3], "ab": [1, 2], "c": [2]}
+        channel.publish(state(4))  # without topics, for all
+        assert [numbers[-1] for numbers in seen.values()] == [4, 4, 4]
+        assert both.received == 3
+        both.cancel()
+        actor.call_later(0, emit)
+        await asyncio.sleep(1)
+        assert seen["ab"] == [1, 2, 4]
+        assert channel.statistics().subscribers == 2
+
+    run_virtual(main)

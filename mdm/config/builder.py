@@ -5,13 +5,14 @@ from __future__ import annotations
 import inspect
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import msgspec
 
 from mdm.actors import Binding, Ensemble, FixedRate, ObservationFactor, OnEvent, PredicateManager, StateFactor
 from mdm.actors.predicate_manager import ACTION_END
 from mdm.config.functions import find_function, nothing
+from mdm.config.problems import Problems
 from mdm.config.system import System
 from mdm.config.tables import (
     ActionTable,
@@ -22,20 +23,25 @@ from mdm.config.tables import (
     RestartTable,
     StateTable,
 )
-from mdm.errors import ConfigError, Error, FormatError
+from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
-from mdm.logic import similar
+from mdm.logic import Formula, parse, similar
 from mdm.policies import DeterministicPolicy, Policy
 from mdm.runtime import Restart, Supervision
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from types import TracebackType
+    from collections.abc import Callable, Iterable
 
+    from mdm.actors import Drive
     from mdm.models import MDP, POMDP
 
 __all__ = ["load_system"]
 
+_KEYS = {
+    "sensor": ("sensor", "max_age", "initial"),
+    "formula": ("formula", "held_for"),
+    "latch": ("set", "reset", "initial"),
+}
 T = TypeVar("T")
 
 
@@ -52,72 +58,19 @@ def load_system(path: str | Path, *, callbacks: bool = True) -> System:
     return _Builder(Path(path), callbacks=callbacks).system()
 
 
-class _Collecting:
-    """Turns an error inside its block into a problem of a key, and goes on."""
-
-    def __init__(self, problem: Callable[[str, str], None], key: str) -> None:
-        self._problem = problem
-        self._key = key
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> bool:
-        if isinstance(error, ConfigError):
-            inner = error.key or ""
-            self._problem(error.message, inner if inner.startswith("ensembles.") else self._key)
-        elif isinstance(error, FormatError):
-            place = f" (column {error.column})" if error.file is None and error.column is not None else ""
-            self._problem(f"{error if error.file else error.message}{place}", self._key)
-        elif isinstance(error, Error):
-            self._problem(str(error), self._key)
-        return isinstance(error, Error)
-
-
 class _Builder:
     """Builds a system, and collects problems on the way."""
 
     def __init__(self, path: Path, *, callbacks: bool) -> None:
         self._path = path
         self._callbacks = callbacks
-        self._problems: list[ConfigError] = []
+        self._problems = Problems(path)
         self._predicates = PredicateManager()
-        self._tables: dict[str, EnsembleTable] = {}
-        self._ensembles: dict[str, Ensemble] = {}
+        self._tables: dict[str, EnsembleTable | None] = {}
+        self._ensembles: dict[str, Ensemble | None] = {}
+        self._unsound: set[str] = set()
         self._parents: dict[str, str] = {}
-
-    # -- Problems ------------------------------------------------------------------------------------------------
-
-    def _problem(self, message: str, key: str | None) -> None:
-        self._problems.append(ConfigError(message, file=self._path, key=key))
-
-    def _collecting(self, key: str) -> _Collecting:
-        return _Collecting(self._problem, key)
-
-    def _raise(self) -> None:
-        if self._problems:
-            error = ConfigError("\n".join(str(problem) for problem in self._problems))
-            error.problems = tuple(self._problems)
-            raise error
-
-    def _convert(self, value: object, kind: Any, key: str) -> Any:
-        """Return a table as a struct; msgspec's message is cut to what and where."""
-        try:
-            return msgspec.convert(value, kind)
-        except msgspec.ValidationError as error:
-            text, _, place = str(error).partition(" - at `$")
-            place = place.rstrip("`").replace("[...]", "")
-            unknown = text.split("`")[1] if "unknown field" in text else None
-            if unknown is not None:
-                fields = getattr(kind, "__struct_fields__", ())
-                text = f"there is no key {unknown!r} here{similar(unknown, fields)}"
-                text += "" if "did you mean" in text else f"; the keys are {', '.join(fields)}"
-                self._problem(text, f"{key}{place}.{unknown}")
-            else:
-                self._problem(text.replace("Object missing required field", "there is no key"), f"{key}{place}")
-            return None
+        self._formulas: list[tuple[str, Formula]] = []
 
     # -- Building ------------------------------------------------------------------------------------------------
 
@@ -125,104 +78,125 @@ class _Builder:
         """Return the system, or raise everything that is wrong."""
         document = self._read()
         known = ("predicates", "events", "ensembles", "tasks")
-        for key in document.keys() - set(known):
-            self._problem(f"there is no key {key!r} here; the keys are {', '.join(known)}", key)
-        for name, value in self._tables_of(document, "predicates"):
-            with self._collecting(f"predicates.{name}"):
-                self._predicate(name, value)
-            if self._predicates.knows(name) is None:
-                self._predicates.sensor(name)  # stands in for what was wrong, so that its uses are not wrong as well
-        for name, value in self._tables_of(document, "events"):
-            with self._collecting(f"events.{name}"):
-                self._event(name, value)
-        for name, value in self._tables_of(document, "ensembles"):
-            if isinstance(value, dict):
-                table = self._convert(value, EnsembleTable, f"ensembles.{name}")
-                if table is not None:
-                    self._tables[name] = table
-            else:
-                self._problem("an ensemble is a table", f"ensembles.{name}")
-        if not document.get("ensembles"):
-            self._problem("there is no ensemble: a table such as [ensembles.robot] is missing", "ensembles")
+        for key in document:
+            if key not in known:
+                self._problems.add(f"there is no key {key!r} here; the keys are {', '.join(known)}", key)
+        self._declare(document)
+        self._take_tables(document)
         for name in self._tables:
             self._ensemble(name, ())
         tasks = self._tasks(document.get("tasks", []))
         self._check()
-        self._raise()
-        return System(self._predicates, {name: self._ensembles[name] for name in self._tables}, tasks)
+        self._problems.raise_all()
+        return System(self._predicates, self._built(), tasks)
+
+    def _built(self) -> dict[str, Ensemble]:
+        """Return the ensembles that could be built, in the file's order."""
+        built = {name: self._ensembles.get(name) for name in self._tables}
+        return {name: ensemble for name, ensemble in built.items() if ensemble is not None}
 
     def _read(self) -> dict[str, Any]:
         try:
             return tomllib.loads(self._path.read_text(encoding="utf-8"))
         except FileNotFoundError:
-            self._problem("there is no such file", None)
+            self._problems.add("there is no such file", None)
         except IsADirectoryError:
-            self._problem("this is a folder, not a file", None)
+            self._problems.add("this is a folder, not a file", None)
         except OSError as error:
-            self._problem(f"the file cannot be read: {error.strerror}", None)
+            self._problems.add(f"the file cannot be read: {error.strerror}", None)
         except UnicodeDecodeError:
-            self._problem("this is no text in UTF-8, as TOML files are", None)
+            self._problems.add("this is no text in UTF-8, as TOML files are", None)
         except tomllib.TOMLDecodeError as error:
-            self._problem(f"this is no TOML: {error}", None)
-        self._raise()
+            self._problems.add(f"this is no TOML: {error}", None)
+        self._problems.raise_all()
         raise AssertionError
 
     def _tables_of(self, document: dict[str, Any], key: str) -> list[tuple[str, Any]]:
         tables = document.get(key, {})
         if not isinstance(tables, dict):
-            self._problem(f"{key} is a table, with a key for each name", key)
+            self._problems.add(f"{key} is a table, with a key for each name", key)
             return []
         return list(tables.items())
 
-    def _predicate(self, name: str, value: object) -> None:
-        if isinstance(value, str):
-            self._predicates.define(name, value)
-            return
-        table: PredicateTable | None = self._convert(value, PredicateTable, f"predicates.{name}")
+    def _declare(self, document: dict[str, Any]) -> None:
+        """Declare predicates and events; what is wrong is declared all the same, so that its uses are not wrong too."""
+        for name, value in self._tables_of(document, "predicates"):
+            with self._problems.collecting(f"predicates.{name}"):
+                self._predicate(name, value)
+            if self._predicates.knows(name) is None:
+                self._predicates.sensor(name)
+        for name, value in self._tables_of(document, "events"):
+            with self._problems.collecting(f"events.{name}"):
+                self._event(name, value)
+            if self._predicates.knows(name) is None:
+                self._predicates.event(name)
+
+    def _take_tables(self, document: dict[str, Any]) -> None:
+        for name, value in self._tables_of(document, "ensembles"):
+            key, before = f"ensembles.{name}", len(self._problems)
+            if name in {"", self._predicates.name}:
+                self._problems.add(f"an ensemble cannot be called {name!r}: give it another name", key)
+            self._tables[name] = self._problems.convert(value, EnsembleTable, key, partly=True)
+            if len(self._problems) > before:
+                self._unsound.add(name)
+        if not document.get("ensembles"):
+            self._problems.add("there is no ensemble: a table such as [ensembles.robot] is missing", "ensembles")
+
+    def _predicate(self, name: str, value: Any) -> None:
+        key = f"predicates.{name}"
+        written = {"formula": value} if isinstance(value, str) else value
+        table: PredicateTable | None = self._problems.convert(written, PredicateTable, key)
         if table is None:
             return
-        latch = table.set is not None or table.reset is not None
-        if latch and table.formula is not None:
-            raise ConfigError("a predicate has a formula, or 'set' and 'reset', not both")
-        if (latch or table.formula is not None) and table.max_age is not None:
-            raise ConfigError("max_age is for sensors: a derived predicate is as old as what it is derived from")
-        if latch:
-            if table.set is None or table.reset is None:
-                raise ConfigError("a latch needs both 'set' and 'reset'")
-            self._predicates.latch(name, set=table.set, reset=table.reset, initial=bool(table.initial))
-        elif table.formula is not None:
-            self._predicates.define(name, table.formula, held_for=table.held_for)
-        elif table.held_for is not None:
-            raise ConfigError("held_for asks how long a formula has been true: give the formula")
+        _refuse_mixture(table, written)
+        if table.formula is not None:
+            self._predicates.define(name, self._formula(table.formula, key), held_for=table.held_for)
+        elif table.set is not None and table.reset is not None:
+            on, off = self._formula(table.set, key), self._formula(table.reset, key)
+            self._predicates.latch(name, set=on, reset=off, initial=bool(table.initial))
         else:
             self._predicates.sensor(name, max_age=table.max_age, initial=table.initial)
 
-    def _event(self, name: str, value: object) -> None:
-        if isinstance(value, str):
-            self._predicates.event(name, value)
-            return
-        table: EventTable | None = self._convert(value, EventTable, f"events.{name}")
+    def _event(self, name: str, value: Any) -> None:
+        key = f"events.{name}"
+        written = {"formula": value} if isinstance(value, str) else value
+        table: EventTable | None = self._problems.convert(written, EventTable, key)
         if table is not None:
-            self._predicates.event(name, table.formula)
+            self._predicates.event(name, None if table.formula is None else self._formula(table.formula, key))
+
+    def _formula(self, text: str, key: str) -> Formula:
+        formula = parse(text)
+        self._formulas.append((key, formula))
+        return formula
 
     def _ensemble(self, name: str, above: tuple[str, ...]) -> Ensemble | None:
-        """Build an ensemble after those below it."""
-        if name in self._ensembles:
-            return self._ensembles[name]
+        """Build an ensemble after those below it; None if it cannot be, which is told once."""
         table, key = self._tables[name], f"ensembles.{name}"
-        with self._collecting(key):
+        if name in self._ensembles or table is None:
+            return self._ensembles.get(name)
+        self._ensembles[name] = None
+        with self._problems.collecting(key):
             actions = self._actions(name, table, (*above, name))
+            states = self._factors(StateFactor, StateTable, table.states, f"{key}.states")
+            observations = self._factors(ObservationFactor, ObservationTable, table.observations, f"{key}.observations")
+            drive = self._drive(table.drive, f"{key}.drive")
+            supervision = self._supervision(table.supervision, f"{key}.supervision")
+            if name in self._unsound:
+                return None
             model = self._model(table, key)
             if table.model is not None and model is None:
                 return None
             policy = self._policy(table, model, key)
-            states = self._factors(StateFactor, StateTable, table.states, f"{key}.states")
-            observations = self._factors(ObservationFactor, ObservationTable, table.observations, f"{key}.observations")
-            rewards = None if table.rewards is None else load_rewards(self._beside(table.rewards))
+            rewards = None
+            if table.rewards is not None:
+                with self._problems.collecting(f"{key}.rewards"):
+                    rewards = load_rewards(self._beside(table.rewards))
             safe: Any = table.safe_action
             if safe is not None and ":" in safe:
                 safe = self._function(safe, f"{key}.safe_action")
             if policy is None or actions is None or states is None or observations is None:
+                return None
+            if drive is None or supervision is None:
                 return None
             self._ensembles[name] = ensemble = Ensemble(
                 name,
@@ -234,8 +208,8 @@ class _Builder:
                 observations=observations,
                 agent=table.agent,
                 safe_action=safe,
-                supervision=self._supervision(table.supervision),
-                drive=OnEvent() if table.drive == "event" else FixedRate(float(table.drive)),
+                supervision=supervision,
+                drive=drive,
                 horizon=table.horizon,
                 on_impossible=table.on_impossible,
                 on_no_observation=table.on_no_observation,
@@ -247,18 +221,29 @@ class _Builder:
         return None
 
     def _beside(self, path: str) -> Path:
+        if not path or "\0" in path:
+            raise ConfigError(f"the path of a file was expected, not {path!r}")
         return self._path.parent / path
+
+    def _drive(self, given: str | float, key: str) -> Drive | None:
+        with self._problems.collecting(key):
+            if not isinstance(given, str):
+                return FixedRate(given)
+            if given == "event":
+                return OnEvent()
+            raise ConfigError(f"{given!r} is neither 'event' nor a number of decisions per second")
+        return None
 
     def _model(self, table: EnsembleTable, key: str) -> MDP | POMDP | None:
         if table.model is None:
             return None
-        with self._collecting(f"{key}.model"):
+        with self._problems.collecting(f"{key}.model"):
             model = load_model(self._beside(table.model))
             return model if table.discount is None else model.with_discount(table.discount)
         return None
 
     def _policy(self, table: EnsembleTable, model: MDP | POMDP | None, key: str) -> Policy | None:
-        with self._collecting(f"{key}.policy"):
+        with self._problems.collecting(f"{key}.policy"):
             if isinstance(table.policy, list):
                 count = len(table.actions) if model is None else len(model.action_space)
                 return DeterministicPolicy(table.policy, count)
@@ -268,18 +253,20 @@ class _Builder:
     def _factors(self, factor: Callable[..., T], kind: Any, tables: dict[str, Any], key: str) -> list[T] | None:
         factors: list[T] = []
         for name, value in tables.items():
-            with self._collecting(f"{key}.{name}"):
-                if isinstance(value, list):
-                    factors.append(factor(name, value))
-                else:
-                    fields = msgspec.structs.asdict(value)
+            with self._problems.collecting(f"{key}.{name}"):
+                table = self._problems.convert(value, kind if isinstance(value, dict) else list[str], f"{key}.{name}")
+                if isinstance(table, list):
+                    factors.append(factor(name, table))
+                elif table is not None:
+                    fields = msgspec.structs.asdict(table)
                     factors.append(factor(name, fields.pop(kind.__struct_fields__[0]), **fields))
         return factors if len(factors) == len(tables) else None
 
-    def _supervision(self, given: Literal["stop", "escalate"] | RestartTable) -> Supervision:
-        if isinstance(given, RestartTable):
-            return Restart(limit=given.restart, within=given.within, backoff=given.backoff)
-        return given
+    def _supervision(self, given: object, key: str) -> Supervision | None:
+        if not isinstance(given, dict):
+            return cast("Supervision | None", self._problems.convert(given, Literal["stop", "escalate"], key))
+        table: RestartTable | None = self._problems.convert(given, RestartTable, key)
+        return None if table is None else Restart(limit=table.restart, within=table.within, backoff=table.backoff)
 
     # -- Actions -------------------------------------------------------------------------------------------------
 
@@ -287,8 +274,11 @@ class _Builder:
         bindings: dict[Any, Binding] = {}
         for action, given in table.actions.items():
             key = f"ensembles.{name}.actions.{action}"
-            entry = ActionTable(call=given) if isinstance(given, str) else given
-            with self._collecting(key):
+            written = {"call": given} if isinstance(given, str) else given
+            entry: ActionTable | None = self._problems.convert(written, ActionTable, key)
+            if entry is None:
+                continue
+            with self._problems.collecting(key):
                 target = self._target(entry, key, name, above)
                 if target is not None:
                     bindings[int(action) if action.isdecimal() else action] = Binding(
@@ -320,33 +310,75 @@ class _Builder:
         return self._ensemble(below, above)
 
     def _function(self, reference: str, key: str) -> Callable[..., Any] | None:
-        with self._collecting(key):
+        with self._problems.collecting(key):
             return find_function(reference, self._path.parent) if self._callbacks else nothing
         return None
 
     def _tasks(self, references: object) -> list[Callable[[System], Any]]:
         if not isinstance(references, list) or not all(isinstance(reference, str) for reference in references):
-            self._problem("tasks is a list of functions, such as ['sensors:read']", "tasks")
+            self._problems.add("tasks is a list of functions, such as ['sensors:read']", "tasks")
             return []
         functions = [self._function(reference, "tasks") for reference in references]
         for reference, function in zip(references, functions, strict=True):
-            if function is not None and self._callbacks and not inspect.iscoroutinefunction(function):
-                self._problem(f"task {reference!r} is not an async function", "tasks")
+            if function is None or not self._callbacks:
+                continue
+            if not inspect.iscoroutinefunction(function):
+                self._problems.add(f"task {reference!r} is not an async function", "tasks")
+            elif not _takes_one(function):
+                self._problems.add(f"task {reference!r} is to take one argument, the System", "tasks")
         return [function for function in functions if function is not None] if self._callbacks else []
 
     # -- Checks --------------------------------------------------------------------------------------------------
 
     def _check(self) -> None:
-        with self._collecting("predicates"):
-            self._predicates.network().compile()
-        for name, ensemble in self._ensembles.items():
-            if name not in self._parents:
+        if not self._undeclared():
+            with self._problems.collecting("predicates"):
+                self._predicates.network().compile()
+        ensembles = self._built()
+        for name, ensemble in ensembles.items():
+            if self._parents.get(name) not in ensembles:  # else the parent's problems have it
                 for problem in ensemble.problems():
-                    self._problem(problem.message, problem.key)
-        if len(self._ensembles) == len(self._tables):
-            actions = {name for ensemble in self._ensembles.values() for name in ensemble.action.names}
+                    self._problems.add(problem.message, problem.key)
+        if len(ensembles) == len(self._tables):
+            actions = {name for ensemble in ensembles.values() for name in ensemble.action.names}
             for event in self._predicates.used:
                 action = event.rpartition(".")[0]
                 if ACTION_END.fullmatch(event) and "/" not in event and action not in actions:
                     hint = similar(action, actions)
-                    self._problem(f"{event!r} is the end of an action that no ensemble has{hint}", "predicates")
+                    self._problems.add(f"{event!r} is the end of an action that no ensemble has{hint}", "predicates")
+
+    def _undeclared(self) -> bool:
+        """Tell of every name in a formula that stands for nothing; return whether there are any."""
+        before = len(self._problems)
+        for key, formula in self._formulas:
+            for name in sorted(formula.names):
+                if self._predicates.knows(name) is None:
+                    hint = similar(name, self._predicates.names)
+                    user = key.partition(".")[2]
+                    self._problems.add(f"{user!r} uses {name!r}, which is not declared{hint}", key)
+        return len(self._problems) > before
+
+
+def _takes_one(function: Callable[..., Any]) -> bool:
+    try:
+        inspect.signature(function).bind(None)
+    except TypeError:
+        return False
+    return True
+
+
+def _refuse_mixture(table: PredicateTable, keys: Iterable[str]) -> None:
+    """Refuse keys that do not go together: those of a sensor, a formula and a latch."""
+    latch = table.set is not None or table.reset is not None
+    kind = "latch" if latch else "sensor" if table.formula is None else "formula"
+    if latch and table.formula is not None:
+        raise ConfigError("a predicate has a formula, or 'set' and 'reset', not both")
+    if latch and (table.set is None or table.reset is None):
+        raise ConfigError("a latch needs both 'set' and 'reset'")
+    if kind == "sensor" and table.held_for is not None:
+        raise ConfigError("held_for asks how long a formula has been true: give the formula")
+    if kind == "sensor" and not table.sensor:
+        raise ConfigError("what is no sensor needs a 'formula', or 'set' and 'reset'")
+    for key in keys:
+        if key not in _KEYS[kind]:
+            raise ConfigError(f"{key!r} means nothing for a {kind}; its keys are {', '.join(_KEYS[kind])}")

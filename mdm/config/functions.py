@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from mdm.errors import ConfigError
@@ -11,7 +12,6 @@ from mdm.logic import similar
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
 __all__ = ["find_function", "nothing"]
 
@@ -20,7 +20,8 @@ def find_function(reference: str, folder: Path) -> Callable[..., Any]:
     """Return the function that ``module:name`` stands for; modules beside the file are found first.
 
     Raises:
-        ConfigError: If there is no such module or function, or the module cannot be imported.
+        ConfigError: If there is no such module or function, the module cannot be imported, or another module of its
+            name is loaded already.
     """
     module_name, colon, attribute = reference.partition(":")
     if not colon or not module_name or not attribute:
@@ -33,8 +34,9 @@ def find_function(reference: str, folder: Path) -> Callable[..., Any]:
     except ModuleNotFoundError as error:
         missing = repr(error.name) if error.name == module_name else f"{error.name!r}, which {module_name!r} imports"
         raise ConfigError(f"there is no module {missing}; modules are looked for beside the file first") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ConfigError(f"module {module_name!r} cannot be imported: {type(error).__name__}: {error}") from None
+    _refuse_another(module_name.partition(".")[0], folder.resolve())
     function = getattr(module, attribute, None)
     if function is None:
         names = [name for name in dir(module) if not name.startswith("_")]
@@ -42,6 +44,15 @@ def find_function(reference: str, folder: Path) -> Callable[..., Any]:
     if not callable(function):
         raise ConfigError(f"{reference!r} is a {type(function).__name__}, not a function")
     return cast("Callable[..., Any]", function)
+
+
+def _refuse_another(name: str, folder: Path) -> None:
+    """Refuse a module from elsewhere where one of its name stands beside the file: its functions would be others."""
+    beside = (folder / f"{name}.py", folder / name / "__init__.py")
+    origin = getattr(sys.modules[name], "__file__", None)
+    if any(path.exists() for path in beside) and (origin is None or Path(origin).resolve() not in beside):
+        place = "Python itself" if origin is None else origin
+        raise ConfigError(f"another module {name!r} is already loaded, from {place}: rename the one beside the file")
 
 
 def nothing() -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.runtime import Actor
+from mdm.runtime import Actor, ActorFailure
+from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,7 +53,13 @@ class System(Actor):
     def on_running(self) -> None:
         """Run the tasks."""
         for task in self.tasks:
-            self.spawn(task(self), name=getattr(task, "__name__", "task"))
+            self.spawn(self._run_task(task), name=task.__name__)
+
+    async def _run_task(self, task: Callable[[System], Any]) -> None:
+        try:
+            await task(self)
+        except Exception as error:
+            raise ActorFailure(f"task {task.__name__!r} failed: {describe(error)}") from error
 
     def tree(self) -> str:
         """Return all ensembles, indented under those whose actions start them."""

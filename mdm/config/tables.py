@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
+from msgspec import Meta
 
 __all__ = [
     "ActionTable",
@@ -17,6 +18,9 @@ __all__ = [
 ]
 
 
+Seconds = Annotated[float, Meta(gt=0, le=1e9)]
+
+
 class _Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """A TOML table: a misspelt key is an error."""
 
@@ -26,8 +30,8 @@ class PredicateTable(_Table, frozen=True):
 
     sensor: bool = True
     formula: str | None = None
-    held_for: float | None = None
-    max_age: float | None = None
+    held_for: Seconds | None = None
+    max_age: Seconds | None = None
     set: str | None = None
     reset: str | None = None
     initial: bool | None = None
@@ -59,8 +63,8 @@ class ActionTable(_Table, frozen=True):
 
     call: str | None = None
     ensemble: str | None = None
-    timeout: float | None = None
-    grace: float = 1.0
+    timeout: Seconds | None = None
+    grace: Seconds = 1.0
     on_repeat: Literal["continue", "restart"] = "continue"
     resume: bool = False
     concurrent: bool = False
@@ -69,29 +73,29 @@ class ActionTable(_Table, frozen=True):
 class RestartTable(_Table, frozen=True):
     """Supervision by restart."""
 
-    restart: int
-    within: float = 60.0
-    backoff: float = 0.1
+    restart: Annotated[int, Meta(ge=0)]
+    within: Seconds = 60.0
+    backoff: Annotated[float, Meta(ge=0, le=1e9)] = 0.1
 
 
 class EnsembleTable(_Table, frozen=True):
-    """An ensemble."""
+    """An ensemble; the tables in it are converted by themselves, so that what is wrong in one is told with its key."""
 
     policy: str | list[int]
-    actions: dict[str, str | ActionTable]
+    actions: dict[str, Any]
     model: str | None = None
     discount: float | None = None
     policy_kind: Literal["table", "stochastic", "q"] | None = None
-    seed: int | None = None
+    seed: Annotated[int, Meta(ge=0)] | None = None
     rewards: str | None = None
     initial_belief: list[float] | None = None
-    drive: Literal["event"] | float = "event"
+    drive: str | float = "event"
     horizon: int | None = None
     on_impossible: Literal["predict", "keep", "reset", "safe_action"] = "predict"
     on_no_observation: str = "predict"
-    deadline: float | None = None
+    deadline: Seconds | None = None
     agent: int | str = 0
     safe_action: str | None = None
-    supervision: Literal["stop", "escalate"] | RestartTable = "escalate"
-    states: dict[str, list[str] | StateTable] = {}
-    observations: dict[str, list[str] | ObservationTable] = {}
+    supervision: Any = "escalate"
+    states: dict[str, Any] = {}
+    observations: dict[str, Any] = {}

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from mdm import (
+    ActorFailure,
     ConfigError,
     DeterministicPolicy,
     Ensemble,
@@ -25,6 +26,8 @@ async def work():
 def rest():
     calls.append("rest")
 def not_async(system):
+    pass
+async def no_argument():
     pass
 number = 7
 """
@@ -63,6 +66,7 @@ Rest = "robot_code:rest"
 def folder(tmp_path):
     (tmp_path / "robot_code.py").write_text(CALLBACKS)
     (tmp_path / "broken_code.py").write_text("1 / 0\n")
+    (tmp_path / "leaving_code.py").write_text("raise SystemExit(3)\n")
     (tmp_path / "below.policy").write_text("[2](1,0)")
     (tmp_path / "cut.policy").write_text("[2](0,")
     (tmp_path / "three.policy").write_text("[3](0,1,1)")
@@ -75,7 +79,7 @@ def forget_modules(monkeypatch):
 
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield
-    for name in ("robot_code", "broken_code"):
+    for name in ("robot_code", "broken_code", "leaving_code"):
         sys.modules.pop(name, None)
 
 
@@ -168,6 +172,13 @@ WRONG = [
     ('B = "not A"', 'B = "not"', "predicates.B", "(column 4)"),
     ('B = "not A"', 'B = "C"\nC = "B"', "predicates", "circle"),
     ("max_age = 60.0", "max_age = -1.0", "predicates.A", "max_age"),
+    ("max_age = 60.0", "max_age = inf", "predicates.A.max_age", "1000000000"),
+    ("max_age = 60.0", "max_age = nan", "predicates.A.max_age", "> 0.0"),
+    ("initial = false", "sensor = false", "predicates.A", "needs a 'formula'"),
+    ('formula = "A", ', 'formula = "A", initial = true, ', "predicates.Long", "'initial' means nothing for a formula"),
+    ("held_for = 2.0", "held_for = inf", "predicates.Long.held_for", "1000000000"),
+    ('Up = "A"', 'Up = "A or"', "events.Up", "(column 5)"),
+    ('Up = "A"', 'Up = "Aa"', "events.Up", "'Up' uses 'Aa', which is not declared; did you mean 'A'"),
     ("max_age = 60.0", "maxage = 60.0", "predicates.A.maxage", "did you mean 'max_age'"),
     ("max_age = 60.0", 'max_age = "x"', "predicates.A.max_age", "float"),
     ('formula = "A", ', "", "predicates.Long", "give the formula"),
@@ -176,16 +187,28 @@ WRONG = [
     ('set = "Work', 'formula = "A", set = "Work', "predicates.Seen", "not both"),
     ("policy = [0, 1]", "policy = [0, 2]", "ensembles.top.policy", "is 2"),
     ("policy = [0, 1]", "policy = [0, 1, 1]", "ensembles.top.states", "make 2 states, but the policy is for 3"),
-    ("policy = [0, 1]\n", "", "ensembles.top", "`policy`"),
+    ("policy = [0, 1]\n", "", "ensembles.top", "no key 'policy'"),
     ('policy = "below.policy"', 'policy = "belw.policy"', "ensembles.below.policy", "no such file"),
     ('policy = "below.policy"', 'policy = "cut.policy"', "ensembles.below.policy", "before the brackets"),
     ('policy = "below.policy"', 'policy = "three.policy"', "ensembles.below.states", "the policy is for 3"),
     ('policy = "below.policy"', 'model = "no.mdp"\npolicy = "below.policy"', "ensembles.below.model", "no such file"),
-    ("drive = 2.0", "drive = -2.0", "ensembles.below", "rate"),
+    ("drive = 2.0", "drive = -2.0", "ensembles.below.drive", "rate"),
+    ("drive = 2.0", "drive = inf", "ensembles.below.drive", "rate"),
+    ("drive = 2.0", "deadline = 0.0", "ensembles.below.deadline", "> 0.0"),
+    ("drive = 2.0", "deadline = inf", "ensembles.below.deadline", "1000000000"),
+    ("drive = 2.0", "seed = -1", "ensembles.below.seed", ">= 0"),
+    ("drive = 2.0", 'rewards = "no.rewards"', "ensembles.below.rewards", "no such file"),
+    ("drive = 2.0", 'rewards = ""', "ensembles.below.rewards", "path of a file"),
+    ('"below.policy"', '"below\\u0000.policy"', "ensembles.below.policy", "path of a file"),
+    ("{ restart = 2 }", "{ restart = -2 }", "ensembles.below.supervision.restart", ">= 0"),
+    ("{ restart = 2 }", "{ restrt = 2 }", "ensembles.below.supervision.restrt", "did you mean 'restart'"),
+    ("{ restart = 2 }", '"pray"', "ensembles.below.supervision", "'pray' is none of 'stop', 'escalate'"),
+    ("[ensembles.below]", "[ensembles.predicates]", "ensembles.predicates", "give it another name"),
+    ("[ensembles.below]", '[ensembles.""]', "ensembles.", "give it another name"),
     ("drive = 2.0", 'drive = "often"', "ensembles.below.drive", "often"),
     ("horizon = 5", "horizn = 5", "ensembles.below.horizn", "did you mean 'horizon'"),
     ("horizon = 5", "horizon = 0", "ensembles.below.horizon", "at least 1"),
-    ('"hold"', '"keep"', "ensembles.below.states", "keep"),
+    ('"hold"', '"keep"', "ensembles.below.states.a.on_violation", "'keep' is none of 'first', 'hold', 'error'"),
     ('predicates = ["A"]', 'predicates = ["Aa"]', "ensembles.below.states.a", "'Aa'"),
     ('b = ["B"]', 'b = ["Ping"]', "ensembles.top.states.b", "no declared predicate"),
     ('safe_action = "Rest"', 'safe_action = "Reset"', "ensembles.top.safe_action", "'Reset' is none of"),
@@ -193,9 +216,11 @@ WRONG = [
     ("robot_code:work", "robot_code:wrk", "ensembles.below.actions.Work", "no 'wrk'; did you mean 'work'"),
     ("robot_code:work", "robot_cod:work", "ensembles.below.actions.Work", "no module 'robot_cod'"),
     ("robot_code:work", "broken_code:work", "ensembles.below.actions.Work", "ZeroDivisionError"),
+    ("robot_code:work", "leaving_code:work", "ensembles.below.actions.Work", "SystemExit"),
     ("robot_code:work", "robot_code:number", "ensembles.below.actions.Work", "is a int, not a function"),
     ("robot_code:work", "work", "ensembles.below.actions.Work", "'module:name'"),
-    ("timeout = 3.0", "timeout = -3.0", "ensembles.below.actions.Work", "timeout"),
+    ("timeout = 3.0", "timeout = -3.0", "ensembles.below.actions.Work.timeout", "> 0.0"),
+    ("timeout = 3.0", "timeut = 3.0", "ensembles.below.actions.Work.timeut", "did you mean 'timeout'"),
     ('ensemble = "below"', 'ensemble = "bellow"', "ensembles.top.actions.Below", "did you mean 'below'"),
     ('ensemble = "below"', 'ensemble = "top"', "ensembles.top.actions.Below", "circle: top -> top"),
     (
@@ -206,6 +231,7 @@ WRONG = [
     ),
     ('Rest = "robot_code:rest"\n[ensembles.below]', 'Rest = { ensemble = "below" }\n[ensembles.below]', "", ""),
     ('tasks = ["robot_code:sense"]', 'tasks = ["robot_code:not_async"]', "tasks", "not an async function"),
+    ('tasks = ["robot_code:sense"]', 'tasks = ["robot_code:no_argument"]', "tasks", "one argument, the System"),
     ('tasks = ["robot_code:sense"]', 'tasks = "robot_code:sense"', "tasks", "a list of functions"),
 ]
 
@@ -225,10 +251,37 @@ def test_every_mistake_is_told_with_its_key(folder, old, new, key, words):
 
 def test_all_mistakes_are_told_at_once(folder):
     text = GOOD.replace("robot_code:work", "robot_code:wrk").replace("max_age", "maxage").replace("horizon", "horizn")
+    text = text.replace('"not A"', '"no A"').replace('"Ping"', '"Pong"').replace('"hold"', '"hld"')
     with pytest.raises(ConfigError) as caught:
         load_system(write(folder, text))
-    assert len(caught.value.problems) == 3
-    assert len(str(caught.value).splitlines()) == 3
+    assert [problem.key for problem in caught.value.problems] == [
+        "predicates.A.maxage",
+        "predicates.B",
+        "ensembles.below.horizn",
+        "ensembles.below.actions.Work",
+        "ensembles.below.states.a.on_violation",
+        "predicates.Seen",
+    ]
+    assert len(str(caught.value).splitlines()) == 6
+
+
+def test_a_module_of_the_same_name_from_another_folder_is_not_taken_for_this_one(folder, tmp_path_factory):
+    load_system(write(folder, GOOD))
+    other = tmp_path_factory.mktemp("other")
+    (other / "robot_code.py").write_text(CALLBACKS)
+    (other / "below.policy").write_text("[2](1,0)")
+    with pytest.raises(ConfigError, match="another module 'robot_code' is already loaded, from .*: rename"):
+        load_system(write(other, GOOD))
+
+
+def test_a_task_that_fails_is_named(folder):
+    async def main(runtime):
+        await runtime.start(load_system(write(folder, GOOD)))
+        await runtime.wait()
+
+    (folder / "robot_code.py").write_text(CALLBACKS.replace('system.predicates.sense("A", True)', "1 / 0"))
+    with pytest.raises(ActorFailure, match=r"task 'sense' failed: ZeroDivisionError: division by zero \(at .*:4\)"):
+        run_virtual(main)
 
 
 def test_two_parents_and_circles(folder):

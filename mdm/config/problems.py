@@ -1,0 +1,114 @@
+"""Problems of a file, collected on the way, so that all of them can be told at once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, get_args, get_type_hints
+
+import msgspec
+
+from mdm.errors import ConfigError, Error, FormatError
+from mdm.logic import similar
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from types import TracebackType
+
+__all__ = ["Problems"]
+
+
+class Problems:
+    """What is wrong with a file.
+
+    Args:
+        path: The file, which every problem names.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._found: list[ConfigError] = []
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def add(self, message: str, key: str | None) -> None:
+        """Take note of a problem and of the key that it is about."""
+        self._found.append(ConfigError(message, file=self._path, key=key))
+
+    def raise_all(self) -> None:
+        """Raise one error with all problems, if there are any."""
+        if self._found:
+            error = ConfigError("\n".join(str(problem) for problem in self._found))
+            error.problems = tuple(self._found)
+            raise error
+
+    def collecting(self, key: str) -> _Collecting:
+        """Return a context that turns an error inside its block into a problem of a key, and goes on."""
+        return _Collecting(self, key)
+
+    def convert(self, value: Any, kind: Any, key: str, *, partly: bool = False) -> Any:
+        """Return a table as a struct; None if it is wrong, or with ``partly`` as much of it as is right."""
+        before = len(self)
+        dropped: set[str] = set()
+        while True:
+            try:
+                struct = msgspec.convert(value, kind)
+            except msgspec.ValidationError as error:
+                field = self._add_misfit(error, kind, key, dropped)
+                if field is None or not isinstance(value, dict) or field not in value:
+                    return None
+                dropped.add(field)
+                value = {name: inner for name, inner in value.items() if name != field}
+            else:
+                return struct if partly or len(self) == before else None
+
+    def _add_misfit(self, error: msgspec.ValidationError, kind: Any, key: str, dropped: set[str]) -> str | None:
+        """Take note of msgspec's error, cut to what and where; return the field that it is about."""
+        text, _, place = str(error).partition(" - at `$")
+        place = place.rstrip("`").replace("[...]", "")
+        if "unknown field" in text:
+            field, fields = text.split("`")[1], kind.__struct_fields__
+            hint = similar(field, fields) or f"; the keys are {', '.join(fields)}"
+            self.add(f"there is no key {field!r} here{hint}", f"{key}.{field}")
+            return field
+        if "missing required field" in text:
+            field = text.split("`")[1]
+            if field not in dropped:
+                self.add(f"there is no key {field!r}, which is required", key)
+            return None
+        field = place.removeprefix(".").partition("[")[0]
+        if text.startswith("Invalid enum value"):
+            choices = ", ".join(map(repr, _choices(get_type_hints(kind)[field] if field else kind)))
+            text = f"{text.removeprefix('Invalid enum value ')} is none of {choices}"
+        self.add(text, f"{key}{place}")
+        return field or None
+
+
+def _choices(annotation: Any) -> list[str]:
+    """Return the strings that an annotation allows."""
+    if isinstance(annotation, str):
+        return [annotation]
+    return [choice for argument in get_args(annotation) for choice in _choices(argument)]
+
+
+class _Collecting:
+    """Turns an error inside its block into a problem of a key, and goes on."""
+
+    def __init__(self, problems: Problems, key: str) -> None:
+        self._problems = problems
+        self._key = key
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> bool:
+        if isinstance(error, ConfigError):
+            inner = error.key or ""
+            self._problems.add(error.message, inner if inner.startswith("ensembles.") else self._key)
+        elif isinstance(error, FormatError):
+            place = f" (column {error.column})" if error.file is None and error.column is not None else ""
+            self._problems.add(f"{error if error.file else error.message}{place}", self._key)
+        elif isinstance(error, Error):
+            self._problems.add(str(error), self._key)
+        return isinstance(error, Error)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from weakref import WeakSet
 
@@ -56,6 +57,7 @@ class Actor:
         self._subscriptions: list[Subscription[Any]] = []
         self._timers: WeakSet[Timer | Ticker] = WeakSet()
         self._work: dict[Work, None] = {}
+        self._works = False
         self._received = 0
         self._failures = 0
         self._restarts = 0
@@ -72,13 +74,13 @@ class Actor:
         """Prepare: subscribe, set timers, add children. Called in a turn, at the start and at each restart."""
 
     def on_running(self) -> None:
-        """Begin: this actor and its children have started. Called in a turn."""
+        """Begin: this actor and its children have started. Called in a turn, unless it has failed or ended by then."""
 
     async def on_stopping(self) -> None:
         """End what must end in good order while children still live; called before they are stopped."""
 
     def on_stop(self) -> None:
-        """Let go of what `on_start` took; subscriptions, timers and work end by themselves."""
+        """Let go of what `on_start` took; subscriptions, timers and work have ended by then."""
 
     # -- Place in the tree ---------------------------------------------------------------------------------------
 
@@ -92,7 +94,7 @@ class Actor:
     @property
     def failing(self) -> bool:
         """Whether it has failed: it is about to stop or to start anew, or has stopped for good."""
-        return self.life == "failed" or self._request in {"restart", "fail"}
+        return self.life in {"failed", "restarting"} or self._request in {"restart", "fail"}
 
     @property
     def runtime(self) -> Runtime:
@@ -121,9 +123,7 @@ class Actor:
             await self._start(child)
         except BaseException:
             # Whoever waited for the start may have been cancelled: what has started by then ends in good order.
-            await child._stop()
-            self.children.remove(child)
-            child.parent = None
+            await self.stop_child(child)
             raise
 
     async def stop_child(self, child: Actor) -> None:
@@ -184,7 +184,14 @@ class Actor:
             awaitable: What to run.
             ended: Called in a turn when it has ended, however it did. Without it, an error is this actor's failure.
             name: For debuggers and reports.
+
+        Raises:
+            Error: If the actor does not live: what takes time at its end belongs in `on_stopping`.
         """
+        if not self._works:
+            if inspect.iscoroutine(awaitable):
+                awaitable.close()
+            raise Error(f"actor {self.path!r} does not run, so it cannot begin work {name!r}")
         turn = Subscription(None, self, ended if ended is not None else self._judge)
         dispatcher = self.runtime.dispatcher
 
@@ -218,7 +225,7 @@ class Actor:
 
     def fail(self, error: BaseException) -> None:
         """Take an error as this actor's failure, and do what its supervision says."""
-        if self.life in {"created", "stopped", "failed"} or self._request in {"restart", "fail"}:
+        if self.life in {"created", "stopped"} or self.failing:
             if self._runtime is not None:
                 self.report("exception", describe(error))
             return
@@ -321,33 +328,36 @@ class Actor:
         failed: BaseException | None = None
         async with anyio.create_task_group() as group:
             self._group = group
+            self._works = True
             self._change("starting")
             permanent = tuple(self.children)
             try:
-                await self._begin()
-                for child in tuple(self.children):
-                    if not self._asked("stop"):
-                        await self._start(child)
-            except Exception as error:
-                failed = error
-            if failed is None:
-                self._change("running")
-                self.runtime.dispatcher.deliver(Subscription(None, self, lambda _: self.on_running()), None)
-                if start is not None:
-                    start.done()
-                if self._requested is not None:
-                    await self._requested.wait()
-            elif start is None:
-                self.life = "running"
-                self.fail(failed)
-                failed = None
-            await self._end()
+                try:
+                    await self._begin()
+                    for child in tuple(self.children):
+                        if not self._asked("stop"):
+                            await self._start(child)
+                except Exception as error:
+                    failed = error
+                if failed is None:
+                    self._change("running")
+                    self.runtime.dispatcher.deliver(Subscription(None, self, self._run_on), None)
+                    if start is not None:
+                        start.done()
+                    if self._requested is not None:
+                        await self._requested.wait()
+                elif start is None:
+                    self.life = "running"
+                    self.fail(failed)
+                    failed = None
+                await self._end()
+            finally:
+                await self._let_go()
             # A further start adds anew what on_start adds.
             for child in self.children:
                 if child not in permanent:
                     child.parent = None
-            self.children[:] = permanent
-        self._group = None
+            self.children[:] = (child for child in permanent if child.parent is self)
         return failed
 
     async def _begin(self) -> None:
@@ -363,11 +373,17 @@ class Actor:
             done.set()
 
         self.runtime.dispatcher.deliver(Subscription(None, self, begin), None)
-        await done.wait()
+        if not done.is_set():  # a turn that was cut short comes first
+            await done.wait()
         if errors:
             raise errors[0]
 
+    def _run_on(self, _: None) -> None:
+        if self._asked("none"):
+            self.on_running()
+
     async def _end(self) -> None:
+        self._group = None  # children that are started from now on would outlive this actor's end
         if self._request != "restart":
             self._change("stopping")
         try:
@@ -376,25 +392,40 @@ class Actor:
             self.report("exception", describe(error))
         for child in reversed(self.children):
             await child._stop()  # noqa: SLF001 - the tree is actors' own affair
+
+    async def _let_go(self) -> None:
+        """Let go of everything; when cancelled, at once."""
+        self._group = None
         self._release()
         try:
-            self.on_stop()
-        except Exception as error:
-            self.report("exception", describe(error))
-        await self._end_work()
+            await self._end_work()
+        finally:
+            self._works = False
+            self._release()  # what ending work has subscribed to or set
+            try:
+                self.on_stop()
+            except Exception as error:
+                self.report("exception", describe(error))
 
     async def _end_work(self) -> None:
-        for work in self._work:
-            work.cancel()
-        deadline = self.runtime.clock.now() + round(self.grace * 1e9)
-        while self._work:
-            remaining = (deadline - self.runtime.clock.now()) / 1e9
-            if remaining <= 0:
-                for work in tuple(self._work):
-                    self.abandon(work)
-                    self.report("abandoned", f"{work.name} did not end within {self.grace:g} s of being cancelled")
-                return
-            await wait_all(self._work, remaining)
+        clock = self.runtime.clock
+        began = clock.now()
+        asked: set[Work] = set()
+        try:
+            while self._work:
+                for work in self._work:  # the end of one may have begun another
+                    if work not in asked:
+                        asked.add(work)
+                        work.cancel()
+                remaining = self.grace - (clock.now() - began) / 1e9
+                if remaining <= 0:
+                    break
+                await wait_all(self._work, remaining)
+        finally:
+            waited = (clock.now() - began) / 1e9
+            for work in tuple(self._work):
+                self.abandon(work)
+                self.report("abandoned", f"{work.name} did not end within {waited:.3g} s of being cancelled")
 
     def _release(self) -> None:
         for subscription in self._subscriptions:

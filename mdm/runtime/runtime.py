@@ -42,7 +42,9 @@ class Runtime:
 
     Use it as ``async with mdm.Runtime() as runtime:``. However the block is left, its actors stop in order, children
     before parents and later ones before earlier ones; nothing outlives the block but work that ignores being
-    cancelled, which is listed in `abandoned`. Two runtimes in one process do not know of each other.
+    cancelled, which is listed in `abandoned`. A program that is cancelled once more while they stop breaks them off:
+    what they wait for is cancelled, and only their `on_stop` is still called. Two runtimes in one process do not know
+    of each other.
 
     Args:
         clock: Whose time; a `WallClock` where none is given.
@@ -69,7 +71,7 @@ class Runtime:
         self.lives = self.channel("lives", StateChange)
         self.decisions = self.channel("decisions", Decision)
         self._log = None if log is None else Log(log, debug=debug)
-        self._scope = anyio.CancelScope()
+        self._scope: anyio.CancelScope | None = None
         self._stopped = anyio.Event()
         self._tree: asyncio.Task[None] | None = None
         self._failure: BaseException | None = None
@@ -116,20 +118,28 @@ class Runtime:
         """End the block because of an error that nobody could help; the first one counts."""
         if self._failure is None:
             self._failure = error
-            self._scope.cancel()
+            if self._scope is not None:
+                self._scope.cancel()
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
     async def __aenter__(self) -> Self:
+        if self._tree is not None:
+            raise Error("a runtime runs once: make a new one for each block")
         loop = asyncio.get_running_loop()
         self.clock.open(loop)
         self.dispatcher.open(loop)
         if self._log is not None:
             self._log.open(self)
+        self._scope = anyio.CancelScope()
         # The tree has a task of its own, so that a cancelled program still stops it in order.
         began = asyncio.Event()
         self._tree = loop.create_task(self._grow(began), name="mdm:root")
-        await began.wait()
+        try:
+            await began.wait()
+        except BaseException:
+            await self._stop_tree(self._tree)
+            raise
         self._scope.__enter__()
         return self
 
@@ -141,13 +151,28 @@ class Runtime:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> bool:
+        assert self._scope is not None
+        assert self._tree is not None
         swallowed = self._scope.__exit__(kind, error, traceback)
         self._stopped.set()
+        await self._stop_tree(self._tree)
+        self._tree.result()  # raises what a fault of ours, or the end of the event loop, did to it
+        if self._failure is not None and (error is None or swallowed):
+            if isinstance(self._failure, ActorFailure):
+                raise self._failure
+            raise ActorFailure(str(self._failure)) from self._failure
+        return bool(swallowed)
+
+    async def _stop_tree(self, tree: asyncio.Task[None]) -> None:
+        """Stop the actors in order and close everything; break them off if the program is cancelled meanwhile."""
         self.root.end()
         try:
             with anyio.CancelScope(shield=True):
-                if self._tree is not None:
-                    await asyncio.wait([self._tree])
+                await asyncio.wait([tree])
+        except BaseException:
+            tree.cancel()
+            await asyncio.wait([tree])
+            raise
         finally:
             for channel in self._channels.values():
                 channel.close()
@@ -155,13 +180,6 @@ class Runtime:
             self.clock.close()
             if self._log is not None:
                 self._log.close()
-        if self._tree is not None and self._tree.done() and self._tree.exception() is not None:
-            raise self._tree.exception()  # type: ignore[misc]
-        if self._failure is not None and (error is None or swallowed):
-            if isinstance(self._failure, ActorFailure):
-                raise self._failure
-            raise ActorFailure(str(self._failure)) from self._failure
-        return bool(swallowed)
 
     def statistics(self) -> RuntimeStatistics:
         """Return a snapshot of everything in the runtime."""

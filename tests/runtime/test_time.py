@@ -244,7 +244,7 @@ def test_signals_stop_a_program_in_order(loop, number, status):
     assert process.stdout.readline() == "ready\n"
     process.send_signal(number)
     output, errors = process.communicate(timeout=20)
-    assert output == "stopped\nmotors off\nwork ended\n"
+    assert output == "motors off\nwork ended\nstopped\n"
     assert process.returncode in {status, 130}, errors
 
 

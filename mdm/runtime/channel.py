@@ -5,6 +5,7 @@ from __future__ import annotations
 from threading import get_ident
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
+from mdm.messages import Fault
 from mdm.runtime.statistics import ChannelStatistics
 from mdm.runtime.stream import Stream
 
@@ -22,13 +23,15 @@ T = TypeVar("T")
 class Subscription(Generic[T]):
     """One actor's handler on one channel, for all of its messages or for some topics."""
 
-    __slots__ = ("_since", "_until", "actor", "channel", "handler", "taken", "topics")
+    __slots__ = ("_until", "actor", "channel", "handler", "since", "taken", "topics")
 
     def __init__(self, channel: Channel[T] | None, actor: Actor | None, handler: Callable[[T], object]) -> None:
         self.channel = channel
         self.actor = actor
         self.handler = handler
-        self._since = channel.published if channel is not None else 0
+        # Messages are counted by difference, at no cost: how many the channel had carried before its first. Of topics
+        # each one is counted.
+        self.since = channel.published if channel is not None else 0
         self._until: int | None = None
         self.topics: tuple[str, ...] | None = None
         self.taken = 0
@@ -38,13 +41,14 @@ class Subscription(Generic[T]):
         """How many messages were handed to the handler."""
         if self.channel is None or self.topics is not None:
             return self.taken
-        return (self.channel.published if self._until is None else self._until) - self._since
+        return (self.channel.published if self._until is None else self._until) - self.since
 
     def cancel(self) -> None:
         """Take no more messages; those of the running turn that are still queued count as dropped."""
         if self.channel is not None and self._until is None:
-            self._until = self.channel.published
-            self.channel.remove(self)
+            waiting = self.channel.remove(self)
+            self._until = self.channel.published - waiting
+            self.taken -= waiting
         self.handler = self._drop
 
     def _drop(self, _: T) -> None:
@@ -55,6 +59,8 @@ class Subscription(Generic[T]):
         """Attribute what a handler raised to its actor."""
         if self.actor is None:
             raise error
+        if self.channel is not None and self.channel.type is Fault:
+            self.cancel()  # else it would be told of its own failure, and fail at that, without end
         self.actor.fail(error)
 
 
@@ -119,7 +125,7 @@ class Channel(Generic[T]):
 
         Raises:
             TypeError: If the message is not of the channel's type.
-            Error: If the runtime has stopped (from another thread only).
+            Error: If the runtime does not run: it has not begun, or, from another thread, has stopped.
         """
         dispatcher = self._dispatcher
         if message.__class__ is not self.type:
@@ -190,12 +196,14 @@ class Channel(Generic[T]):
         if topics is None:
             self._general = (*self._general, subscription)
         else:
-            subscription.topics = tuple(topics)
+            subscription.topics = tuple(dict.fromkeys(topics))
             for topic in subscription.topics:
                 self._topics[topic] = (*self._topics.get(topic, ()), subscription)
         self.heard = True
         retained = self._snapshot() if self._snapshot is not None else self.last if self.retain else None
         if retained is not None:
+            subscription.since -= 1
+            subscription.taken += 1
             self._dispatcher.deliver(subscription, retained)
         return subscription
 
@@ -203,8 +211,8 @@ class Channel(Generic[T]):
         """Make the message for a late subscriber when one comes, in place of keeping the last one published."""
         self._snapshot = snapshot
 
-    def remove(self, subscription: Subscription[T]) -> None:
-        """Forget a subscription; `Subscription.cancel` calls this."""
+    def remove(self, subscription: Subscription[T]) -> int:
+        """Forget a subscription, and return how many messages it had yet to handle; `Subscription.cancel` calls it."""
         self._subscriptions = _without(self._subscriptions, subscription)
         self._general = _without(self._general, subscription)
         for topic in subscription.topics or ():
@@ -212,6 +220,7 @@ class Channel(Generic[T]):
             if not self._topics[topic]:
                 del self._topics[topic]
         self.heard = bool(self._subscriptions)
+        return sum(waiting is subscription for waiting, _ in self._dispatcher.queue)
 
     def stream(
         self, *, capacity: int = 64, overflow: Literal["drop_oldest", "drop_newest", "error"] = "drop_oldest"

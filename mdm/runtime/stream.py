@@ -94,7 +94,8 @@ class Stream(Generic[T]):
                 )
             if self._ended:
                 raise StopAsyncIteration
-            self._arrived = anyio.Event()
+            if self._arrived.is_set():
+                self._arrived = anyio.Event()  # one for all consumers that wait
             await self._arrived.wait()
         return self._waiting.popleft()
 

@@ -70,9 +70,15 @@ class Dispatcher:
         self.thread = get_ident()
 
     def close(self) -> None:
-        """Deliver what other threads have handed in, then accept no more."""
-        self._drain()
+        """Deliver what waits, as far as one turn may go, then accept no more from other threads."""
         self._loop = None
+        self._drain()
+        if self.queue:
+            self.run()
+        for subscription, _ in self.queue:
+            if subscription.channel is not None:
+                subscription.channel.dropped += 1
+        self.queue.clear()
 
     def deliver(self, subscription: Subscription[Any], message: object) -> None:
         """Hand a message to one subscriber: in the running turn, or in a turn of its own."""
@@ -124,12 +130,12 @@ class Dispatcher:
         """Take a message from another thread; many of them share one wake-up of the event loop.
 
         Raises:
-            Error: If the runtime has stopped.
+            Error: If the runtime does not run.
         """
         loop = self._loop
-        if loop is None:
+        if loop is None or loop.is_closed():
             self._refused += 1
-            raise Error(f"channel {channel.name!r} got a message after its runtime had stopped")
+            raise Error(f"channel {channel.name!r} got a message while its runtime did not run")
         self._inbox.append((channel, message))
         if not self._woken:
             self._woken = True
@@ -138,7 +144,8 @@ class Dispatcher:
     def _drain(self) -> None:
         self._woken = False
         inbox = self._inbox
-        while inbox:
+        # Only what is there now: what comes meanwhile has woken the event loop anew, which must not starve.
+        for _ in range(len(inbox)):
             channel, message = inbox.popleft()
             self._from_threads += 1
             channel.publish(message)

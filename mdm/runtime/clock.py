@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Clock", "Timer", "WallClock"]
 
+_SWEEP = 1024
+
 _STEP = 4_000
 _LONGEST_LEAD = 400_000
 
@@ -61,6 +63,7 @@ class Clock(ABC):
     def __init__(self) -> None:
         self._heap: list[tuple[int, int, int, Timer]] = []
         self._order = count()
+        self._sweep_at = _SWEEP
         self._armed: int | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -79,6 +82,8 @@ class Clock(ABC):
     def call_at(self, when: int, callback: Callable[[], None], *, rank: int = 0) -> Timer:
         """Call back when the clock shows ``when`` nanoseconds, never earlier."""
         timer = Timer(when, callback)
+        if len(self._heap) >= self._sweep_at:
+            self._sweep()
         heapq.heappush(self._heap, (when, rank, next(self._order), timer))
         if self._armed is None or when < self._armed:
             self._arm_next()
@@ -125,6 +130,12 @@ class Clock(ABC):
         else:
             self._armed = None
 
+    def _sweep(self) -> None:
+        # Timers that are taken back long before their time, such as deadlines that were met, must not pile up.
+        self._heap[:] = [entry for entry in self._heap if entry[3].waiting]
+        heapq.heapify(self._heap)
+        self._sweep_at = max(_SWEEP, 2 * len(self._heap))
+
     def _next_rank(self) -> int:
         """Return the rank of the next timer."""
         return self._heap[0][1] if self._heap else 0
@@ -163,7 +174,7 @@ class WallClock(Clock):
     def __init__(self, *, spin: bool = True) -> None:
         super().__init__()
         self._spin = spin
-        self._lead = 100_000
+        self._lead = 100_000 if spin else 0
         self._woken_for = 0
         self._learning = False
         self._offset = time.time_ns() - time.monotonic_ns()

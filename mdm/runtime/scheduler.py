@@ -50,8 +50,8 @@ class Ticker:
         *,
         overrun: Literal["skip", "burst"] = "skip",
     ) -> None:
-        if not 0 < rate <= 1e6:
-            raise Error(f"a rate is more than 0 and at most 1,000,000 ticks a second, not {rate}")
+        if not 1e-6 <= rate <= 1e6:
+            raise Error(f"a rate is at least 0.000001 and at most 1,000,000 ticks a second, not {rate}")
         self._clock = clock
         period = 1_000_000_000 / Fraction(rate).limit_denominator(1_000_000)
         self._numerator, self._denominator = period.numerator, period.denominator

@@ -9,17 +9,22 @@ from __future__ import annotations
 import asyncio
 import selectors
 import threading
-from typing import TYPE_CHECKING
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
 
 from mdm.errors import Error
 from mdm.runtime.clock import Clock
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
+    from concurrent.futures import Executor
 
     from _typeshed import FileDescriptorLike
 
 __all__ = ["DeadlockError", "VirtualClock", "VirtualEventLoop"]
+
+T = TypeVar("T")
+Arguments = TypeVarTuple("Arguments")
 
 
 class DeadlockError(Error):
@@ -32,6 +37,12 @@ class _VirtualSelector(selectors.BaseSelector):
     def __init__(self) -> None:
         self._selector = selectors.DefaultSelector()
         self.now = 0
+        self.awaited = 0
+        self.workers: set[threading.Thread] = set()
+
+    def answered(self, _: object) -> None:
+        """Wait for one thread less."""
+        self.awaited -= 1
 
     def register(self, fileobj: FileDescriptorLike, events: int, data: object = None) -> selectors.SelectorKey:
         return self._selector.register(fileobj, events, data)
@@ -52,11 +63,14 @@ class _VirtualSelector(selectors.BaseSelector):
         ready = self._selector.select(0)
         if ready or (timeout is not None and timeout <= 0):
             return ready
+        if self.awaited:
+            return self._selector.select(None)
         if timeout is not None:
             self.now += max(1, round(timeout * 1e9))
             return ready
         # The loop's own wake-up pipe is always registered; more than that, or another thread, can still bring input.
-        if len(self._selector.get_map()) <= 1 and threading.active_count() == 1:
+        others = [thread for thread in threading.enumerate() if thread not in self.workers]
+        if len(self._selector.get_map()) <= 1 and len(others) == 1:
             raise DeadlockError(
                 "virtual time stands still: everything waits, no timer is set, and no file or thread can bring input"
             )
@@ -64,11 +78,16 @@ class _VirtualSelector(selectors.BaseSelector):
 
 
 class VirtualEventLoop(asyncio.SelectorEventLoop):
-    """An asyncio event loop whose time is virtual: it starts at 0 and jumps from timer to timer."""
+    """An asyncio event loop whose time is virtual: it starts at 0 and jumps from timer to timer.
+
+    While ``run_in_executor`` or ``asyncio.to_thread`` has a thread at work, something is left to do, and time stands
+    still. Of threads that a program starts in other ways the loop knows nothing: time goes on beside them.
+    """
 
     def __init__(self) -> None:
         self._virtual = _VirtualSelector()
         super().__init__(self._virtual)
+        self._has_executor = False
         # asyncio treats timers within its clock's resolution as due; virtual time is exact to the nanosecond.
         self._clock_resolution = 1e-9
 
@@ -79,6 +98,30 @@ class VirtualEventLoop(asyncio.SelectorEventLoop):
     def time_ns(self) -> int:
         """Return virtual nanoseconds."""
         return self._virtual.now
+
+    def run_in_executor(
+        self, executor: Executor | None, func: Callable[[*Arguments], T], *args: *Arguments
+    ) -> asyncio.Future[T]:
+        """Run a function in a thread; time stands still until it returns."""
+        virtual = self._virtual
+        if executor is None and not self._has_executor:
+            # Its threads stay when they have nothing to do, and must then not be taken for ones that bring input.
+            self._has_executor = True
+            self.set_default_executor(
+                ThreadPoolExecutor(initializer=lambda: virtual.workers.add(threading.current_thread()))
+            )
+        job = super().run_in_executor(executor, func, *args)
+        virtual.awaited += 1
+        job.add_done_callback(virtual.answered)
+        return job
+
+    async def shutdown_default_executor(self, *args: Any) -> None:
+        """Wait for the threads, during which time stands still."""
+        self._virtual.awaited += 1
+        try:
+            await super().shutdown_default_executor(*args)
+        finally:
+            self._virtual.awaited -= 1
 
 
 class VirtualClock(Clock):

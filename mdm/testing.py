@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mdm.errors import Error
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
 
     from mdm.messages import Decision
-    from mdm.runtime import Actor, Channel
+    from mdm.runtime import Actor, Channel, Subscription
 
 __all__ = ["block", "capture_decisions", "crash", "delay", "probe", "run_virtual"]
 
@@ -66,47 +67,41 @@ def block(actor: Actor) -> Iterator[list[Any]]:
     Yields the list of messages held back.
     """
     held: list[Any] = []
-    waiting: list[tuple[Callable[[Any], object], Any]] = []
+    waiting: list[tuple[Subscription[Any], Any]] = []
 
-    def hold(handler: Callable[[Any], object], message: Any) -> None:
+    def hold(subscription: Subscription[Any], _: Callable[[Any], object], message: Any) -> None:
         held.append(message)
-        waiting.append((handler, message))
+        waiting.append((subscription, message))
 
-    with _intercepted(actor, hold):
-        yield held
-    for handler, message in waiting:
-        actor.call_later(0, _call(handler, message))
+    try:
+        with _intercepted(actor, hold):
+            yield held
+    finally:
+        for subscription, message in waiting:
+            actor.runtime.dispatcher.deliver(subscription, message)
 
 
 @contextmanager
 def delay(actor: Actor, seconds: float) -> Iterator[None]:
     """Let an actor's messages reach it that much later, by the runtime's clock, inside the block."""
 
-    def later(handler: Callable[[Any], object], message: Any) -> None:
-        actor.call_later(seconds, _call(handler, message))
+    def later(_: Subscription[Any], handler: Callable[[Any], object], message: Any) -> None:
+        actor.call_later(seconds, lambda: handler(message))
 
     with _intercepted(actor, later):
         yield
 
 
-def _call(handler: Callable[[Any], object], message: Any) -> Callable[[], object]:
-    return lambda: handler(message)
-
-
 @contextmanager
-def _intercepted(actor: Actor, take: Callable[[Callable[[Any], object], Any], None]) -> Iterator[None]:
+def _intercepted(
+    actor: Actor, take: Callable[[Subscription[Any], Callable[[Any], object], Any], None]
+) -> Iterator[None]:
     originals = [(subscription, subscription.handler) for subscription in actor.subscriptions]
     for subscription, handler in originals:
-        subscription.handler = _intercept(take, handler)
+        subscription.handler = partial(take, subscription, handler)
     try:
         yield
     finally:
         for subscription, handler in originals:
             if subscription in actor.subscriptions:
                 subscription.handler = handler
-
-
-def _intercept(
-    take: Callable[[Callable[[Any], object], Any], None], handler: Callable[[Any], object]
-) -> Callable[[Any], None]:
-    return lambda message: take(handler, message)

@@ -225,7 +225,7 @@ class Actor:
 
     def fail(self, error: BaseException) -> None:
         """Take an error as this actor's failure, and do what its supervision says."""
-        if self.life in {"created", "stopped"} or self.failing:
+        if self.life in {"created", "stopped", "failed"} or self._request in {"restart", "fail"}:
             if self._runtime is not None:
                 self.report("exception", describe(error))
             return
@@ -236,7 +236,8 @@ class Actor:
         delay = self._budget.delay(self.runtime.clock.now()) if self._budget is not None else None
         if delay is not None:
             self._backoff = delay
-            self._ask("restart")
+            if self.life != "restarting":  # else it waits to start anew already
+                self._ask("restart")
         elif self.supervision == "stop":
             self._ask("fail")
         else:

@@ -8,7 +8,7 @@ import signal
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mdm.errors import Error
-from mdm.runtime.virtual import VirtualEventLoop
+from mdm.runtime.virtual import DeadlockError, VirtualEventLoop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -35,10 +35,14 @@ def run(
     Raises:
         KeyboardInterrupt: After Ctrl-C.
         SystemExit: With status 143 after SIGTERM.
+        DeadlockError: In virtual time, when nothing is left to do; ``main`` is cancelled first.
     """
     terminated = False
 
+    task: asyncio.Task[Any] | None = None
+
     async def guarded() -> T:
+        nonlocal task
         task = asyncio.current_task()
 
         def terminate() -> None:
@@ -59,6 +63,17 @@ def run(
             if terminated:
                 raise SystemExit(143) from None
             raise
+        except DeadlockError:
+            if task is not None:
+                _end(task)
+            raise
+
+
+def _end(task: asyncio.Task[Any]) -> None:
+    """Let a program that waits for ever end in order, as after Ctrl-C."""
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError, DeadlockError):
+        task.get_loop().run_until_complete(task)
 
 
 def _factory(virtual: bool, uvloop: bool) -> Callable[[], asyncio.AbstractEventLoop] | None:

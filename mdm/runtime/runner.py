@@ -17,6 +17,8 @@ __all__ = ["run"]
 
 T = TypeVar("T")
 
+_PATIENCE = 0.5
+
 
 def run(
     main: Callable[[], Coroutine[Any, Any, T]], *, virtual: bool = False, uvloop: bool = False, debug: bool = False
@@ -67,6 +69,8 @@ def run(
             if task is not None:
                 _end(task)
             raise
+        finally:
+            _leave(runner.get_loop())
 
 
 def _end(task: asyncio.Task[Any]) -> None:
@@ -74,6 +78,20 @@ def _end(task: asyncio.Task[Any]) -> None:
     task.cancel()
     with contextlib.suppress(asyncio.CancelledError, DeadlockError):
         task.get_loop().run_until_complete(task)
+
+
+def _leave(loop: asyncio.AbstractEventLoop) -> None:
+    """Cancel what is left, and wait for it no longer than a moment: what ignores being cancelled may never end."""
+    left = asyncio.all_tasks(loop)
+    if not left:
+        return
+    for task in left:
+        task.cancel()
+    _, stubborn = loop.run_until_complete(asyncio.wait(left, timeout=_PATIENCE))
+    for task in stubborn:
+        # The runtime has reported it; asyncio's runner would wait for it, and its end complain.
+        asyncio._unregister_task(task)  # noqa: SLF001 - meant for event loops' authors
+        task._log_destroy_pending = False  # type: ignore[attr-defined] # noqa: SLF001
 
 
 def _factory(virtual: bool, uvloop: bool) -> Callable[[], asyncio.AbstractEventLoop] | None:

@@ -9,6 +9,9 @@ import sys
 import warnings
 from typing import TYPE_CHECKING
 
+from mdm.cli.usage import UsageError
+from mdm.errors import Error
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -28,12 +31,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     for verb in VERBS:
         module = importlib.import_module(f"mdm.cli.{verb}")
-        module.add_parser(verbs).add_argument(
+        verb_parser: argparse.ArgumentParser = module.add_parser(verbs)
+        verb_parser.add_argument(
             "--debug", action="store_true", help="show the traceback of an error, and decisions in the log"
         )
+        verb_parser.set_defaults(format_usage=verb_parser.format_usage)
     try:
         parsed = parser.parse_args(arguments)
     except SystemExit as stop:
+        _flush()
         return stop.code if isinstance(stop.code, int) else 2
     return _run(parsed)
 
@@ -44,29 +50,46 @@ def _run(parsed: argparse.Namespace) -> int:
         with warnings.catch_warnings():
             warnings.simplefilter("default")
             warnings.showwarning = _show_warning
-            return int(module.run(parsed))
+            status = int(module.run(parsed))
+            if sys.stdout is not None:
+                sys.stdout.flush()  # here, where what goes wrong is told
+            return status
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        # Whoever read our output has gone; there is nobody to tell, and nothing to flush.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _flush()
         return 1
+    except UsageError as error:
+        print(f"{parsed.format_usage()}mdm {parsed.verb}: error: {error}", file=sys.stderr)
+        return 2
     except Exception as error:
         if parsed.debug:
             raise
+        _flush()
         print(f"mdm {parsed.verb}: {_sentence(error)}", file=sys.stderr)
         return 1
 
 
-def _sentence(error: Exception) -> str:
-    from mdm.errors import Error  # noqa: PLC0415 - `mdm --help` needs no numpy
+def _flush() -> None:
+    """Write out what is still in a buffer, or let go of it: Python would try again at its exit, and complain."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
+
+def _sentence(error: Exception) -> str:
+    from mdm.runtime import ActorFailure  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+    while isinstance(error, ActorFailure) and isinstance(error.__cause__, ActorFailure):
+        error = error.__cause__  # who failed first says more than who could not help
     if isinstance(error, Error):
         return str(error)
     if isinstance(error, MemoryError):
         return "the model is too large for this machine's memory"
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
+    if isinstance(error, OSError):
+        return f"{error.filename}: {error.strerror}" if error.filename else f"{error.strerror or error}"
     return f"unexpected {type(error).__name__}: {error} (--debug shows where)"
 
 

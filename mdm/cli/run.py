@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.usage import count
+
 if TYPE_CHECKING:
+    import argparse
+
     from mdm.messages import Decision
 
 __all__ = ["add_parser", "run"]
@@ -24,19 +27,9 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--virtual", action="store_true", help="in virtual time: without waiting, until nothing is left to do"
     )
-    parser.add_argument("--epochs", metavar="N", type=_count, help="stop after N decisions of the first ensemble")
+    parser.add_argument("--epochs", metavar="N", type=count, help="stop after N decisions of the first ensemble")
     parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
     return parser
-
-
-def _count(text: str) -> int:
-    try:
-        count = int(text)
-    except ValueError:
-        count = 0
-    if count < 1:
-        raise argparse.ArgumentTypeError(f"a whole number of 1 or more was expected, not {text!r}")
-    return count
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -56,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
         clock = VirtualClock() if arguments.virtual else None
         async with Runtime(clock=clock, log=arguments.log, debug=arguments.debug) as runtime:
 
-            def count(decision: Decision) -> None:
+            def tally(decision: Decision) -> None:
                 if decision.ensemble == first and decision.epoch >= 0:
                     seen.append(decision.epoch)
                     if len(seen) >= arguments.epochs:
@@ -64,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
 
             seen: list[int] = []
             if arguments.epochs is not None:
-                runtime.decisions.subscribe(count)
+                runtime.decisions.subscribe(tally)
             await runtime.start(system)
             await runtime.wait()
 

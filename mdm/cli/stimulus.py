@@ -8,9 +8,10 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.messages import Observation, State
+from mdm.models.matrices import distribution
 
 if TYPE_CHECKING:
-    from mdm.actors import Ensemble
+    from mdm.actors import Ensemble, PredicateManager
     from mdm.config import System
 
 __all__ = ["Stimulus", "read_stimuli"]
@@ -48,10 +49,12 @@ class Stimulus:
         ensemble = system.ensembles[self._name]
         self._state = None if line.state is None else _state(ensemble, line.state)
         self._observation = None if line.observation is None else _observation(ensemble, line.observation)
+        if line.belief is not None:
+            _check_belief(ensemble, line.belief)
         for name in line.predicates or ():
-            _declared(system, name, "predicate")
+            _check_settable(system.predicates, name, "predicate")
         for name in line.events or ():
-            _declared(system, name, "event")
+            _check_settable(system.predicates, name, "event")
 
     def apply(self, system: System) -> None:
         """Let it happen."""
@@ -100,9 +103,24 @@ def _observation(ensemble: Ensemble, given: Any) -> tuple[int | None, tuple[int 
     return index, space.unravel(index), (True,) * len(space.factors)
 
 
-def _declared(system: System, name: str, kind: Literal["predicate", "event"]) -> None:
-    known = [other for other, other_kind in system.predicates.names.items() if other_kind == kind]
-    if name not in known:
+def _check_belief(ensemble: Ensemble, given: list[float]) -> None:
+    policy = ensemble.control.policy
+    if policy.input != "belief":
+        raise Error("the policy decides on states: give a state, not a belief")
+    distribution(given, what="the belief", size=policy.num_states)
+
+
+def _check_settable(predicates: PredicateManager, name: str, kind: Literal["predicate", "event"]) -> None:
+    """Refuse a name that stands for nothing or is derived; an action's end or another agent's predicate is neither."""
+    names = predicates.names
+    if name in names:
+        settable = predicates.senses(name) if kind == "predicate" else predicates.raises(name)
+        if names[name] == kind and not settable:
+            raise Error(f"{kind} {name!r} is derived from others: give those")
+    else:
+        settable = name in predicates.used and predicates.knows(name) == kind
+    if not settable:
+        known = [other for other, other_kind in names.items() if other_kind == kind]
         raise Error(f"there is no {kind} {name!r}; there are {', '.join(known) or 'none'}")
 
 

@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.usage import UsageError, count
+
 if TYPE_CHECKING:
     import argparse
 
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
     from mdm.runtime import Runtime
 
 __all__ = ["add_parser", "run"]
+
+_OPTIONS = ("model", "policy", "drive", "discount", "horizon", "on_impossible", "on_no_observation", "seed")
 
 
 def add_parser(verbs: Any) -> argparse.ArgumentParser:
@@ -35,22 +39,18 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("file", metavar="ENSEMBLE.toml", nargs="?", help="the TOML file; its functions are not called")
     parser.add_argument("--model", metavar="M", help="a model, in place of a TOML file")
     parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
-    parser.add_argument(
-        "--drive", metavar="event|RATE", default="event", help="decide on events, or RATE times a second"
-    )
+    parser.add_argument("--drive", metavar="event|RATE", help="decide on events (default), or RATE times a second")
     parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
-    parser.add_argument("--horizon", metavar="H", type=int, help="decisions in an episode")
+    parser.add_argument("--horizon", metavar="H", type=count, help="decisions in an episode")
     parser.add_argument(
         "--on-impossible",
         choices=("predict", "keep", "reset"),
-        default="predict",
-        help="what becomes of the belief at an observation of probability 0",
+        help="what becomes of the belief at an observation of probability 0 (predict)",
     )
     parser.add_argument(
         "--on-no-observation",
         metavar="predict|repeat|NAME",
-        default="predict",
-        help="what a tick without an observation means",
+        help="what a tick without an observation means (predict)",
     )
     parser.add_argument("--seed", metavar="S", type=int, help="for the draws of a stochastic policy")
     return parser
@@ -61,23 +61,30 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.cli.stimulus import read_stimuli  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.errors import Error  # noqa: PLC0415
     from mdm.runtime import (  # noqa: PLC0415
+        ActorFailure,
         Runtime,
         VirtualClock,
         run as run_program,
     )
 
     system = _system(arguments)
+    if sys.stdin is None:
+        raise Error("there is no standard input to read stimuli from")
     stimuli, problem = read_stimuli(sys.stdin.buffer, system)
 
     async def main() -> None:
         async with Runtime(clock=VirtualClock(), log=None) as runtime:
             runtime.faults.subscribe(lambda fault: print(f"mdm trace: {fault.detail}", file=sys.stderr))
-            runtime.decisions.subscribe(_printer(several=len(system.ensembles) > 1))
+            runtime.decisions.subscribe(_printer(runtime, several=len(system.ensembles) > 1))
             await runtime.start(system)
             await _feed(runtime, system, stimuli)
 
-    run_program(main, virtual=True)
-    sys.stdout.flush()
+    try:
+        run_program(main, virtual=True)
+    except ActorFailure as failure:
+        if isinstance(failure.__cause__, OSError):
+            raise failure.__cause__ from None
+        raise
     if problem is not None:
         raise Error(problem)
     return 0
@@ -87,31 +94,33 @@ def _system(arguments: argparse.Namespace) -> System:
     from mdm.actors import Ensemble, FixedRate, OnEvent, PredicateManager  # noqa: PLC0415
     from mdm.config import System, load_system  # noqa: PLC0415
     from mdm.config.functions import nothing  # noqa: PLC0415
-    from mdm.errors import Error  # noqa: PLC0415
     from mdm.formats import load_model, load_policy  # noqa: PLC0415
 
-    if (arguments.file is None) == (arguments.policy is None):
-        raise Error("give a TOML file, or --policy and, where it needs one, --model")
     if arguments.file is not None:
+        for name in _OPTIONS:
+            if getattr(arguments, name) is not None:
+                raise UsageError(f"--{name.replace('_', '-')} is for --policy; a TOML file says all of this itself")
         return load_system(Path(arguments.file), callbacks=False)
+    if arguments.policy is None:
+        raise UsageError("give a TOML file, or --policy and, where it needs one, --model")
     model = None if arguments.model is None else load_model(arguments.model)
     if model is not None and arguments.discount is not None:
         model = model.with_discount(arguments.discount)
     policy = load_policy(arguments.policy, model, seed=arguments.seed)
-    count = policy.num_actions if model is None else len(model.action_space.factors[0])
+    actions = policy.num_actions if model is None else len(model.action_space.factors[0])
     try:
-        drive = OnEvent() if arguments.drive == "event" else FixedRate(float(arguments.drive))
+        drive = OnEvent() if arguments.drive in {None, "event"} else FixedRate(float(arguments.drive))
     except ValueError:
-        raise Error(f"--drive is 'event' or a rate in decisions per second, not {arguments.drive!r}") from None
+        raise UsageError(f"--drive is 'event' or a rate in decisions per second, not {arguments.drive!r}") from None
     ensemble = Ensemble(
         "ensemble",
         policy=policy,
         model=model,
-        actions=dict.fromkeys(range(count), nothing),
+        actions=dict.fromkeys(range(actions), nothing),
         drive=drive,
         horizon=arguments.horizon,
-        on_impossible=arguments.on_impossible,
-        on_no_observation=arguments.on_no_observation,
+        on_impossible=arguments.on_impossible or "predict",
+        on_no_observation=arguments.on_no_observation or "predict",
     )
     return System(PredicateManager(), {"ensemble": ensemble}, [])
 
@@ -127,7 +136,7 @@ async def _feed(runtime: Runtime, system: System, stimuli: list[Stimulus]) -> No
     await runtime.clock.sleep(0, rank=2)
 
 
-def _printer(*, several: bool) -> Any:
+def _printer(runtime: Runtime, *, several: bool) -> Any:
     from mdm.cli.report import as_json  # noqa: PLC0415
 
     def show(decision: Decision) -> None:
@@ -140,6 +149,9 @@ def _printer(*, several: bool) -> Any:
         line |= {"action": decision.action, "action_name": decision.action_name}
         if decision.reward is not None:
             line["reward"] = decision.reward
-        print(as_json(line))
+        try:
+            print(as_json(line))
+        except OSError as error:
+            runtime.abort(error)  # an error in here would be a fault among faults
 
     return show

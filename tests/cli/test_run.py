@@ -1,0 +1,127 @@
+"""`mdm run`: its log, its ends, and signals."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+def test_run_in_virtual_time(mdm):
+    status, _, errors = mdm("run", EXAMPLES / "tiger.toml", "--virtual", "--epochs", "5", "--log", "json", "--debug")
+    assert status == 0
+    records = [json.loads(line) for line in errors.splitlines()]
+    assert sum(record["event"] == "decision" for record in records) == 5
+    assert records[-1]["event"] == "stopped"
+
+
+def test_virtual_time_ends_in_order_when_nothing_is_left_to_do(tmp_path):
+    (tmp_path / "lazy_robot.py").write_text(
+        "async def go():\n    print('go')\n    try:\n        import asyncio; await asyncio.Event().wait()\n"
+        "    finally:\n        print('ended')\ndef safe():\n    print('safe')\n"
+    )
+    (tmp_path / "robot.toml").write_text(
+        "[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\nsafe_action = 'lazy_robot:safe'\n"
+        "[ensembles.robot.states]\na = ['A']\n[ensembles.robot.actions]\nGo = 'lazy_robot:go'\n"
+    )
+    command = [sys.executable, "-m", "mdm", "run", str(tmp_path / "robot.toml"), "--virtual", "--log", "json"]
+    first, second = (subprocess.run(command, capture_output=True, text=True, timeout=30) for _ in range(2))
+    assert first.returncode == 0
+    assert first.stdout == "go\nended\nsafe\n"
+    *records, said = first.stderr.splitlines()
+    assert said == "mdm run: nothing is left to do: no timer is set and no input can come"
+    stopped = [record["actor"] for record in map(json.loads, records) if record["event"] == "stopped"]
+    assert stopped == ["robot/state", "robot/control", "robot/action", "robot", "predicates"]
+    assert (first.stdout, first.stderr) == (second.stdout, second.stderr)
+
+
+ROBOT = """
+import asyncio, sys
+async def drive():
+    print("driving", flush=True)
+    try:
+        await asyncio.sleep(3600)
+    finally:
+        await asyncio.sleep(0.01)
+        print("brakes", flush=True)
+def safe():
+    print("safe", flush=True)
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signals_end_the_action_and_run_the_safe_one(tmp_path, number, status):
+    (tmp_path / "signal_robot.py").write_text(ROBOT)
+    (tmp_path / "robot.toml").write_text(
+        "[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\nsafe_action = 'signal_robot:safe'\n"
+        "[ensembles.robot.states]\na = ['A']\n[ensembles.robot.actions]\nDrive = 'signal_robot:drive'\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mdm", "run", str(tmp_path / "robot.toml"), "--log", "json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "driving\n"
+    process.send_signal(number)
+    output, errors = process.communicate(timeout=30)
+    assert output == "brakes\nsafe\n"
+    assert process.returncode == status
+    records = [json.loads(line) for line in errors.splitlines()]
+    assert records[-1]["event"] == "stopped"
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_action_that_never_ends_keeps_no_signal_from_ending_the_program(tmp_path, number, status):
+    (tmp_path / "stubborn_robot.py").write_text(
+        "import asyncio\nasync def drive():\n    print('driving', flush=True)\n    while True:\n        try:\n"
+        "            await asyncio.sleep(3600)\n        except asyncio.CancelledError:\n            pass\n"
+        "def safe():\n    print('safe', flush=True)\n"
+    )
+    (tmp_path / "robot.toml").write_text(
+        "[predicates]\nA = { initial = true }\n"
+        "[ensembles.robot]\npolicy = [0, 0]\nsafe_action = 'stubborn_robot:safe'\n"
+        "[ensembles.robot.states]\na = ['A']\n"
+        "[ensembles.robot.actions]\nDrive = { call = 'stubborn_robot:drive', grace = 0.1 }\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mdm", "run", str(tmp_path / "robot.toml"), "--log", "json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "driving\n"
+    process.send_signal(number)
+    output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output) == (status, "safe\n")
+    records = [json.loads(line) for line in errors.splitlines()]
+    assert [record["detail"] for record in records if record["event"] == "fault"] == [
+        "action 'Drive' abandoned: did not end within 0.1 s of being cancelled"
+    ]
+    assert records[-1]["event"] == "stopped"
+
+
+def test_a_failing_system_exits_with_1_after_the_safe_action(tmp_path):
+    (tmp_path / "failing_robot.py").write_text(
+        "async def live(system):\n    raise ValueError('sensor unplugged')\ndef stay():\n    print('safe')\n"
+    )
+    (tmp_path / "robot.toml").write_text(
+        "tasks = ['failing_robot:live']\n[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\n"
+        "safe_action = 'Stay'\n[ensembles.robot.states]\na = ['A']\n"
+        "[ensembles.robot.actions]\nStay = 'failing_robot:stay'\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "mdm", "run", str(tmp_path / "robot.toml")], capture_output=True, text=True, timeout=30
+    )
+    assert done.returncode == 1
+    assert done.stdout == "safe\nsafe\n"
+    assert done.stderr.splitlines()[-1].startswith("mdm run: task 'live' failed: ValueError: sensor unplugged (at ")
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,182 @@
+"""`mdm trace`: stimuli in, decisions out."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+TIGER = ["--model", str(EXAMPLES / "tiger.pomdp"), "--policy", str(EXAMPLES / "tiger.vf")]
+
+
+def traced(mdm, *arguments, stdin=""):
+    status, output, errors = mdm("trace", *arguments, stdin=stdin)
+    return status, [json.loads(line) for line in output], errors
+
+
+def test_trace_is_one_line_a_decision_the_first_included(mdm):
+    stdin = '{"observation": 0}\n{"time": 1.5, "observation": "hear-left"}\n{"control": "reset"}\n'
+    status, lines, _ = traced(mdm, *TIGER, stdin=stdin)
+    assert status == 0
+    assert [(d["epoch"], d["time"], d["cause"], d["action_name"]) for d in lines] == [
+        (0, 0.0, "start", "listen"),
+        (1, 0.0, "observation", "listen"),
+        (2, 1.5, "observation", "open-right"),
+        (0, 1.5, "reset", "listen"),
+    ]
+    assert "observation" not in lines[0]
+    assert lines[1]["observation"] == 0
+    assert lines[1]["belief"] == pytest.approx([0.85, 0.15])
+    assert lines[0]["reward"] == -1
+    again = mdm("trace", *TIGER, stdin=stdin)[1]
+    assert again == mdm("trace", *TIGER, stdin=stdin)[1]
+
+
+def test_trace_at_a_fixed_rate_ends_with_the_tick_of_the_last_stimulus(mdm):
+    stdin = '{"time": 0.3, "observation": 1}\n{"time": 1.0, "observation": 0}\n{"time": 1.5}\n'
+    _, lines, _ = traced(mdm, *TIGER, "--drive", "2", stdin=stdin)
+    assert [d["time"] for d in lines] == [0.0, 0.5, 1.0, 1.5]
+    assert [d.get("observation") for d in lines] == [None, 1, 0, None]
+
+
+def test_trace_of_beliefs_horizons_and_impossible_observations(mdm):
+    stdin = '{"belief": [0.99, 0.01]}\n{"observation": 0}\n{"observation": 0}\n'
+    _, lines, _ = traced(mdm, *TIGER, "--horizon", "3", stdin=stdin)
+    assert [(d["epoch"], d["cause"]) for d in lines] == [
+        (0, "start"),
+        (1, "belief"),
+        (2, "observation"),
+        (0, "episode"),
+    ]
+
+
+def test_trace_of_predicates_events_and_states(mdm, tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        "[predicates]\nA = {}\nB = 'not A'\n[events]\nE = {}\n[ensembles.robot]\npolicy = [0, 1]\n"
+        "[ensembles.robot.states]\nb = ['B']\n[ensembles.robot.actions]\nX = 'nowhere:x'\nY = 'nowhere:y'\n"
+    )
+    stdin = '{"predicates": {"A": true}}\n{"time": 2, "predicates": {"A": false}, "events": ["E"]}\n{"state": 0}\n'
+    status, lines, _ = traced(mdm, path, stdin=stdin)
+    assert status == 0
+    assert [(d["time"], d["state"], d["action_name"]) for d in lines] == [(0.0, 0, "X"), (2.0, 1, "Y"), (2.0, 0, "X")]
+    status, lines, errors = traced(mdm, path, stdin='{"predicates": {"A": true}}\n{"predicates": {"C": true}}\n')
+    assert status == 1
+    assert len(lines) == 1
+    assert "standard input:2: there is no predicate 'C'" in errors
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("{", "standard input:2: "),
+        ('{"observaton": 1}', "observaton"),
+        ('{"observation": 5}', "no symbol 5"),
+        ('{"observation": "hear-lft"}', "did you mean 'hear-left'"),
+        ('{"state": 0}', "decides on beliefs"),
+        ('{"time": 0.5}', "time goes back from 1 to 0.5"),
+        ('{"time": -1}', "from 0 on"),
+        ('{"control": "jump"}', "jump"),
+        ('{"ensemble": "x"}', "no ensemble 'x'"),
+    ],
+)
+def test_trace_names_the_wrong_line_after_the_decisions_before_it(mdm, line, words):
+    status, lines, errors = traced(mdm, *TIGER, stdin=f'{{"time": 1, "observation": 0}}\n{line}\n')
+    assert (status, len(lines)) == (1, 2)
+    assert "standard input:2: " in errors
+    assert words in errors
+
+
+def test_a_wrong_belief_or_a_derived_name_is_refused_with_its_line(mdm, tmp_path):
+    for belief, words in (("[1]", "needs 2 numbers"), ("[0.5,0.6]", "sums to 1.1"), ("[2,-1]", "no probability")):
+        status, lines, errors = traced(mdm, *TIGER, stdin=f'{{"belief": {belief}}}')
+        assert (status, len(lines)) == (1, 1)
+        assert "standard input:1: the belief" in errors
+        assert words in errors
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        "[predicates]\nA = {}\nB = 'not A'\nC = 'robot2/X'\nL = { set = 'Y.failed', reset = 'E' }\n"
+        "[events]\nE = {}\nF = 'A'\n[ensembles.robot]\npolicy = [0, 1]\n"
+        "[ensembles.robot.states]\nb = ['L']\n[ensembles.robot.actions]\nX = 'nowhere:x'\nY = 'nowhere:y'\n"
+    )
+    for line, words in (
+        ('{"belief": [1, 0]}', "decides on states"),
+        ('{"predicates": {"B": true}}', "predicate 'B' is derived"),
+        ('{"predicates": {"E": true}}', "no predicate 'E'"),
+        ('{"predicates": {"robot2/Y": true}}', "no predicate 'robot2/Y'"),
+        ('{"events": ["F"]}', "event 'F' is derived"),
+        ('{"events": ["A"]}', "no event 'A'"),
+        ('{"events": ["Y.succeeded"]}', "no event 'Y.succeeded'"),
+    ):
+        status, _, errors = traced(mdm, path, stdin=line)
+        assert status == 1
+        assert f"standard input:1: {words}" in errors.replace("there is ", "").replace("the policy ", "")
+    stdin = '{"predicates": {"robot2/X": true}}\n{"events": ["E"]}\n{"time": 1, "events": ["Y.failed"]}\n'
+    status, lines, _ = traced(mdm, path, stdin=stdin)
+    assert status == 0
+    assert [(d["time"], d["action_name"]) for d in lines] == [(0.0, "X"), (1.0, "Y")]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        TIGER[:2],
+        [str(EXAMPLES / "tiger.toml"), *TIGER[:2]],
+        [str(EXAMPLES / "tiger.toml"), "--horizon", "3"],
+        [*TIGER, "--horizon", "0"],
+        [*TIGER, "--drive", "often"],
+    ],
+)
+def test_arguments_that_do_not_go_together_are_wrong_usage(mdm, arguments):
+    status, output, errors = mdm("trace", *arguments)
+    assert (status, output) == (2, [])
+    assert errors.startswith("usage: mdm trace ")
+    assert errors.splitlines()[-1].startswith("mdm trace: error: ")
+
+
+def test_trace_of_an_ensemble_below_names_each(mdm):
+    stdin = '{"time": 1}\n{"time": 2, "ensemble": "patrol", "control": "reset"}\n'
+    _, lines, _ = traced(mdm, EXAMPLES / "patrol" / "patrol.toml", stdin=stdin)
+    assert lines
+    assert all("ensemble" in line for line in lines)
+
+
+@pytest.mark.parametrize("problem", ["dectiger", "GridSmall"])
+def test_trace_gives_the_original_s_decisions(mdm, corpus, problem):
+    """Recorded runs of the original, all steps, its episodes of 25 decisions included.
+
+    At a horizon the original publishes two actions for one observation: the episode's last, and at once the next
+    episode's first. Ours starts the next episode with the next stimulus, whose observation counts for nothing; so one
+    more is given there, and its decision is the second of those two.
+    """
+    trace = json.loads((corpus / "traces" / f"{problem}_std.json").read_text())
+    horizon = trace["params"].get("decision_horizon")
+    assert horizon == {"dectiger": 25, "GridSmall": None}[problem]
+    observations, expected = [], []
+    for step in trace["steps"]:
+        assert len(step["actions"]) == (2 if step["actions"][0][1] == (horizon or 0) - 1 else 1)
+        for action, reward, belief in zip(step["actions"], step["expected_rewards_f32"], step["beliefs"], strict=True):
+            observations.append(step["o"])
+            expected.append((*action, reward, belief))
+    status, lines, _ = traced(
+        mdm,
+        "--model",
+        corpus / "models" / "madp" / f"{problem}.dpomdp",
+        "--policy",
+        corpus / "values" / f"{problem}.dpomdp_0.9.vf",
+        "--on-impossible",
+        "keep",
+        *(["--horizon", horizon] if horizon else []),
+        stdin="".join(json.dumps({"observation": observation}) + "\n" for observation in observations),
+    )
+    assert status == 0
+    assert [lines[0]["action"], lines[0]["epoch"]] == trace["startup"]["actions"][0]
+    for line, (action, epoch, reward, belief) in zip(lines[1:], expected, strict=True):
+        assert (line["action"], line["epoch"]) == (action, epoch)
+        assert line["cause"] == ("observation" if epoch else "episode")
+        assert line["reward"] == pytest.approx(reward, abs=1e-6)
+        np.testing.assert_allclose(line["belief"], belief, atol=1e-6)

@@ -1,7 +1,22 @@
-"""Policies: from a state or a belief to an action."""
+"""Policies: from a state or a belief to an action, or from node to node of a controller."""
 
 from mdm.policies.alpha_vectors import AlphaVectors
-from mdm.policies.policy import Policy
+from mdm.policies.finite_state_controller import FiniteStateController
+from mdm.policies.joint_controller import JointController
+from mdm.policies.masked_alpha_vectors import MaskedAlphaVectors
+from mdm.policies.mixed_alpha_vectors import MixedAlphaVectors
+from mdm.policies.policy import Policy, as_policy
 from mdm.policies.table import DeterministicPolicy, QTable, StochasticPolicy
 
-__all__ = ["AlphaVectors", "DeterministicPolicy", "Policy", "QTable", "StochasticPolicy"]
+__all__ = [
+    "AlphaVectors",
+    "DeterministicPolicy",
+    "FiniteStateController",
+    "JointController",
+    "MaskedAlphaVectors",
+    "MixedAlphaVectors",
+    "Policy",
+    "QTable",
+    "StochasticPolicy",
+    "as_policy",
+]

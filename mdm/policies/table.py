@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 __all__ = ["DeterministicPolicy", "QTable", "StochasticPolicy"]
 
+_ROUNDING = 1e-12
+"""Sums that are off by no more are left alone, so that what was written is read again, bit by bit."""
+
 
 class _Table:
     """A policy with an entry per state."""
@@ -102,7 +105,7 @@ class StochasticPolicy(_Table):
             raise ModelError(
                 f"the probabilities of actions in state {state} are no distribution: {column} sum to {sums[state]:g}"
             )
-        matrix /= sums
+        matrix /= np.where(np.abs(sums - 1) > _ROUNDING, sums, 1.0)
         matrix.setflags(write=False)
         self.probabilities = matrix
         cumulative = np.cumsum(matrix, axis=0)

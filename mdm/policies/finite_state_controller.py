@@ -1,0 +1,137 @@
+"""Finite-state controllers: a graph whose nodes are actions and whose edges are observations.
+
+A controller does what its node says and moves along the edge of what it then observes; it needs no belief. Policy
+graphs of exact solvers have this form, and so do policy trees (E. A. Hansen, *Solving POMDPs by searching in policy
+space*, UAI 1998). A step costs one look-up.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, SupportsIndex
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.models.matrices import numbers
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+__all__ = ["FiniteStateController"]
+
+
+class FiniteStateController:
+    """Nodes with an action each, and for each observation the node that follows.
+
+    It holds no node of its own: whoever runs it keeps the node and asks for the next.
+
+    Args:
+        actions: The N nodes' actions.
+        successors: N rows of a node per observation; None where an observation cannot occur or the plan ends.
+        num_actions: How many actions there are; by default one more than the largest.
+        values: N x S, the value of starting in each node from each state, where that is known.
+        start: The node to begin with where no belief chooses one.
+
+    Raises:
+        ModelError: If sizes do not fit, an action or node does not exist, or a value is not finite.
+    """
+
+    input: Literal["observation"] = "observation"
+
+    def __init__(
+        self,
+        actions: Sequence[int],
+        successors: Sequence[Sequence[int | None]],
+        num_actions: int | None = None,
+        *,
+        values: npt.ArrayLike | None = None,
+        start: int = 0,
+    ) -> None:
+        if not len(actions) or len(actions) != len(successors):
+            raise ModelError(f"there are {len(actions)} nodes' actions, but {len(successors)} rows of successors")
+        self.actions = tuple(int(action) if isinstance(action, SupportsIndex) else -1 for action in actions)
+        self.successors = tuple(tuple(None if node is None else int(node) for node in row) for row in successors)
+        self.num_nodes = len(self.actions)
+        self.num_actions = max(self.actions) + 1 if num_actions is None else num_actions
+        self.num_observations = len(self.successors[0])
+        for node, action in enumerate(self.actions):
+            if not 0 <= action < self.num_actions:
+                raise ModelError(
+                    f"node {node} is for action {actions[node]}, but the actions are 0 to {self.num_actions - 1}"
+                )
+        for node, row in enumerate(self.successors):
+            self._check_row(node, row)
+        self._check_node(start)
+        self.start = start
+        self.values = None if values is None else self._checked(values)
+
+    @property
+    def num_states(self) -> int | None:
+        """How many states its values are for; None where it has none."""
+        return None if self.values is None else self.values.shape[1]
+
+    def action_at(self, node: int) -> int:
+        """Return a node's action."""
+        self._check_node(node)
+        return self.actions[node]
+
+    def next_node(self, node: int, observation: int) -> int | None:
+        """Return the node that follows; None where the observation cannot occur or the plan ends."""
+        self._check_node(node)
+        if not 0 <= observation < self.num_observations:
+            raise ModelError(
+                f"there is no observation {observation}; the controller's {self.num_observations} count from 0"
+            )
+        return self.successors[node][observation]
+
+    def start_node(self, belief: npt.NDArray[np.float64]) -> int:
+        """Return the node that is best to begin with at a belief: the first of the greatest value.
+
+        Raises:
+            ModelError: If the nodes' values are not known, or are for other states.
+        """
+        return int(self._values(belief).argmax())
+
+    def value(self, belief: npt.NDArray[np.float64]) -> float:
+        """Return the value of beginning in the best node at a belief.
+
+        Raises:
+            ModelError: If the nodes' values are not known, or are for other states.
+        """
+        return float(self._values(belief).max())
+
+    def _values(self, belief: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        if self.values is None:
+            raise ModelError("the controller's nodes have no known values: evaluate it on its model")
+        if np.shape(belief) != (self.values.shape[1],):
+            raise ModelError(
+                f"the controller's values are for beliefs of {self.values.shape[1]} numbers, not of shape "
+                f"{np.shape(belief)}"
+            )
+        values: npt.NDArray[np.float64] = self.values.dot(belief)
+        return values
+
+    def _check_node(self, node: int) -> None:
+        if not 0 <= node < self.num_nodes:
+            raise ModelError(f"there is no node {node}; the controller's {self.num_nodes} count from 0")
+
+    def _check_row(self, node: int, row: Sequence[int | None]) -> None:
+        if len(row) != self.num_observations:
+            raise ModelError(f"node {node} has {len(row)} successors, but node 0 has {self.num_observations}")
+        for observation, successor in enumerate(row):
+            if successor is not None and not 0 <= successor < self.num_nodes:
+                raise ModelError(
+                    f"node {node} is followed by node {successor} after observation {observation}, but the nodes "
+                    f"are 0 to {self.num_nodes - 1}"
+                )
+
+    def _checked(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        matrix = numbers(values, "the array of nodes' values")
+        if matrix.ndim != 2 or len(matrix) != self.num_nodes or not matrix.shape[1]:
+            raise ModelError(f"nodes' values are a nodes x states array, not one of shape {matrix.shape}")
+        if not np.isfinite(matrix).all():
+            raise ModelError(f"the value of node {int((~np.isfinite(matrix)).any(axis=1).argmax())} is not finite")
+        matrix.setflags(write=False)
+        return matrix

@@ -1,0 +1,108 @@
+"""Policies over beliefs as alpha vectors that are each defined on some of the states only.
+
+A vector is applicable to a belief whose support lies inside the vector's states; of the applicable ones the maximal
+decides (T. Smith and R. Simmons, *Focused real-time dynamic programming for MDPs: squeezing more out of a heuristic*,
+AAAI 2006, of the solver ZMDP). A choice costs two products of sparse matrices, in the number of entries.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.models.compressed import csr
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy.typing as npt
+
+__all__ = ["MaskedAlphaVectors"]
+
+_SUPPORT = 1e-10
+"""Probabilities up to this are of no support: what rounding leaves in a belief makes no vector inapplicable."""
+
+
+class MaskedAlphaVectors:
+    """Chooses the action of the maximal vector among those that are defined wherever a belief has weight.
+
+    Args:
+        vectors: N vectors, each as the values of the states where it is defined.
+        actions: The N vectors' actions.
+        num_states: S; by default one more than the largest state.
+        num_actions: How many actions there are; by default one more than the largest.
+
+    Raises:
+        ModelError: If sizes do not fit, a state or action does not exist, or a number is not finite.
+    """
+
+    input: Literal["belief"] = "belief"
+
+    def __init__(
+        self,
+        vectors: Sequence[Mapping[int, float]],
+        actions: Sequence[int],
+        num_states: int | None = None,
+        num_actions: int | None = None,
+    ) -> None:
+        if not len(vectors) or not all(vectors):
+            raise ModelError("masked alpha vectors are at least one, each with at least one state")
+        if len(actions) != len(vectors):
+            raise ModelError(f"there are {len(vectors)} alpha vectors, but {len(actions)} actions for them")
+        self.num_states = max(map(max, vectors)) + 1 if num_states is None else num_states
+        self.num_actions = max(actions) + 1 if num_actions is None else num_actions
+        for index, (vector, action) in enumerate(zip(vectors, actions, strict=True)):
+            if not 0 <= action < self.num_actions:
+                raise ModelError(
+                    f"alpha vector {index} is for action {action}, but the actions are 0 to {self.num_actions - 1}"
+                )
+            if not (min(vector) >= 0 and max(vector) < self.num_states):
+                raise ModelError(f"alpha vector {index} has a state that is none of 0 to {self.num_states - 1}")
+            if not np.isfinite(list(vector.values())).all():
+                raise ModelError(f"alpha vector {index} has a number that is not finite")
+        # In the order of their actions, so that the first maximum is that of the lowest action.
+        order = sorted(range(len(actions)), key=actions.__getitem__)
+        self.vectors: tuple[dict[int, float], ...] = tuple(dict(sorted(vectors[index].items())) for index in order)
+        self.actions: list[int] = [int(actions[index]) for index in order]
+        self._values, self._states = self._matrices()
+
+    def action(self, belief: npt.NDArray[np.float64]) -> int:
+        """Return the action for a belief.
+
+        Raises:
+            ModelError: If the belief is not over the policy's states, or no vector is defined on all of its support.
+        """
+        values = self._at(belief)
+        best = int(values.argmax())
+        if values[best] == -np.inf:
+            raise ModelError("no alpha vector of the policy is defined on all states that the belief gives weight to")
+        return self.actions[best]
+
+    def value(self, belief: npt.NDArray[np.float64]) -> float:
+        """Return the expected discounted return from a belief; -inf where no vector is applicable."""
+        return float(self._at(belief).max())
+
+    def q_values(self, belief: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return the value of each action at a belief; -inf for one without an applicable vector."""
+        values = np.full(self.num_actions, -np.inf)
+        np.maximum.at(values, self.actions, self._at(belief))
+        return values
+
+    def _at(self, belief: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return the vectors' values at a belief, -inf for those that are not applicable."""
+        if np.shape(belief) != (self.num_states,):
+            raise ModelError(f"the policy is for beliefs of {self.num_states} numbers, not of shape {np.shape(belief)}")
+        support = np.asarray(belief) > _SUPPORT
+        values: npt.NDArray[np.float64] = self._values.dot(belief)
+        values[self._states.dot(support) < support.sum()] = -np.inf
+        return values
+
+    def _matrices(self) -> tuple[Any, Any]:
+        """Return the vectors, and 1 where they are defined, as sparse N x S matrices."""
+        data = np.array([value for vector in self.vectors for value in vector.values()], dtype=np.float64)
+        states = np.array([state for vector in self.vectors for state in vector])
+        starts = np.cumsum([0, *map(len, self.vectors)])
+        shape = (len(self.vectors), self.num_states)
+        return csr((data, states, starts), shape), csr((np.ones(len(data)), states, starts), shape)

@@ -1,0 +1,125 @@
+"""Policies over beliefs of which one part is observed without error: alpha vectors for each of that part's values.
+
+With mixed observability a state is (x, y), x observed and y hidden, and a belief over y is enough; the value function
+is a set of vectors over y for each x (S. C. W. Ong, S. W. Png, D. Hsu and W. S. Lee, *Planning under uncertainty for
+robotic tasks with mixed observability*, International Journal of Robotics Research 29, 2010). A choice costs one
+product of the vectors of x with the belief.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.policies.alpha_vectors import AlphaVectors
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    import numpy.typing as npt
+
+__all__ = ["MixedAlphaVectors"]
+
+
+class MixedAlphaVectors:
+    """Chooses by the vectors of what is observed; where a belief leaves that open, by a vote.
+
+    A belief here is over whole states. Where all its weight has one x, the action is that of the maximal vector of x.
+    Where it has weight on several, each x votes with its probability for the best action given x, the greatest sum
+    wins, and of equal ones the lowest action (action voting: A. R. Cassandra, L. P. Kaelbling and J. A. Kurien,
+    *Acting under uncertainty*, IROS 1996). The value then is what is expected once x is seen, which is at least what
+    the chosen action earns.
+
+    Args:
+        vectors: N x Y, values of the hidden part.
+        actions: The N vectors' actions.
+        observed: The N vectors' x.
+        num_actions: How many actions there are; by default one more than the largest.
+        states: X x Y, the index of each whole state; by default x is the most significant digit.
+
+    Raises:
+        ModelError: If shapes do not fit, an index does not exist, or a number is not finite.
+    """
+
+    input: Literal["belief"] = "belief"
+
+    def __init__(
+        self,
+        vectors: npt.ArrayLike,
+        actions: Sequence[int],
+        observed: Sequence[int],
+        num_actions: int | None = None,
+        *,
+        states: npt.ArrayLike | None = None,
+    ) -> None:
+        checked = AlphaVectors(vectors, actions, num_actions)
+        self.num_actions = checked.num_actions
+        width = checked.num_states
+        if len(observed) != len(actions) or min(observed) < 0:
+            raise ModelError(f"each of {len(actions)} alpha vectors needs an observed value, an index from 0 on")
+        self.states = _layout(np.arange((max(observed) + 1) * width).reshape(-1, width) if states is None else states)
+        if self.states.shape[1] != width:
+            raise ModelError(f"the vectors have {width} values, but {self.states.shape[1]} hidden states are laid out")
+        if max(observed) >= len(self.states):
+            raise ModelError(f"there is no observed value {max(observed)}; the {len(self.states)} count from 0")
+        self.num_states = self.states.size
+        array, of = np.asarray(vectors, dtype=np.float64), np.asarray(observed)
+        self.sets: tuple[AlphaVectors | None, ...] = tuple(
+            AlphaVectors(
+                array[of == x], [actions[index] for index in np.flatnonzero(of == x).tolist()], self.num_actions
+            )
+            if (of == x).any()
+            else None
+            for x in range(len(self.states))
+        )
+        """For each observed value its vectors; None where there are none."""
+
+    def action(self, belief: npt.NDArray[np.float64]) -> int:
+        """Return the action for a belief over whole states.
+
+        Raises:
+            ModelError: If the belief is not over the policy's states, or all its weight is where no vectors are.
+        """
+        votes = np.zeros(self.num_actions)
+        for vectors, part in self._parts(belief):
+            if vectors is not None:
+                votes[vectors.action(part)] += part.sum()
+        if not votes.any():
+            raise ModelError("the policy has no alpha vectors for what the belief says of the observed part")
+        return int(votes.argmax())
+
+    def value(self, belief: npt.NDArray[np.float64]) -> float:
+        """Return the expected discounted return from a belief, the observed part being seen before one acts.
+
+        It is -inf where the belief has weight on an observed value without vectors.
+
+        Raises:
+            ModelError: If the belief is not over the policy's states.
+        """
+        parts = self._parts(belief)
+        return float(sum(-np.inf if vectors is None else vectors.value(part) for vectors, part in parts))
+
+    def q_values(self, belief: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return what each action is worth at a belief whatever is observed; -inf where vectors of it are lacking."""
+        values = np.zeros(self.num_actions)
+        for vectors, part in self._parts(belief):
+            values += -np.inf if vectors is None else vectors.q_values(part)
+        return values
+
+    def _parts(self, belief: npt.NDArray[np.float64]) -> Iterator[tuple[AlphaVectors | None, npt.NDArray[np.float64]]]:
+        """Yield the vectors and the weights of the hidden part for each observed value that has weight."""
+        if np.shape(belief) != (self.num_states,):
+            raise ModelError(f"the policy is for beliefs of {self.num_states} numbers, not of shape {np.shape(belief)}")
+        parts = np.asarray(belief)[self.states]
+        for x in np.flatnonzero(parts.any(axis=1)):
+            yield self.sets[x], parts[x]
+
+
+def _layout(states: npt.ArrayLike) -> npt.NDArray[np.intp]:
+    layout = np.array(states, dtype=np.intp)
+    if layout.ndim != 2 or not np.array_equal(np.sort(layout, axis=None), np.arange(layout.size)):
+        raise ModelError("the layout of states is an observed x hidden array in which each state's index stands once")
+    layout.setflags(write=False)
+    return layout

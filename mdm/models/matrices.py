@@ -12,16 +12,29 @@ from mdm.errors import ModelError, ModelWarning
 from mdm.models.compressed import csr, is_compressed
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from mdm.models.space import Space
 
-__all__ = ["Matrix", "Vector", "distribution", "numbers", "read_only", "stochastic_matrices"]
+__all__ = [
+    "ROUNDING",
+    "TOLERANCE",
+    "Matrix",
+    "Vector",
+    "choose_sparse",
+    "distribution",
+    "numbers",
+    "read_only",
+    "stochastic_matrices",
+]
 
 Vector: TypeAlias = npt.NDArray[np.float64]
 Matrix: TypeAlias = Any
 """An ndarray or a scipy.sparse.csr_array; scipy has no types of its own to say so."""
 
 TOLERANCE = 1e-4
-_ROUNDING = 1e-9
+"""How far from 1 a row of probabilities may sum to be normalised."""
+ROUNDING = 1e-9
 _LARGE = 1_000_000
 _DENSE = 0.25
 
@@ -54,7 +67,7 @@ def stochastic_matrices(
     matrices = list(given)  # kept alive while they are told apart by their identities
     if len(matrices) != len(actions):
         raise ModelError(f"{what} is given for {len(matrices)} actions, but the model has {len(actions)}")
-    as_sparse = _choose(matrices, len(rows), columns) if sparse_ is None else sparse_
+    as_sparse = choose_sparse(matrices, len(rows), columns) if sparse_ is None else sparse_
     done: dict[int, Matrix] = {}
     normalised = 0
     for action, matrix in enumerate(matrices):
@@ -68,8 +81,8 @@ def stochastic_matrices(
     return tuple(done[id(matrix)] for matrix in matrices)
 
 
-def _choose(matrices: list[Any], rows: int, columns: int) -> bool:
-    """Whether CSR suits: large, and few entries that are not zero."""
+def choose_sparse(matrices: Sequence[Any], rows: int, columns: int) -> bool:
+    """Return whether CSR suits matrices, one per action: large, and few entries that are not zero."""
     size = len(matrices) * rows * columns
     if size <= _LARGE:
         return False
@@ -97,7 +110,7 @@ def _checked(matrix: Any, what: str, rows: Space, columns: int, as_sparse: bool)
     if errors.max() > TOLERANCE:
         row = int(errors.argmax())
         raise ModelError(f"{what}: the row of {rows.names[row]!r} sums to {sums[row]:.6g}, not to 1")
-    off = errors > _ROUNDING
+    off = errors > ROUNDING
     if off.any():
         if as_sparse:
             result.data /= np.repeat(sums, np.diff(result.indptr))
@@ -139,7 +152,7 @@ def distribution(given: npt.ArrayLike, *, what: str, size: int) -> Vector:
     total = float(vector.sum())
     if abs(total - 1) > TOLERANCE:
         raise ModelError(f"{what} sums to {total:.6g}, not to 1")
-    if abs(total - 1) > _ROUNDING:
+    if abs(total - 1) > ROUNDING:
         vector /= total
     vector.flags.writeable = False
     return vector

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.matrices import Matrix, Vector, distribution, numbers, read_only, stochastic_matrices
-from mdm.models.space import Space
+from mdm.models.compressed import is_compressed
+from mdm.models.matrices import Matrix, Vector, distribution, read_only, stochastic_matrices
+from mdm.models.rewards import OutcomeRewards, RewardArray, check_finite, expected_rewards, reward_numbers
+from mdm.models.space import Space, Symbol
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -24,11 +26,13 @@ class MDP:
 
     Args:
         transitions: P(s' | s, a): an A x S x S array, or one S x S matrix per action, dense or sparse.
-        rewards: R(s, a): S x A, the expected immediate reward.
+        rewards: The immediate reward: R(s) (S numbers), R(s, a) (S x A) or R(a, s, s') (A x S x S); what is finer
+            than R(s, a) is kept, for `reward`.
         discount: In (0, 1].
         states: Their names, how many there are, or a `Space`; by default counted.
         actions: The same; a `Space` with one factor per agent makes a team.
         initial_belief: The distribution of the first state (S numbers); uniform by default.
+        outcome_rewards: What the expected rewards R(s, a) were made of, where that is kept elsewhere.
         sparse: Force CSR or dense matrices; None chooses by size and density.
 
     Raises:
@@ -46,40 +50,67 @@ class MDP:
         states: Space | Iterable[str] | int | None = None,
         actions: Space | Iterable[str] | int | None = None,
         initial_belief: npt.ArrayLike | None = None,
+        outcome_rewards: OutcomeRewards | None = None,
         sparse: bool | None = None,
     ) -> None:
-        expected = numbers(rewards, "the array of rewards")
-        if expected.ndim != 2 or 0 in expected.shape:
-            raise ModelError(f"the rewards are a states x actions array, not one of shape {expected.shape}")
-        self.state_space = as_space("state", states, expected.shape[0])
-        self.action_space = as_space("agent", actions, expected.shape[1])
-        if expected.shape != (len(self.state_space), len(self.action_space)):
+        self._set_dynamics(transitions, rewards, discount, states, actions, initial_belief, sparse)
+        self._set_rewards(rewards, outcome_rewards)
+
+    def _set_dynamics(
+        self,
+        transitions: Sequence[Any] | npt.NDArray[np.float64],
+        rewards: npt.ArrayLike,
+        discount: float,
+        states: Space | Iterable[str] | int | None,
+        actions: Space | Iterable[str] | int | None,
+        initial_belief: npt.ArrayLike | None,
+        sparse: bool | None,
+    ) -> None:
+        shape = reward_numbers(rewards, len(transitions)).shape
+        num_states, num_actions = shape if len(shape) == 2 else (shape[1], shape[0])
+        self.state_space = as_space("state", states, num_states)
+        self.action_space = as_space("agent", actions, num_actions)
+        if (num_states, num_actions) != (len(self.state_space), len(self.action_space)):
             raise ModelError(
-                f"the rewards are {expected.shape[0]} x {expected.shape[1]}, but there are {len(self.state_space)} "
-                f"states and {len(self.action_space)} actions"
+                f"the rewards are for {num_states} states and {num_actions} actions, but there are "
+                f"{len(self.state_space)} and {len(self.action_space)}"
             )
-        if not np.isfinite(expected).all():
-            state, action = (int(place[0]) for place in np.nonzero(~np.isfinite(expected)))
-            raise ModelError(
-                f"the reward of action {self.action_space.names[action]!r} in state "
-                f"{self.state_space.names[state]!r} is {expected[state, action]}, not a finite number"
-            )
-        if not 0 < discount <= 1:
-            raise ModelError(f"a discount is more than 0 and at most 1, not {discount:g}")
-        self.rewards: Vector = read_only(expected)
-        self.discount = float(discount)
+        self.discount = checked_discount(discount)
         self._transitions = stochastic_matrices(
             transitions,
             what="T",
             actions=self.action_space,
             rows=self.state_space,
-            columns=len(self.state_space),
+            columns=num_states,
             sparse_=sparse,
         )
-        count = len(self.state_space)
-        self.initial_belief = distribution(
-            np.full(count, 1 / count) if initial_belief is None else initial_belief, what="the start", size=count
+        self._initial_belief = distribution(
+            np.full(num_states, 1 / num_states) if initial_belief is None else initial_belief,
+            what="the start",
+            size=num_states,
         )
+
+    def _set_rewards(self, rewards: npt.ArrayLike, outcome_rewards: OutcomeRewards | None) -> None:
+        given = reward_numbers(rewards, len(self.action_space))
+        self.outcome_rewards = outcome_rewards if given.ndim == 2 else RewardArray(given)
+        """The rewards of single outcomes, where they are finer than R(s, a)."""
+        expected = given if given.ndim == 2 else expected_rewards(given, self._transitions, self._chances)
+        check_finite(expected, self.state_space, self.action_space)
+        self._rewards: Vector = read_only(expected)
+
+    def _chances(self, action: int, states: Any, next_states: Any) -> Vector:  # noqa: ARG002 - a POMDP's
+        """Return P(o | s, a, s') for some transitions, a row for each."""
+        raise ModelError("rewards over observations need a model that has observations")
+
+    @property
+    def rewards(self) -> Vector:
+        """The expected immediate reward R(s, a): S x A, read-only."""
+        return self._rewards
+
+    @property
+    def initial_belief(self) -> Vector:
+        """The distribution of the first state: S numbers, read-only."""
+        return self._initial_belief
 
     @property
     def num_agents(self) -> int:
@@ -89,20 +120,59 @@ class MDP:
     @property
     def is_sparse(self) -> bool:
         """Whether its matrices are CSR."""
-        return not isinstance(self._transitions[0], np.ndarray)
+        return is_compressed(self.transition_matrix(0))
 
-    def transition_matrix(self, action: int | str) -> Matrix:
+    def transition_matrix(self, action: Symbol) -> Matrix:
         """Return P(s' | s, a) as an S x S' matrix, read-only."""
         return self._transitions[self.action_space.index(action)]
 
+    @overload
+    def transition(self, action: Symbol, state: Symbol) -> Vector: ...
+
+    @overload
+    def transition(self, action: Symbol, state: Symbol, next_state: Symbol) -> float: ...
+
+    def transition(self, action: Symbol, state: Symbol, next_state: Symbol | None = None) -> Vector | float:
+        """Return P(s' | s, a), by names or indices: the row over s' (S numbers), or one number."""
+        matrix = self.transition_matrix(action)
+        row = self.state_space.index(state)
+        if next_state is not None:
+            return float(matrix[row, self.state_space.index(next_state)])
+        return matrix_row(matrix, row)
+
+    def reward(
+        self,
+        action: Symbol,
+        state: Symbol,
+        next_state: Symbol | None = None,
+        observation: Symbol | None = None,
+    ) -> float:
+        """Return the immediate reward, by names or indices: R(s, a), or that of an outcome where the model tells it."""
+        a, s = self.action_space.index(action), self.state_space.index(state)
+        if next_state is None or self.outcome_rewards is None:
+            return float(self.rewards[s, a])
+        observed = None if observation is None else self._observation_index(observation)
+        return self.outcome_rewards.at(a, s, self.state_space.index(next_state), observed)
+
+    def _observation_index(self, observation: Symbol) -> int:
+        raise ModelError(f"an MDP has no observation {observation!r}")
+
     def with_discount(self, discount: float) -> Self:
         """Return the same model with another discount."""
-        if not 0 < discount <= 1:
-            raise ModelError(f"a discount is more than 0 and at most 1, not {discount:g}")
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
-        other.discount = float(discount)
+        other.discount = checked_discount(discount)
         return other
+
+    def marginalize(self, factor: str) -> MDP:
+        """Return the model without a state factor, where nothing else depends on that factor's present value.
+
+        Raises:
+            ModelError: If there is no such factor, it is the only one, or transitions or rewards depend on it.
+        """
+        from mdm.models.marginalization import marginalize  # noqa: PLC0415 - it makes models of this kind
+
+        return marginalize(self, factor)
 
     def __repr__(self) -> str:
         return f"<{self.kind}: {len(self.state_space)} states, {len(self.action_space)} actions>"
@@ -113,3 +183,22 @@ def as_space(name: str, given: Space | Iterable[str] | int | None, count: int) -
     if isinstance(given, Space):
         return given
     return Space.single(name, count if given is None else given)
+
+
+def checked_discount(discount: float) -> float:
+    """Return a discount that is in (0, 1].
+
+    Raises:
+        ModelError: If it is not.
+    """
+    if not 0 < discount <= 1:
+        raise ModelError(f"a discount is more than 0 and at most 1, not {discount:g}")
+    return float(discount)
+
+
+def matrix_row(matrix: Matrix, row: int) -> Vector:
+    """Return a row of a dense or sparse matrix, dense and read-only."""
+    values = np.asarray(matrix[[row]].toarray()).ravel() if is_compressed(matrix) else matrix[row]
+    values = values.view()
+    values.flags.writeable = False
+    return values

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from mdm.errors import ModelError
-from mdm.models.compressed import is_compressed
-from mdm.models.matrices import Matrix, numbers, stochastic_matrices
-from mdm.models.mdp import MDP, as_space
+from mdm.models.compressed import csr, is_compressed
+from mdm.models.event_observations import (
+    DenseEvents,
+    EventObservations,
+    TransitionEvents,
+    event_observations as checked_events,
+)
+from mdm.models.matrices import Matrix, Vector, numbers, stochastic_matrices
+from mdm.models.mdp import MDP, as_space, matrix_row
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    import numpy as np
     import numpy.typing as npt
 
-    from mdm.models.space import Space
+    from mdm.models.rewards import OutcomeRewards
+    from mdm.models.space import Space, Symbol
 
 __all__ = ["POMDP"]
 
@@ -25,9 +33,14 @@ class POMDP(MDP):
 
     Args:
         transitions: As for `MDP`.
-        observations: P(o | a, s'): an A x S' x O array, or one S' x O matrix per action, dense or sparse.
-        rewards: As for `MDP`, as are the other arguments.
+        observations: P(o | a, s'): an A x S' x O array, or one S' x O matrix per action, dense or sparse. For event
+            observations P(o | s, a, s'): an A x O x S x S' array, or one S x S' matrix per action and observation, or
+            what another model has of them.
+        rewards: As for `MDP`; or R(a, s, s', o), A x S x S' x O.
         observation_names: Names of the observations, how many there are, or a `Space` with a factor per agent.
+        event_observations: Whether observations tell of transitions, P(o | s, a, s').
+
+    The other arguments are those of `MDP`.
 
     Raises:
         ModelError: If shapes do not fit or numbers are no probabilities.
@@ -38,7 +51,7 @@ class POMDP(MDP):
     def __init__(
         self,
         transitions: Sequence[Any] | npt.NDArray[np.float64],
-        observations: Sequence[Any] | npt.NDArray[np.float64],
+        observations: Sequence[Any] | npt.NDArray[np.float64] | DenseEvents | TransitionEvents,
         rewards: npt.ArrayLike,
         *,
         discount: float,
@@ -46,34 +59,141 @@ class POMDP(MDP):
         actions: Space | Iterable[str] | int | None = None,
         observation_names: Space | Iterable[str] | int | None = None,
         initial_belief: npt.ArrayLike | None = None,
+        event_observations: bool = False,
+        outcome_rewards: OutcomeRewards | None = None,
         sparse: bool | None = None,
     ) -> None:
-        super().__init__(
-            transitions,
-            rewards,
-            discount=discount,
-            states=states,
-            actions=actions,
-            initial_belief=initial_belief,
-            sparse=sparse,
-        )
-        first: Any = observations[0] if len(observations) else ()
-        shape = first.shape if is_compressed(first) else numbers(first, "the first matrix of observations").shape
-        if len(shape) != 2 or 0 in shape:
-            raise ModelError("observations are an actions x states x observations array, or a matrix per action")
-        self.observation_space = as_space("agent", observation_names, shape[1])
-        self._observations = stochastic_matrices(
-            observations,
-            what="O",
-            actions=self.action_space,
-            rows=self.state_space,
-            columns=len(self.observation_space),
-            sparse_=sparse,
-        )
+        self._set_dynamics(transitions, rewards, discount, states, actions, initial_belief, sparse)
+        self._events: EventObservations | None = None
+        self._observations: tuple[Matrix, ...] = ()
+        if isinstance(observations, (DenseEvents, TransitionEvents)):
+            self._events = observations
+        elif event_observations:
+            self._events = checked_events(
+                self._transitions, list(observations), actions=self.action_space, states=self.state_space
+            )
+        else:
+            self._observations = stochastic_matrices(
+                observations,
+                what="O",
+                actions=self.action_space,
+                rows=self.state_space,
+                columns=_width(observations),
+                sparse_=sparse,
+            )
+        count = self._events.num_observations if self._events else _width(observations)
+        self.observation_space = as_space("agent", observation_names, count)
+        if len(self.observation_space) != count:
+            raise ModelError(
+                f"O is over {count} observations, but {len(self.observation_space)} names of observations are given"
+            )
+        self._set_rewards(rewards, outcome_rewards)
 
-    def observation_matrix(self, action: int | str) -> Matrix:
-        """Return P(o | a, s') as an S' x O matrix, read-only."""
+    @property
+    def event_observations(self) -> bool:
+        """Whether observations tell of transitions, P(o | s, a, s'), rather than of states."""
+        return self._events is not None
+
+    def observation_matrix(self, action: Symbol) -> Matrix:
+        """Return P(o | a, s') as an S' x O matrix, read-only.
+
+        Raises:
+            ModelError: If the observations are events: they depend on the state that a transition leaves, too.
+        """
+        if self.event_observations:
+            raise ModelError("the observations of this model are events, P(o | s, a, s'): ask for event_matrix(a, o)")
         return self._observations[self.action_space.index(action)]
+
+    def event_matrix(self, action: Symbol, observation: Symbol) -> Matrix:
+        """Return P(o | s, a, s') of event observations as an S x S' matrix, read-only.
+
+        Where T(s, a, s') is 0 it has no meaning; in CSR it is 0 there.
+
+        Raises:
+            ModelError: If the observations are no events.
+        """
+        if self._events is None:
+            raise ModelError(
+                "the observations of this model tell of states, P(o | a, s'): ask for observation_matrix(a)"
+            )
+        return self._events.matrix(self.action_space.index(action), self.observation_space.index(observation))
+
+    def joint_matrix(self, action: Symbol, observation: Symbol) -> Matrix:
+        """Return P(s', o | s, a) as an S x S' matrix, for observations of either kind."""
+        a, o = self.action_space.index(action), self.observation_space.index(observation)
+        if self.event_observations:
+            assert self._events is not None
+            return self._events.joint(a, o)
+        transition, matrix = self.transition_matrix(a), self.observation_matrix(a)
+        if isinstance(transition, np.ndarray):
+            column = matrix[:, o] if isinstance(matrix, np.ndarray) else matrix[:, [o]].toarray().ravel()
+            return transition * column
+        column = np.asarray(matrix[:, [o]].toarray()).ravel() if is_compressed(matrix) else matrix[:, o]
+        joint = csr(
+            (transition.data * column[transition.indices], transition.indices, transition.indptr), transition.shape
+        )
+        joint.eliminate_zeros()
+        return joint
+
+    def observation(
+        self, action: Symbol, next_state: Symbol, observation: Symbol | None = None, *, state: Symbol | None = None
+    ) -> Any:
+        """Return P(o | a, s'), by names or indices: the row over o (O numbers), or one number.
+
+        Args:
+            action: The action.
+            next_state: The state that it led to.
+            observation: Asks for one number.
+            state: The state before, which event observations depend on.
+
+        Raises:
+            ModelError: If the state before is missing and needed.
+        """
+        a, s = self.action_space.index(action), self.state_space.index(next_state)
+        if not self.event_observations:
+            row = matrix_row(self.observation_matrix(a), s)
+        elif state is None:
+            raise ModelError("the observations of this model are events: name the state before, too (state=)")
+        else:
+            row = self._event_row(a, self.state_space.index(state), s)
+        return row if observation is None else float(row[self.observation_space.index(observation)])
+
+    def _event_row(self, action: int, state: int, next_state: int) -> Vector:
+        assert self._events is not None
+        return self._events.row(action, state, next_state)
+
+    def _chances(self, action: int, states: Any, next_states: Any) -> Vector:
+        if self._events is not None:
+            return np.stack([self._events.row(action, s, n) for s, n in zip(states, next_states, strict=True)])
+        matrix = self._observations[action][next_states]
+        return np.asarray(matrix.toarray()) if is_compressed(matrix) else matrix
+
+    def _observation_index(self, observation: Symbol) -> int:
+        return self.observation_space.index(observation)
+
+    def marginalize(self, factor: str) -> POMDP:
+        """Return the model without a state factor, where nothing else depends on that factor's present value.
+
+        What is observed may tell of the factor's value after the transition; it is weighed by P(f' | x, a, y), and then
+        tells of the transition from x to y: the observations become events, unless they do not depend on x.
+
+        Raises:
+            ModelError: If there is no such factor, it is the only one, or transitions or rewards depend on it.
+        """
+        from mdm.models.marginalization import marginalize  # noqa: PLC0415 - it makes models of this kind
+
+        result = marginalize(self, factor)
+        assert isinstance(result, POMDP)
+        return result
 
     def __repr__(self) -> str:
         return f"{super().__repr__()[:-1]}, {len(self.observation_space)} observations>"
+
+
+def _width(observations: Any) -> int:
+    """Return O of observations P(o | a, s')."""
+    first: Any = observations[0] if len(observations) else ()
+    shape = first.shape if is_compressed(first) else numbers(first, "the first matrix of observations").shape
+    if len(shape) != 2 or 0 in shape:
+        raise ModelError("observations are an actions x states x observations array, or a matrix per action")
+    return int(shape[1])

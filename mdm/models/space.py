@@ -12,7 +12,10 @@ from typing import SupportsIndex, overload
 
 from mdm.errors import ModelError
 
-__all__ = ["Factor", "Space"]
+__all__ = ["Factor", "Space", "Symbol"]
+
+Symbol = str | SupportsIndex | Sequence[str | int]
+"""A symbol of a space: its index, its name, or a name or index for each factor."""
 
 
 class Factor:
@@ -176,7 +179,7 @@ class Space:
             raise ModelError(f"there is no symbol {index}; the {self._size} symbols count from 0")
         return tuple(index // stride % len(factor) for stride, factor in zip(self._strides, self.factors, strict=True))
 
-    def index(self, symbol: str | SupportsIndex | Sequence[str | int]) -> int:
+    def index(self, symbol: Symbol) -> int:
         """Return the joint index of a symbol.
 
         Args:

@@ -64,12 +64,12 @@ def test_arrays_cannot_be_changed():
         ({"transitions": [np.eye(2), [[1.5, -0.5], [0, 1]]]}, r"-0.5 in the row of '0' is no probability"),
         ({"transitions": [np.eye(2), [[np.nan, 1], [0, 1]]]}, "nan in the row of '0'"),
         ({"rewards": [[0, np.inf], [0, 0]]}, "reward of action '1' in state '0' is inf"),
-        ({"rewards": [0, 1]}, "states x actions"),
+        ({"rewards": [[[0, 1]]]}, "actions x states x states"),
         ({"discount": 0}, "discount"),
         ({"discount": 1.01}, "not 1.01"),
         ({"initial_belief": [0.5, 0.6]}, "the start sums to 1.1"),
         ({"initial_belief": [1.0]}, "needs 2 numbers"),
-        ({"states": ["a", "b", "c"]}, "3 states"),
+        ({"states": ["a", "b", "c"]}, "for 2 states and 2 actions, but there are 3 and 2"),
     ],
 )
 def test_wrong_models_are_refused_with_the_culprit(change, message):

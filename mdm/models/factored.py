@@ -1,0 +1,220 @@
+"""Factored decision processes: two-slice networks that are flattened into matrices on demand."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.models import flattening
+from mdm.models.event_observations import DenseEvents, TransitionEvents
+from mdm.models.matrices import Matrix, Vector, choose_sparse, distribution
+from mdm.models.mdp import MDP, checked_discount
+from mdm.models.pomdp import POMDP
+from mdm.models.potential import Node
+
+if TYPE_CHECKING:
+    from mdm.models.two_slice import TwoSliceNetwork
+
+__all__ = ["FactoredMDP", "FactoredPOMDP"]
+
+_Flat = TypeVar("_Flat", bound=MDP)
+
+
+class FactoredMDP(MDP):
+    """An MDP that is kept as a two-slice network; its matrices are made when they are first asked for, and kept.
+
+    Args:
+        network: The network.
+        discount: In (0, 1].
+        sparse: Force CSR or dense matrices; None chooses by size and density.
+    """
+
+    def __init__(self, network: TwoSliceNetwork, *, discount: float, sparse: bool | None = None) -> None:
+        self.network = network
+        self.state_space = network.states
+        self.action_space = network.actions
+        self.discount = checked_discount(discount)
+        self.outcome_rewards = _outcomes(network)
+        self._sparse = sparse
+
+    @cached_property
+    def _flat(self) -> MDP:
+        transitions = flattening.transition_matrices(self.network)
+        return MDP(
+            transitions,
+            flattening.expected_rewards(self.network, transitions),
+            discount=self.discount,
+            states=self.state_space,
+            actions=self.action_space,
+            initial_belief=self.initial_belief,
+            outcome_rewards=self.outcome_rewards,
+            sparse=self._sparse,
+        )
+
+    def flatten(self) -> MDP:
+        """Return the same model as matrices; they are made once and kept."""
+        return _with_discount(self._flat, self.discount)
+
+    @cached_property
+    def initial_belief(self) -> Vector:
+        """The distribution of the first state: S numbers, read-only."""
+        return _initial_belief(self.network)
+
+    @property
+    def rewards(self) -> Vector:
+        """The expected immediate reward R(s, a): S x A, read-only."""
+        return self._flat.rewards
+
+    def transition_matrix(self, action: Any) -> Matrix:
+        """Return P(s' | s, a) as an S x S' matrix, read-only."""
+        return self._flat.transition_matrix(action)
+
+    def with_discount(self, discount: float) -> FactoredMDP:
+        """Return the same model with another discount; what was flattened is shared."""
+        return super().with_discount(discount)
+
+    def marginalize(self, factor: str) -> MDP:
+        """Return the model without a state factor, as `MDP.marginalize` does; the result is flat."""
+        return self.flatten().marginalize(factor)
+
+
+class FactoredPOMDP(POMDP):
+    """A POMDP that is kept as a two-slice network; its matrices are made when they are first asked for, and kept.
+
+    Args:
+        network: The network, with observations.
+        discount: In (0, 1].
+        sparse: Force CSR or dense matrices; None chooses by size and density.
+    """
+
+    def __init__(self, network: TwoSliceNetwork, *, discount: float, sparse: bool | None = None) -> None:
+        if network.observations is None:
+            raise ModelError("the network has no observations: it is a FactoredMDP's")
+        self.network = network
+        self.state_space = network.states
+        self.action_space = network.actions
+        self.observation_space = network.observations
+        self.discount = checked_discount(discount)
+        self.outcome_rewards = _outcomes(network)
+        self._sparse = sparse
+
+    @cached_property
+    def _flat(self) -> POMDP:
+        network = self.network
+        transitions = flattening.transition_matrices(network)
+        rewards = flattening.expected_rewards(network, transitions)
+        return POMDP(
+            transitions,
+            _events(network, transitions, sparse=self._sparse)
+            if network.event_observations
+            else flattening.observation_matrices(network),
+            rewards,
+            discount=self.discount,
+            states=self.state_space,
+            actions=self.action_space,
+            observation_names=self.observation_space,
+            initial_belief=self.initial_belief,
+            outcome_rewards=self.outcome_rewards,
+            sparse=self._sparse,
+        )
+
+    def flatten(self) -> POMDP:
+        """Return the same model as matrices; they are made once and kept."""
+        return _with_discount(self._flat, self.discount)
+
+    @cached_property
+    def initial_belief(self) -> Vector:
+        """The distribution of the first state: S numbers, read-only."""
+        return _initial_belief(self.network)
+
+    @property
+    def event_observations(self) -> bool:
+        """Whether observations tell of transitions, P(o | s, a, s'), rather than of states."""
+        return self.network.event_observations
+
+    @property
+    def rewards(self) -> Vector:
+        """The expected immediate reward R(s, a): S x A, read-only."""
+        return self._flat.rewards
+
+    def transition_matrix(self, action: Any) -> Matrix:
+        """Return P(s' | s, a) as an S x S' matrix, read-only."""
+        return self._flat.transition_matrix(action)
+
+    def observation_matrix(self, action: Any) -> Matrix:
+        """Return P(o | a, s') as an S' x O matrix, read-only."""
+        return self._flat.observation_matrix(action)
+
+    def event_matrix(self, action: Any, observation: Any) -> Matrix:
+        """Return P(o | s, a, s') of event observations as an S x S' matrix, read-only."""
+        return self._flat.event_matrix(action, observation)
+
+    def joint_matrix(self, action: Any, observation: Any) -> Matrix:
+        """Return P(s', o | s, a) as an S x S' matrix."""
+        return self._flat.joint_matrix(action, observation)
+
+    def _event_row(self, action: int, state: int, next_state: int) -> Vector:
+        return self._flat._event_row(action, state, next_state)  # noqa: SLF001 - a model of the same kind
+
+    def marginalize(self, factor: str) -> POMDP:
+        """Return the model without a state factor, as `POMDP.marginalize` does; the result is flat."""
+        return self.flatten().marginalize(factor)
+
+
+class _Outcomes:
+    """The utilities of a network at one outcome."""
+
+    def __init__(self, network: TwoSliceNetwork) -> None:
+        self._network = network
+
+    def at(self, action: int, state: int, next_state: int, observation: int | None) -> float:
+        """Return R(a, s, s', o)."""
+        network = self._network
+        joint = [("state", network.states, state), ("action", network.actions, action)]
+        joint.append(("next_state", network.states, next_state))
+        if observation is not None and network.observations is not None:
+            joint.append(("observation", network.observations, observation))
+        digits = {
+            Node(role, index): np.array([value])  # type: ignore[arg-type] # roles, written out above
+            for role, space, symbol in joint
+            for index, value in enumerate(space.unravel(symbol))
+        }
+        if any(node not in digits for utility in network.utilities for node in utility.scope):
+            raise ModelError("the reward depends on the observation: name one")
+        return float(sum(utility.rows(digits, 1, None, 1)[0, 0] for utility in network.utilities))
+
+
+def _outcomes(network: TwoSliceNetwork) -> _Outcomes | None:
+    later = {"next_state", "observation"}
+    return _Outcomes(network) if any(node.role in later for u in network.utilities for node in u.scope) else None
+
+
+def _initial_belief(network: TwoSliceNetwork) -> Vector:
+    return distribution(flattening.first_distribution(network), what="the start", size=len(network.states))
+
+
+def _with_discount(flat: _Flat, discount: float) -> _Flat:
+    return flat if flat.discount == discount else flat.with_discount(discount)
+
+
+def _events(network: TwoSliceNetwork, transitions: list[Any], *, sparse: bool | None) -> DenseEvents | TransitionEvents:
+    size = len(network.states)
+    names = {"actions": network.actions, "states": network.states}
+    if choose_sparse(transitions, size, size) if sparse is None else sparse:
+        events = [
+            flattening.transition_events(
+                network, action, np.repeat(np.arange(size), np.diff(matrix.indptr)), matrix.indices
+            )
+            for action, matrix in enumerate(transitions)
+        ]
+        return TransitionEvents(transitions, events, **names)
+    # As the network says, also where T is 0.
+    states, next_states = (place.ravel() for place in np.indices((size, size)))
+    everywhere = [
+        flattening.transition_events(network, action, states, next_states).toarray().T.reshape(-1, size, size)
+        for action in range(len(transitions))
+    ]
+    return DenseEvents([matrix.toarray() for matrix in transitions], everywhere, **names)

@@ -1,0 +1,125 @@
+"""Potentials: functions of the variables of a two-slice network, as tables or as trees.
+
+A conditional probability is a potential over a variable (its *child*) and the parents of it; a utility is one without
+a child. What is common in real models, that a function depends on a variable only where others have certain values, a
+tree says in a few branches where a table needs an entry for each combination.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from mdm.errors import ModelError
+from mdm.models.matrices import Vector, numbers
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = ["Digits", "Node", "Potential", "Role", "Table", "Tree"]
+
+Role = Literal["state", "action", "next_state", "observation"]
+
+
+class Node(NamedTuple):
+    """A variable of a two-slice network: which factor of the states, actions, next states or observations."""
+
+    role: Role
+    place: int
+
+
+Digits = "Mapping[Node, npt.NDArray[np.intp]]"
+"""For each variable that is known its values, in arrays of one length."""
+
+
+class Table:
+    """A number for every combination of values.
+
+    Args:
+        scope: The variables, each once.
+        values: An array with an axis per variable, in the same order.
+
+    Raises:
+        ModelError: If the numbers do not fit the scope.
+    """
+
+    __slots__ = ("scope", "sizes", "values")
+
+    def __init__(self, scope: Sequence[Node], values: npt.ArrayLike) -> None:
+        self.scope = tuple(scope)
+        self.values = numbers(values, "a potential's table")
+        if self.values.ndim != len(self.scope) or len(set(self.scope)) != len(self.scope):
+            raise ModelError(f"a table over {len(self.scope)} variables cannot have {self.values.ndim} axes")
+        self.values.setflags(write=False)
+        self.sizes = dict(zip(self.scope, self.values.shape, strict=True))
+        """How many values each variable of the scope has."""
+
+    def rows(self, digits: Mapping[Node, Any], count: int, child: Node | None, size: int) -> Vector:
+        """Return the numbers at some values of the variables.
+
+        Args:
+            digits: Values of every variable of the scope but the child.
+            count: How many values there are of each.
+            child: The variable whose values make the columns.
+            size: How many values the child has; 1 without one.
+
+        Returns:
+            A count x size array.
+        """
+        chosen = tuple(digits[node] for node in self.scope if node != child)
+        if child in self.scope:
+            values = np.moveaxis(self.values, self.scope.index(child), -1)[chosen]
+        else:
+            values = self.values[chosen][..., None]
+        return np.broadcast_to(values.reshape(-1, values.shape[-1]), (count, size))
+
+
+class Tree:
+    """A choice by the value of one variable among further potentials.
+
+    Args:
+        node: The variable.
+        choice: For each value of it, which branch.
+        branches: The potentials; none of them needs to be over the same variables.
+
+    Raises:
+        ModelError: If a value has no branch, or branches take a variable to have other numbers of values.
+    """
+
+    __slots__ = ("branches", "choice", "node", "scope", "sizes")
+
+    def __init__(self, node: Node, choice: Sequence[int], branches: Sequence[Potential]) -> None:
+        self.node = node
+        self.choice = np.array(choice, dtype=np.intp)
+        self.branches = tuple(branches)
+        if not len(choice) or not all(0 <= branch < len(self.branches) for branch in choice):
+            raise ModelError("a tree needs a branch for every value of its variable")
+        self.sizes: dict[Node, int] = {node: len(self.choice)}
+        """How many values each variable of the scope has."""
+        for branch in self.branches:
+            for inner, size in branch.sizes.items():
+                if self.sizes.setdefault(inner, size) != size:
+                    raise ModelError(f"a tree takes one variable to have {size} and {self.sizes[inner]} values")
+        self.scope: tuple[Node, ...] = tuple(self.sizes)
+
+    def rows(self, digits: Mapping[Node, Any], count: int, child: Node | None, size: int) -> Vector:
+        """Return the numbers at some values of the variables, as `Table.rows` does."""
+        result = np.empty((count, size))
+        for number, branch in enumerate(self.branches):
+            if self.node == child:
+                columns = np.flatnonzero(self.choice == number)
+                if columns.size:
+                    result[:, columns] = branch.rows(digits, count, child, size)[:, columns]
+                continue
+            chosen = np.flatnonzero(self.choice[digits[self.node]] == number)
+            if chosen.size == count:
+                return branch.rows(digits, count, child, size)
+            if chosen.size:
+                inner = {node: digits[node][chosen] for node in branch.scope if node != child}
+                result[chosen] = branch.rows(inner, chosen.size, child, size)
+        return result
+
+
+Potential = Table | Tree

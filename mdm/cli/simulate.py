@@ -57,11 +57,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
     from mdm.formats import load_model, load_policy  # noqa: PLC0415
+    from mdm.policies import as_policy  # noqa: PLC0415
 
     model = load_model(arguments.model)
     return {
         "model": model,
-        "policy": load_policy(arguments.policy, model, seed=arguments.seed),
+        "policy": as_policy(load_policy(arguments.policy, model, seed=arguments.seed)),
         "steps": arguments.steps,
     }
 

@@ -21,7 +21,17 @@ if TYPE_CHECKING:
 
 __all__ = ["add_parser", "run"]
 
-_OPTIONS = ("model", "policy", "drive", "discount", "horizon", "on_impossible", "on_no_observation", "seed")
+_OPTIONS = (
+    "model",
+    "policy",
+    "drive",
+    "discount",
+    "false_negative",
+    "horizon",
+    "on_impossible",
+    "on_no_observation",
+    "seed",
+)
 
 
 def add_parser(verbs: Any) -> argparse.ArgumentParser:
@@ -41,6 +51,11 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
     parser.add_argument("--drive", metavar="event|RATE", help="decide on events (default), or RATE times a second")
     parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
+    parser.add_argument(
+        "--false-negative",
+        metavar="O",
+        help="the observation, by name or index, that stands for an event that nobody noticed",
+    )
     parser.add_argument("--horizon", metavar="H", type=count, help="decisions in an episode")
     parser.add_argument(
         "--on-impossible",
@@ -95,6 +110,7 @@ def _system(arguments: argparse.Namespace) -> System:
     from mdm.config import System, load_system  # noqa: PLC0415
     from mdm.config.functions import nothing  # noqa: PLC0415
     from mdm.formats import load_model, load_policy  # noqa: PLC0415
+    from mdm.policies import as_policy  # noqa: PLC0415
 
     if arguments.file is not None:
         for name in _OPTIONS:
@@ -106,7 +122,7 @@ def _system(arguments: argparse.Namespace) -> System:
     model = None if arguments.model is None else load_model(arguments.model)
     if model is not None and arguments.discount is not None:
         model = model.with_discount(arguments.discount)
-    policy = load_policy(arguments.policy, model, seed=arguments.seed)
+    policy = as_policy(load_policy(arguments.policy, model, seed=arguments.seed))
     actions = policy.num_actions if model is None else len(model.action_space.factors[0])
     try:
         drive = OnEvent() if arguments.drive in {None, "event"} else FixedRate(float(arguments.drive))
@@ -121,6 +137,7 @@ def _system(arguments: argparse.Namespace) -> System:
         horizon=arguments.horizon,
         on_impossible=arguments.on_impossible or "predict",
         on_no_observation=arguments.on_no_observation or "predict",
+        false_negative=arguments.false_negative,
     )
     return System(PredicateManager(), {"ensemble": ensemble}, [])
 

@@ -26,7 +26,7 @@ from mdm.config.tables import (
 from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
 from mdm.logic import Formula, parse, similar
-from mdm.policies import DeterministicPolicy, Policy
+from mdm.policies import DeterministicPolicy, Policy, as_policy
 from mdm.runtime import Restart, Supervision
 
 if TYPE_CHECKING:
@@ -216,6 +216,7 @@ class _Builder:
                 rewards=rewards,
                 deadline=table.deadline,
                 initial_belief=table.initial_belief,
+                false_negative=table.false_negative,
             )
             return ensemble
         return None
@@ -247,7 +248,8 @@ class _Builder:
             if isinstance(table.policy, list):
                 count = len(table.actions) if model is None else len(model.action_space)
                 return DeterministicPolicy(table.policy, count)
-            return load_policy(self._beside(table.policy), model, kind=table.policy_kind, seed=table.seed)
+            path = self._beside(table.policy)
+            return as_policy(load_policy(path, model, kind=table.policy_kind, seed=table.seed))
         return None
 
     def _factors(self, factor: Callable[..., T], kind: Any, tables: dict[str, Any], key: str) -> list[T] | None:

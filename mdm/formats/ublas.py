@@ -6,18 +6,19 @@ A vector is ``[4](0,2,1,0)``, a matrix ``[2,3]((0.25,1,0),(0.75,0,1))``; blanks 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from mdm.formats.source import Source, number
+from mdm.policies import DeterministicPolicy, QTable, StochasticPolicy
 
 if TYPE_CHECKING:
-    from pathlib import Path
     from typing import NoReturn
 
-__all__ = ["read"]
+__all__ = ["read", "write"]
 
 _HEAD = re.compile(r"\s*\[\s*([^\]\[()]*)\]")
 _BRACKETS = re.compile(r"[()]")
@@ -30,6 +31,30 @@ def read(path: str | Path) -> npt.NDArray[np.float64]:
         FormatError: If it is cut off, or holds other numbers or another count of them than its head says.
     """
     return _Reader(Source(path)).array()
+
+
+def write(policy: DeterministicPolicy | StochasticPolicy | QTable | npt.ArrayLike, path: str | Path) -> None:
+    """Write a policy over states, or a vector or matrix such as rewards, to a file; reading it gives the same numbers.
+
+    Raises:
+        ValueError: If an array has neither one nor two dimensions.
+    """
+    if isinstance(policy, DeterministicPolicy):
+        text = f"[{policy.num_states}]({','.join(map(str, policy.actions))})"
+    elif isinstance(policy, StochasticPolicy):
+        text = _text(policy.probabilities)
+    else:
+        text = _text(policy.values if isinstance(policy, QTable) else np.asarray(policy, dtype=np.float64))
+    Path(path).write_text(f"{text}\n", encoding="utf-8")
+
+
+def _text(array: npt.NDArray[np.float64]) -> str:
+    if array.ndim == 1:
+        return f"[{len(array)}]({','.join(map(repr, array.tolist()))})"
+    if array.ndim != 2:
+        raise ValueError(f"uBLAS has vectors and matrices, but this array has {array.ndim} dimensions")
+    rows = ",".join(f"({','.join(map(repr, row))})" for row in array.tolist())
+    return f"[{array.shape[0]},{array.shape[1]}]({rows})"
 
 
 class _Reader:

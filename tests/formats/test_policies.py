@@ -76,8 +76,6 @@ def test_files_with_quirks(corpus):
         if file.startswith("policy/")
     }
     np.testing.assert_array_equal(load_rewards(edge / "ublas_reward.txt"), expected["ublas_reward.txt"]["R"])
-    table = load_policy(edge / "madp_qtable.txt") if (edge / "madp_qtable.txt").read_text().startswith("[") else None
-    assert table is None or isinstance(table, QTable)
     stochastic = load_policy(edge / "ublas_matrix_stochastic.txt")
     rows = expected["ublas_matrix_stochastic.txt"]["pi_state_action"]
     np.testing.assert_allclose(stochastic.probabilities.T, rows)

@@ -1,0 +1,69 @@
+"""Loading a model from a file of any format, chosen by content and suffix."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from mdm.formats import cassandra, dpomdp, pgmx
+from mdm.formats.source import Source, suffixes
+
+if TYPE_CHECKING:
+    from mdm.models import MDP, POMDP
+
+__all__ = ["load_model"]
+
+_AGENTS = re.compile(r"^[ \t]*agents[ \t]*:", re.MULTILINE)
+_ROOT = re.compile(r"<(?:\w+:)?(\w+)")
+
+
+class _Reader(Protocol):
+    def __call__(self, path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP: ...
+
+
+_BY_SUFFIX: dict[str, _Reader] = {
+    ".pomdp": cassandra.read,
+    ".mdp": cassandra.read,
+    ".dpomdp": dpomdp.read,
+    ".pgmx": pgmx.read,
+}
+_BY_ROOT: dict[str, _Reader] = {"probmodelxml": pgmx.read}
+
+
+def load_model(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
+    """Read a model of any format.
+
+    These are Cassandra's ``.pomdp`` and ``.mdp``; MADP's ``.dpomdp``; and ProbModelXML, ``.pgmx``. Any text may be
+    gzipped.
+
+    Args:
+        path: The file.
+        sparse: Force CSR (True) or dense (False) matrices; None chooses by size and density.
+
+    Raises:
+        FormatError: With the place, what stands there and what was expected.
+    """
+    return _reader(Path(path))(path, sparse=sparse)
+
+
+def _reader(path: Path) -> _Reader:
+    """Return what reads a file: the content decides where it is unmistakable, else the suffix."""
+    by_suffix = _BY_SUFFIX.get(suffixes(path))
+    if _head(path).lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"<":
+        root = _ROOT.search(Source(path).text)
+        return _BY_ROOT.get(root[1].lower() if root else "", by_suffix or pgmx.read)
+    if by_suffix is not None:
+        return by_suffix
+    return dpomdp.read if _AGENTS.search(Source(path).text) else cassandra.read
+
+
+def _head(path: Path) -> bytes:
+    """Return how a file begins, unpacked; nothing where it cannot be read, which the reader will tell."""
+    try:
+        with path.open("rb") as file:
+            begin = file.read(4096)
+        return zlib.decompressobj(wbits=31).decompress(begin, 4096) if begin[:2] == b"\x1f\x8b" else begin
+    except (OSError, zlib.error):
+        return b""

@@ -1,0 +1,211 @@
+"""Policies of every format: which one a file holds is told by its suffix and content."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from mdm.errors import FormatError, ModelError
+from mdm.formats import (
+    alpha,
+    joint_policy,
+    policy_archive,
+    policy_graph,
+    q_table,
+    sarsop_policy,
+    state_table,
+    ublas,
+    value_function,
+    zmdp,
+)
+from mdm.formats.fit import LoadedPolicy, misfit
+from mdm.formats.source import Source, suffixes
+from mdm.formats.state_table import PolicyKind
+from mdm.models import POMDP
+from mdm.policies import (
+    AlphaVectors,
+    DeterministicPolicy,
+    FiniteStateController,
+    JointController,
+    MaskedAlphaVectors,
+    MixedAlphaVectors,
+    QTable,
+    StochasticPolicy,
+)
+
+if TYPE_CHECKING:
+    from mdm.models import MDP
+
+__all__ = ["LoadedPolicy", "PolicyKind", "load_policy", "load_rewards", "save_policy"]
+
+_Form: TypeAlias = Literal["array", "sarsop", "zmdp", "joint", "graph", "alpha", "value function", "q-table"]
+_TABLES: dict[str, type] = {"table": DeterministicPolicy, "stochastic": StochasticPolicy, "q": QTable}
+_PLANES = re.compile(r"^[^#\n]*\bpolicyType\s*=>", re.MULTILINE)
+_JOINT = re.compile(r"^[ \t]*(JointPolicyPureVector\b|Policy for agent \d)", re.MULTILINE)
+_BY_SUFFIX: dict[str, _Form] = {".pg": "graph", ".alpha": "alpha", ".vf": "value function"}
+
+
+def load_policy(
+    path: str | Path,
+    model: MDP | None = None,
+    *,
+    kind: PolicyKind | None = None,
+    seed: int | None = None,
+) -> LoadedPolicy:
+    """Read a policy of any format.
+
+    These are the original MDM's vectors, matrices and Q-tables (uBLAS text); MADP's ``.vf``, Q-tables and joint
+    policies; Cassandra's ``.alpha`` and ``.pg``; SARSOP's ``.policy``; ZMDP's; and mdm's own ``.npz``.
+
+    A uBLAS matrix whose columns are distributions is a stochastic policy (actions x states), any other a Q-table
+    (states x actions); with a model, its sizes decide.
+
+    Args:
+        path: The file.
+        model: The model that the policy is for; its sizes are checked, and names where the file has them.
+        kind: What a table is, where neither content nor model decide: ``stochastic`` or ``q`` for a matrix,
+            ``table`` for a vector of actions.
+        seed: For the draws of a stochastic policy.
+
+    Raises:
+        FormatError: With the place, what stands there and what was expected.
+    """
+    path = Path(path)
+    if _is_archive(path):
+        policy = policy_archive.read(path, model, seed=seed)
+        if kind is not None and not isinstance(policy, _TABLES[kind]):
+            raise FormatError(f"the archive holds {type(policy).__name__}, but kind={kind!r} was asked for", file=path)
+        return policy
+    source = Source(path)
+    form = _form(source, kind)
+    if kind is not None and form not in {"array", "q-table"}:
+        source.fail(f"the file holds no table ({form}), but kind={kind!r} was asked for")
+    try:
+        policy = _read(source, form, model, kind, seed)
+    except ModelError as error:
+        raise FormatError(str(error), file=path) from None
+    wrong = None if model is None else misfit(policy, model)
+    if wrong is not None:
+        source.fail(wrong)
+    return policy
+
+
+def load_rewards(path: str | Path) -> npt.NDArray[np.float64]:
+    """Read a reward matrix R(s, a): states x actions, as uBLAS text.
+
+    Raises:
+        FormatError: If it is no matrix of finite numbers.
+    """
+    matrix = ublas.read(path)
+    if matrix.ndim != 2 or not np.isfinite(matrix).all():
+        raise FormatError("a reward matrix of states x actions was expected, of finite numbers", file=path)
+    return matrix
+
+
+def save_policy(policy: LoadedPolicy, path: str | Path, model: MDP | None = None) -> None:
+    """Write a policy, in the format that the file's suffix stands for.
+
+    ``.npz`` keeps any policy, with the names of its model. ``.alpha`` and ``.vf`` hold alpha vectors, ``.pg``
+    controllers (and an ``.alpha`` beside it their values); under any other name alpha vectors are written as SARSOP
+    does, those with masks as ZMDP, tables as uBLAS text, and joint controllers as MADP, which needs the model.
+
+    Args:
+        policy: The policy.
+        path: The file.
+        model: The model that the policy is for.
+
+    Raises:
+        ModelError: If the format cannot hold such a policy, or the policy does not fit the model.
+        FormatError: If the file cannot be written.
+    """
+    wrong = None if model is None else misfit(policy, model)
+    if wrong is not None:
+        raise ModelError(wrong)
+    try:
+        _write(policy, Path(path), model)
+    except OSError as error:
+        raise FormatError(f"the file cannot be written: {error.strerror}", file=path) from None
+
+
+def _write(policy: LoadedPolicy, path: Path, model: MDP | None) -> None:
+    suffix = path.suffix.lower()
+    if suffix == ".npz":
+        policy_archive.write(policy, path, model)
+    elif suffix == ".alpha" and isinstance(policy, AlphaVectors):
+        alpha.write(policy, path)
+    elif suffix == ".vf" and isinstance(policy, AlphaVectors):
+        value_function.write(policy, path)
+    elif suffix == ".pg" and isinstance(policy, FiniteStateController):
+        policy_graph.write(policy, path)
+    elif suffix in {*_BY_SUFFIX, ".gz"} or isinstance(policy, FiniteStateController):
+        name = type(policy).__name__
+        raise ModelError(f"{name} cannot be written as {path.name!r}: a .npz file holds a policy of any kind")
+    elif isinstance(policy, AlphaVectors | MixedAlphaVectors):
+        sarsop_policy.write(policy, path)
+    elif isinstance(policy, MaskedAlphaVectors):
+        zmdp.write(policy, path)
+    elif isinstance(policy, JointController):
+        joint_policy.write(policy, path, model)
+    else:
+        ublas.write(policy, path)
+
+
+def _is_archive(path: Path) -> bool:
+    if path.suffix.lower() == ".npz":
+        return True
+    try:
+        with path.open("rb") as file:
+            return file.read(len(policy_archive.MAGIC)) == policy_archive.MAGIC
+    except OSError:
+        return False  # said by whoever reads the text
+
+
+def _form(source: Source, kind: PolicyKind | None) -> _Form:
+    """Return what a text holds: told by how it begins or by a word that none but one form has, then by its suffix."""
+    text = source.text.lstrip()
+    if text[0] in "[<":
+        return "array" if text[0] == "[" else "sarsop"
+    if _PLANES.search(text):
+        return "zmdp"
+    if _JOINT.search(text):
+        return "joint"
+    by_suffix = _BY_SUFFIX.get(suffixes(source.path))
+    if by_suffix is not None:
+        return by_suffix
+    lines = [line.split() for line in text.rstrip().split("\n")]
+    if kind is not None:
+        return "q-table"
+    if not {"X", "x", "-"}.isdisjoint(lines[0]):
+        return "graph"
+    # Blocks have blank lines between them, a table has none: this alone tells two columns from a head of two words.
+    table = len(lines) > 2 and all(len(line) == len(lines[0]) for line in lines)
+    if len(lines[0]) == 1:
+        return "alpha"
+    return "value function" if len(lines[0]) == 2 and not table else "q-table"
+
+
+def _read(source: Source, form: _Form, model: MDP | None, kind: PolicyKind | None, seed: int | None) -> LoadedPolicy:
+    path = source.path
+    num_actions = None if model is None else len(model.action_space)
+    match form:
+        case "array":
+            return state_table.table(source, ublas.read(path), model, kind, seed)
+        case "q-table":
+            return state_table.table(source, q_table.read(path), model, kind or "q", seed)
+        case "sarsop":
+            return sarsop_policy.read(path, model)
+        case "zmdp":
+            return zmdp.read(path, model)
+        case "joint":
+            return joint_policy.read(path, model)
+        case "graph":
+            num_observations = len(model.observation_space) if isinstance(model, POMDP) else None
+            return policy_graph.read(path, num_actions=num_actions, num_observations=num_observations)
+        case "alpha":
+            return alpha.read(path, num_actions=num_actions)
+        case "value function":
+            return value_function.read(path, num_actions=num_actions)

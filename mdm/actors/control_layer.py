@@ -16,13 +16,14 @@ from mdm.actors.drive import Drive, FixedRate, OnEvent
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError, Error, ModelError
 from mdm.messages import Action, Belief, Control, Decision, Fault, Observation, Reward, State, Tick
-from mdm.models import POMDP, BeliefTracker
+from mdm.models import POMDP, BeliefTracker, Tracker
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from mdm.models import MDP
+    from mdm.models.space import Symbol
     from mdm.policies import Policy
     from mdm.runtime import Ticker
 
@@ -63,6 +64,8 @@ class ControlLayer(Layer):
         deadline: Seconds from stimulus to decision; a later decision is reported and the safe action runs instead.
         initial_belief: In place of the model's.
         tracker: A belief tracker of your own, in place of the model's.
+        false_negative: The observation, by name or index, that stands for an event which nobody noticed; see
+            `BeliefTracker`.
     """
 
     def __init__(
@@ -77,7 +80,8 @@ class ControlLayer(Layer):
         rewards: npt.ArrayLike | None = None,
         deadline: float | None = None,
         initial_belief: npt.ArrayLike | None = None,
-        tracker: BeliefTracker | None = None,
+        tracker: Tracker | None = None,
+        false_negative: Symbol | None = None,
         name: str = "control",
     ) -> None:
         super().__init__(name)
@@ -96,8 +100,9 @@ class ControlLayer(Layer):
         self.undecided = 0
         self.action_names: Sequence[str] = () if model is None else model.action_space.names
         self._rewards = _rewards(rewards, model)
+        self.false_negative = self._unnoticed_symbol(false_negative, tracker)
         if tracker is None and policy.input == "belief" and isinstance(model, POMDP):
-            tracker = BeliefTracker(model)
+            tracker = BeliefTracker(model, false_negative=self.false_negative)
         self._tracker = tracker
         self._initial = None if initial_belief is None else np.asarray(initial_belief, dtype=np.float64)
         self._check()
@@ -148,6 +153,19 @@ class ControlLayer(Layer):
             )
         if self._initial is not None and self._tracker is not None:
             self._tracker.reset(self._initial)
+
+    def _unnoticed_symbol(self, symbol: Symbol | None, tracker: Tracker | None) -> int | None:
+        if symbol is None:
+            return None
+        if tracker is not None or self.policy.input != "belief" or not isinstance(self.model, POMDP):
+            raise ConfigError(
+                "false negatives are taken into account where the belief is tracked by a POMDP's own tracker",
+                key="false_negative",
+            )
+        try:
+            return self.model.observation_space.index(symbol)
+        except ModelError as error:
+            raise ConfigError(str(error), key="false_negative") from None
 
     def _no_observation_symbol(self) -> int | Literal["predict", "repeat"]:
         if self.on_no_observation == "predict":

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from mdm.actors.binding import Binding, Callback
     from mdm.actors.drive import Drive
     from mdm.actors.predicate_manager import PredicateManager
-    from mdm.models import MDP, POMDP, BeliefTracker, Space
+    from mdm.models import MDP, POMDP, Space, Tracker
+    from mdm.models.space import Symbol
     from mdm.policies import Policy
     from mdm.runtime import Supervision
 
@@ -52,7 +53,7 @@ class Ensemble(Layer):
         supervision: What its failure means.
         drive: ``OnEvent()`` or ``FixedRate(rate)``.
         horizon: See `ControlLayer`, as for ``on_impossible``, ``on_no_observation``, ``rewards``, ``deadline``,
-            ``initial_belief`` and ``tracker``.
+            ``initial_belief``, ``tracker`` and ``false_negative``.
 
     Raises:
         ConfigError: If sizes or names do not fit each other.
@@ -78,7 +79,8 @@ class Ensemble(Layer):
         rewards: npt.ArrayLike | None = None,
         deadline: float | None = None,
         initial_belief: npt.ArrayLike | None = None,
-        tracker: BeliefTracker | None = None,
+        tracker: Tracker | None = None,
+        false_negative: Symbol | None = None,
     ) -> None:
         super().__init__(name, supervision=supervision)
         self.predicates = predicates
@@ -97,6 +99,7 @@ class Ensemble(Layer):
                 deadline=deadline,
                 initial_belief=initial_belief,
                 tracker=tracker,
+                false_negative=false_negative,
             )
             names, component = _agent_actions(policy, model, actions, agent)
             self.action = ActionLayer(

@@ -93,6 +93,7 @@ class EnsembleTable(_Table, frozen=True):
     horizon: int | None = None
     on_impossible: Literal["predict", "keep", "reset", "safe_action"] = "predict"
     on_no_observation: str = "predict"
+    false_negative: str | int | None = None
     deadline: Seconds | None = None
     agent: int | str = 0
     safe_action: str | None = None

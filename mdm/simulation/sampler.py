@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.models import MDP, POMDP
+from mdm.models.matrices import ROUNDING
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix
@@ -34,7 +35,7 @@ class Sampler:
         self._numbers: list[float] = []
         self._first = _cumulative(model.initial_belief, np.arange(len(model.initial_belief)))
         self._transitions: dict[tuple[int, int], _Row] = {}
-        self._observations: dict[tuple[int, int], _Row] = {}
+        self._observations: dict[tuple[int, ...], _Row] = {}
 
     def _draw(self, row: _Row) -> int:
         if not self._numbers:
@@ -53,13 +54,23 @@ class Sampler:
             row = self._transitions[action, state] = _row(self._model.transition_matrix(action), state)
         return self._draw(row)
 
-    def observation(self, action: int, state: int) -> int:
-        """Draw what is observed when ``action`` has led to ``state``."""
-        row = self._observations.get((action, state))
+    def observation(self, action: int, before: int, state: int) -> int | None:
+        """Draw what is observed when ``action`` has led from ``before`` to ``state``.
+
+        Returns:
+            None where nothing is: events may leave a part of the probability to no observation at all.
+        """
+        model = self._model
+        assert isinstance(model, POMDP)
+        key = (action, before, state) if model.event_observations else (action, state)
+        row = self._observations.get(key)
         if row is None:
-            assert isinstance(self._model, POMDP)
-            row = self._observations[action, state] = _row(self._model.observation_matrix(action), state)
-        return self._draw(row)
+            chances = model.observation(action, state, state=before)
+            open_ = 1 - chances.sum() if model.event_observations else 0.0
+            symbols = np.arange(len(chances) + 1)
+            row = self._observations[key] = _cumulative(np.append(chances, open_ if open_ > ROUNDING else 0.0), symbols)
+        drawn = self._draw(row)
+        return drawn if drawn < len(model.observation_space) else None
 
 
 def _row(matrix: Matrix, index: int) -> _Row:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mdm.actors import Ensemble, FixedRate
-from mdm.errors import ConfigError
+from mdm.errors import ConfigError, ModelError
 from mdm.messages import Action, Observation, State
 from mdm.models import POMDP
 from mdm.runtime import Actor
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["World"]
 
+_SILENCE = 10_000
+"""So many events unnoticed in a row are no accident."""
+
 
 class World(Actor):
     """Closes the loop around an ensemble without a robot.
@@ -26,6 +29,10 @@ class World(Actor):
     After each decision it draws the next state and, for a POMDP, an observation, and makes them known: by the sensors
     of the ensemble's state factors and the events of its observation factors where it has such and code sets them, and
     as messages on its channels otherwise. Start it before the ensemble.
+
+    What nobody notices (the ensemble's false negative, or an event without observation) leads to no decision: the
+    action goes on, each such step with its reward, until something is noticed; a fixed-rate ensemble decides all the
+    same.
 
     Args:
         ensemble: Whose actions count.
@@ -58,6 +65,8 @@ class World(Actor):
         self.model: MDP = given
         self.state = 0
         self.steps = ensemble.control.horizon if steps is None else steps
+        self._unnoticed = ensemble.control.false_negative
+        self._waits = not isinstance(ensemble.control.drive, FixedRate)
         self._period = 0.0 if isinstance(ensemble.control.drive, FixedRate) else period
         self._sampler = Sampler(given, seed)
         self._finished = finished
@@ -93,15 +102,33 @@ class World(Actor):
             # The next stimulus begins a new episode; what is observed in it does not count.
             self._later(lambda: self._show(observation=0, changed=True))
             return
-        before, self.state = self.state, self._sampler.next_state(self.state, action.index)
-        observation = 0
-        if isinstance(self.model, POMDP):
-            observation = self._sampler.observation(action.index, self.state)
-        self._later(lambda: self._show(observation, changed=self.state != before))
+        before = self.state
+        observation, steps = self._move(action.index)
+        if observation is not None:
+            self._later(lambda: self._show(observation, changed=self.state != before), steps)
 
-    def _later(self, show: Callable[[], object]) -> None:
+    def _move(self, action: int) -> tuple[int | None, int]:
+        """Go on until something is noticed; return what, and after how many steps."""
+        for steps in range(1, _SILENCE):
+            before, self.state = self.state, self._sampler.next_state(self.state, action)
+            if not isinstance(self.model, POMDP):
+                return 0, steps
+            observation = self._sampler.observation(action, before, self.state)
+            if observation == self._unnoticed:
+                observation = None
+            if observation is not None or not self._waits:
+                return observation, steps
+            self._return += self._weight * self._rewards[self.state][action]
+            self._weight *= self.model.discount
+        names = self.model.state_space.names[self.state], self.model.action_space.names[action]
+        raise ModelError(
+            f"nothing is observed any more in state {names[0]!r} during action {names[1]!r}: no event would ever lead "
+            f"to a decision"
+        )
+
+    def _later(self, show: Callable[[], object], steps: int = 1) -> None:
         if self._period > 0:
-            self.call_later(self._period, show)
+            self.call_later(steps * self._period, show)
         else:
             show()
 

@@ -7,7 +7,7 @@ import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from mdm.formats import cassandra, dpomdp, pgmx
+from mdm.formats import cassandra, dpomdp, pgmx, pomdpx
 from mdm.formats.source import Source, suffixes
 
 if TYPE_CHECKING:
@@ -28,15 +28,16 @@ _BY_SUFFIX: dict[str, _Reader] = {
     ".mdp": cassandra.read,
     ".dpomdp": dpomdp.read,
     ".pgmx": pgmx.read,
+    ".pomdpx": pomdpx.read,
 }
-_BY_ROOT: dict[str, _Reader] = {"probmodelxml": pgmx.read}
+_BY_ROOT: dict[str, _Reader] = {"probmodelxml": pgmx.read, "pomdpx": pomdpx.read}
 
 
 def load_model(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
     """Read a model of any format.
 
-    These are Cassandra's ``.pomdp`` and ``.mdp``; MADP's ``.dpomdp``; and ProbModelXML, ``.pgmx``. Any text may be
-    gzipped.
+    These are Cassandra's ``.pomdp`` and ``.mdp``; MADP's ``.dpomdp``; ProbModelXML, ``.pgmx``; and ``.pomdpx``. Any
+    text may be gzipped.
 
     Args:
         path: The file.

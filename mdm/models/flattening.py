@@ -133,7 +133,8 @@ def _grow(network: TwoSliceNetwork, role: Role, count: int, given: dict[Node, In
     """Return the joint distribution of a role's variables in each of some rows, given the values of others there."""
     factors = network.factors(role)
     strides = [math.prod(map(len, factors[index + 1 :])) for index in range(len(factors))]
-    joint = _Joint(np.arange(count), np.zeros(count, dtype=np.intp), np.ones(count))
+    every = np.arange(count)
+    joint = _Joint(every, np.zeros(count, dtype=np.intp), np.ones(count))
     for index in network.orders[role]:
         potential = network.potentials(role)[index]
         child = Node(role, index)
@@ -142,7 +143,7 @@ def _grow(network: TwoSliceNetwork, role: Role, count: int, given: dict[Node, In
         def digits(node: Node, joint: _Joint = joint) -> Indices:
             if node.role == role:
                 return joint.values // strides[node.place] % len(factors[node.place])
-            return _along(given[node], joint.rows)
+            return given[node] if joint.rows is every else _along(given[node], joint.rows)
 
         parents = [node for node in potential.scope if node != child]
         varying = [node for node in parents if node.role == role or given[node].size > 1]
@@ -184,7 +185,9 @@ def _extend(joint: _Joint, distributions: Vector, of_row: Indices, stride: int) 
     chances = distributions[cases, values]
     counts = np.bincount(cases, minlength=len(distributions))
     if len(values) == len(distributions) and (counts == 1).all():  # one value each: nothing to repeat
-        return _Joint(joint.rows, joint.values + stride * values[of_row], joint.probabilities * chances[of_row])
+        certain = (chances == 1).all()
+        probabilities = joint.probabilities if certain else joint.probabilities * chances[of_row]
+        return _Joint(joint.rows, joint.values + stride * values[of_row], probabilities)
     starts = np.cumsum(counts) - counts
     repeats = counts[of_row]
     source = np.repeat(np.arange(len(of_row)), repeats)

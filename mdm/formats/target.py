@@ -1,0 +1,53 @@
+"""Writing a file whole or not at all."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import tempfile
+from pathlib import Path
+
+from mdm.errors import FormatError
+
+__all__ = ["write_bytes", "write_text"]
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text, compressed where the path ends in ``.gz``.
+
+    Raises:
+        FormatError: If the file cannot be written; what was there before is then still there.
+    """
+    data = text.encode()
+    if Path(path).suffix.lower() == ".gz":
+        data = gzip.compress(data, mtime=0)  # the same text makes the same file
+    write_bytes(path, [data])
+
+
+def write_bytes(path: str | Path, pieces: list[bytes | memoryview]) -> None:
+    """Write bytes, piece by piece.
+
+    Raises:
+        FormatError: If the file cannot be written; what was there before is then still there.
+    """
+    path = Path(path)
+    try:
+        if path.is_dir():
+            raise FormatError("this is a folder, not a file", file=path)
+        descriptor, neighbour = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.writelines(pieces)
+            Path(neighbour).chmod(path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_mask())
+            Path(neighbour).replace(path)
+        except BaseException:
+            Path(neighbour).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise FormatError(f"the file cannot be written: {error.strerror}", file=path) from None
+
+
+def _mask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from hypothesis import strategies as st
 
+from mdm.errors import ModelWarning
 from mdm.models import (
     MDP,
     POMDP,
@@ -98,7 +101,9 @@ def flat_models(draw, names=PLAIN, kinds=("MDP", "POMDP"), joint=True, events=Fa
         options["event_observations"] = True
     else:
         told = distributions(random, count, size, width)
-    return POMDP(transitions, told, rounded(random, *shapes[form]), observation_names=observations, **options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # events may leave a part to no observation
+        return POMDP(transitions, told, rounded(random, *shapes[form]), observation_names=observations, **options)
 
 
 @st.composite

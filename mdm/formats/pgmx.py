@@ -14,6 +14,7 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.formats.markup import Element, stream
 from mdm.formats.pgmx_potentials import Potentials, Variable, names_of, reference
+from mdm.formats.pgmx_writer import write
 from mdm.formats.source import Source, number
 from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Space
 from mdm.models.potential import Node, Potential, Table
@@ -22,7 +23,7 @@ from mdm.models.two_slice import TwoSliceNetwork
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["read"]
+__all__ = ["read", "write"]
 
 _WHOLE = {"Variable", "Links", "Agents", "Potential", "AdditionalProperties", "Policies", "Comment", "Constraints"}
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from mutation import mutated
 from random_models import NAMES, assert_same, dense, factored_models, flat_models
 
 from mdm import FormatError, ModelError, load_model
@@ -236,18 +237,8 @@ def test_events_have_no_place_in_it(tmp_path):
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=200)
 def test_mutated_files_make_a_model_or_an_error(seed, tmp_path_factory):
-    chance = random.Random(seed)
-    text = DIAGRAM
-    for _ in range(chance.randint(1, 4)):
-        begin, end = sorted(chance.randrange(len(text)) for _ in range(2))
-        end = min(end, begin + 30)
-        text = chance.choice(
-            [
-                text[:begin] + text[end:],
-                text[:end] + text[begin:],
-                text[:begin] + chance.choice(["<", "-", "*", "1e999", "nan", "&x;", "é", '"', "</Node>"]) + text[end:],
-            ]
-        )
+    pieces = ["<", "-", "*", "1e999", "nan", "&x;", "é", '"', "</Node>"]
+    text = mutated(DIAGRAM, random.Random(seed), pieces)
     path = tmp_path_factory.mktemp("mutated") / "m.pomdpx"
     path.write_text(text)
     with contextlib.suppress(FormatError):

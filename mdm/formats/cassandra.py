@@ -13,13 +13,15 @@ import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError, ModelWarning
 from mdm.formats.source import Source, Words, number
+from mdm.formats.statement_writer import StatementWriter, declared
 from mdm.formats.statements import Field, Statements
+from mdm.formats.target import write_text
 from mdm.models import MDP, POMDP, Space
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["read"]
+__all__ = ["build", "read", "write"]
 
 _KEYS = frozenset({"discount", "values", "states", "actions", "observations", "start"})
 _SIGNS = {"reward": 1.0, "rewards": 1.0, "cost": -1.0, "costs": -1.0}
@@ -33,6 +35,27 @@ def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
         FormatError: With the place, what stands there and what was expected.
     """
     return _Reader(Source(path)).model(sparse)
+
+
+def write(model: MDP, path: str | Path) -> None:
+    """Write a model; joint symbols of a team, and joint states, become single ones with joined names.
+
+    Names are single words: others are written in another way, with a warning.
+
+    Raises:
+        ModelError: If the observations are events.
+        FormatError: If the file cannot be written.
+    """
+    writer = StatementWriter(model, colon=" ")
+    actions = writer.joined(model.action_space)
+    observations = writer.joined(model.observation_space) if isinstance(model, POMDP) else None
+    lines = [f"discount: {model.discount!r}", "values: reward", f"states: {declared(writer.states, 's')}"]
+    lines.append(f"actions: {declared(actions, 'a')}")
+    if observations is not None:
+        lines.append(f"observations: {declared(observations, 'o')}")
+    lines += [f"start: {writer.start()}", *writer.statements(actions, observations)]
+    write_text(path, "\n".join(lines) + "\n")
+    writer.warn("the format")
 
 
 class _Reader:
@@ -227,10 +250,18 @@ def build(
         if action is not None:
             source.fail(f"no {letter!r} statement is given for action {actions.names[action]!r}")
     transitions = statements.transitions.matrices()
+    finer = statements.rewards if statements.rewards.finer else None
     if observations is None or statements.observations is None:
         rewards = statements.rewards.expected(transitions, None)
         return MDP(
-            transitions, rewards, discount=discount, states=states, actions=actions, initial_belief=start, sparse=sparse
+            transitions,
+            rewards,
+            discount=discount,
+            states=states,
+            actions=actions,
+            initial_belief=start,
+            outcome_rewards=finer,
+            sparse=sparse,
         )
     matrices = statements.observations.matrices()
     return POMDP(
@@ -242,5 +273,6 @@ def build(
         actions=actions,
         observation_names=observations,
         initial_belief=start,
+        outcome_rewards=finer,
         sparse=sparse,
     )

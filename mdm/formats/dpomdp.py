@@ -17,7 +17,9 @@ import numpy.typing as npt
 from mdm.errors import FormatError, ModelError
 from mdm.formats.cassandra import LARGEST, build
 from mdm.formats.source import Source, Words, number
+from mdm.formats.statement_writer import StatementWriter, declared
 from mdm.formats.statements import Field, Statements
+from mdm.formats.target import write_text
 from mdm.models import POMDP, Space
 from mdm.models.space import Factor
 
@@ -25,7 +27,9 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import NoReturn
 
-__all__ = ["read"]
+    from mdm.models import MDP
+
+__all__ = ["read", "write"]
 
 _KEY = re.compile(r"(agents|discount|values|states|start(?:\s+(?:include|exclude))?|actions|observations)\s*:(.*)")
 _STATEMENT = re.compile(r"[TOR]\s*:")
@@ -39,6 +43,38 @@ def read(path: str | Path, *, sparse: bool | None = None) -> POMDP:
         FormatError: With the place, what stands there and what was expected.
     """
     return _Reader(Source(path)).model(sparse)
+
+
+def write(model: MDP, path: str | Path) -> None:
+    """Write a team's model, with a line of actions and of observations for each agent.
+
+    Names are single words: others are written in another way, with a warning.
+
+    Raises:
+        ModelError: If the model has no observations, not as many observations' factors as agents, or if the
+            observations are events.
+        FormatError: If the file cannot be written.
+    """
+    if not isinstance(model, POMDP):
+        raise ModelError("a .dpomdp file needs observations, which an MDP does not have: write .mdp")
+    agents = [factor.name for factor in model.action_space.factors]
+    if len(model.observation_space.factors) != len(agents):
+        raise ModelError(
+            f"a .dpomdp file has observations for each agent, but the model has {len(agents)} agents and observations "
+            f"in {len(model.observation_space.factors)} parts: write .pomdp"
+        )
+    writer = StatementWriter(model, colon=" : ")
+    named = writer.spell(agents)
+    lines = [f"agents: {declared(named, 'agent')}", f"discount: {model.discount!r}", "values: reward"]
+    lines += [f"states: {declared(writer.states, 's')}", "start:", writer.start()]
+    joint = []
+    for key, space in (("actions", model.action_space), ("observations", model.observation_space)):
+        words = [writer.spell(factor.names) for factor in space.factors]
+        lines += [f"{key}:", *(declared(each, key[0]) for each in words)]
+        joint.append([" ".join(symbols) for symbols in product(*words)])
+    lines += writer.statements(*joint)
+    write_text(path, "\n".join(lines) + "\n")
+    writer.warn("the format")
 
 
 class _Reader:

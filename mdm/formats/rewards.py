@@ -7,10 +7,13 @@ the observation, and then in blocks of states.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+
+from mdm.errors import ModelError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,6 +63,67 @@ class Rewards:
             else:
                 matrix = None if observations is None else observations[action]
                 result[:, action] = self._action(statements, transitions[action], matrix)
+        return result
+
+    @property
+    def finer(self) -> bool:
+        """Whether a statement tells next states or observations apart."""
+        return any(
+            n is not None or o is not None or (_is_row(s, n, o, value) and np.ptp(value) != 0)
+            for statements in self._by_action
+            for s, n, o, value in statements
+        )
+
+    def at(self, action: int, state: int, next_state: int, observation: int | None) -> float:
+        """Return R(a, s, s', o): what the last statement says that covers it.
+
+        Raises:
+            ModelError: If it depends on the observation, and none is given.
+        """
+        for statement in reversed(self._by_action[action]):
+            value = self._covered(statement, state, next_state, observation)
+            if value is not None:
+                return value
+        return 0.0
+
+    def _covered(self, statement: _Statement, state: int, next_state: int, observation: int | None) -> float | None:
+        """Return what a statement says of an outcome; None where it does not cover it."""
+        *places, value = statement
+        over_observations = self._num_observations > 0 and (places[2] is not None or _is_row(*statement))
+        if over_observations and observation is None:
+            raise ModelError("the reward depends on the observation: name one")
+        outcome = (state, next_state, observation)
+        if _is_row(*statement):
+            last = outcome if self._num_observations else outcome[:2]
+            if not all(place is None or place == at for place, at in zip(places, outcome, strict=True)):
+                return None
+            return float(value[last[-np.ndim(value) :]])
+        count = max((len(place) for place in places if isinstance(place, np.ndarray)), default=1)
+        covers = np.ones(count, dtype=bool)
+        for place, at in zip(places, outcome, strict=True):
+            if place is not None:
+                covers &= place == at
+        found = np.flatnonzero(covers)
+        if not len(found):
+            return None
+        return float(value[found[-1]] if np.ndim(value) else value)
+
+    def array(self, largest: int) -> npt.NDArray[np.float64] | None:
+        """Return them as A x S x S' x O (A x S x S' in an MDP); None where these would be more than ``largest``."""
+        shape = (self._num_states, self._num_states, *([self._num_observations] if self._num_observations else []))
+        if len(self._by_action) * math.prod(shape) > largest:
+            return None
+        result = np.zeros((len(self._by_action), *shape))
+        for rewards, statements in zip(result, self._by_action, strict=True):
+            for *places, value in statements:
+                chosen = [slice(None) if place is None else place for place in places[: len(shape)]]
+                listed = [place for place in places if isinstance(place, np.ndarray)]
+                if not listed or np.ndim(value) == 0:
+                    rewards[tuple(chosen)] = value
+                    continue
+                for index in range(len(listed[0])):  # one by one: of equal places the last counts
+                    one = [place[index] if isinstance(place, np.ndarray) else place for place in chosen]
+                    rewards[tuple(one)] = value[index]
         return result
 
     def _action(self, statements: list[_Statement], transition: Any, observation: Any) -> npt.NDArray[np.float64]:

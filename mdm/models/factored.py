@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -16,6 +17,8 @@ from mdm.models.pomdp import POMDP
 from mdm.models.potential import Node
 
 if TYPE_CHECKING:
+    from mdm.models.potential import Role
+    from mdm.models.space import Space
     from mdm.models.two_slice import TwoSliceNetwork
 
 __all__ = ["FactoredMDP", "FactoredPOMDP"]
@@ -185,6 +188,27 @@ class _Outcomes:
         if any(node not in digits for utility in network.utilities for node in utility.scope):
             raise ModelError("the reward depends on the observation: name one")
         return float(sum(utility.rows(digits, 1, None, 1)[0, 0] for utility in network.utilities))
+
+    def array(self, largest: int) -> Vector | None:
+        """Return R(a, s, s') or, where observations count, R(a, s, s', o); None where that would be too large."""
+        network = self._network
+        spaces: dict[Role, Space] = {"action": network.actions, "state": network.states, "next_state": network.states}
+        if network.observations is not None and any(
+            n.role == "observation" for u in network.utilities for n in u.scope
+        ):
+            spaces["observation"] = network.observations
+        sizes = tuple(map(len, spaces.values()))
+        count = math.prod(sizes)
+        if count > largest:
+            return None
+        joint = dict(zip(spaces, np.unravel_index(np.arange(count), sizes), strict=True))
+        digits = {
+            Node(role, place): values
+            for role, space in spaces.items()
+            for place, values in enumerate(np.unravel_index(joint[role], space.shape))
+        }
+        values = sum((utility.rows(digits, count, None, 1)[:, 0] for utility in network.utilities), np.zeros(count))
+        return values.reshape(sizes)
 
 
 def _outcomes(network: TwoSliceNetwork) -> _Outcomes | None:

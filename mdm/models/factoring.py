@@ -16,7 +16,6 @@ from mdm.models.compressed import is_compressed
 from mdm.models.factored import FactoredMDP, FactoredPOMDP
 from mdm.models.pomdp import POMDP
 from mdm.models.potential import Node, Role, Table
-from mdm.models.rewards import RewardArray
 from mdm.models.two_slice import TwoSliceNetwork
 
 if TYPE_CHECKING:
@@ -91,15 +90,15 @@ def _utility(model: MDP) -> Table:
     states, actions = model.state_space, model.action_space
     scope = [*_nodes("action", actions), *_nodes("state", states)]
     shape = (*actions.shape, *states.shape)
-    finer = model.outcome_rewards
-    if not isinstance(finer, RewardArray):
+    finer = None if model.outcome_rewards is None else model.outcome_rewards.array(_LARGEST)
+    if finer is None:
         return Table(scope, model.rewards.T.reshape(shape))
     scope += _nodes("next_state", states)
     shape += states.shape
-    if finer.values.ndim == 4 and isinstance(model, POMDP):
+    if finer.ndim == 4 and isinstance(model, POMDP):
         scope += _nodes("observation", model.observation_space)
         shape += model.observation_space.shape
-    return Table(scope, finer.values.reshape(shape))
+    return Table(scope, finer.reshape(shape))
 
 
 def _chain(joint: Vector, role: Role, space: Space, given: list[Node]) -> list[Table]:

@@ -30,6 +30,10 @@ class OutcomeRewards(Protocol):
         """Return R(a, s, s', o); without an observation, that of a transition which does not depend on it."""
         ...
 
+    def array(self, largest: int) -> Vector | None:
+        """Return them as A x S x S' or A x S x S' x O; None where these would be more numbers than ``largest``."""
+        ...
+
 
 class RewardArray:
     """Rewards of outcomes as an A x S x S' or A x S x S' x O array."""
@@ -49,6 +53,10 @@ class RewardArray:
         if observation is None:
             raise ModelError("the reward depends on the observation: name one")
         return float(self.values[action, state, next_state, observation])
+
+    def array(self, largest: int) -> Vector | None:
+        """Return the array, if it is not too large."""
+        return self.values if self.values.size <= largest else None
 
 
 def reward_numbers(given: Any, num_actions: int) -> Any:

@@ -1,0 +1,151 @@
+"""Writing ``T:``, ``O:`` and ``R:`` statements, in the spelling of Cassandra's formats and of MADP's."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.errors import ModelError, ModelWarning
+from mdm.formats.spelling import Speller
+from mdm.models import POMDP
+from mdm.models.compressed import is_compressed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from mdm.models import MDP, Space
+    from mdm.models.matrices import Matrix, Vector
+
+__all__ = ["StatementWriter", "declared"]
+
+_FOREIGN = re.compile(r"^[-.]|[^\w.\-]")
+_KEYWORDS = {"T", "O", "R", "agents", "discount", "values", "states", "actions", "observations", "start"}
+_KEYWORDS |= {"include", "exclude", "uniform", "identity", "reset"}
+_LARGEST = 20_000_000
+_WIDE = 30
+_FEW = 0.5
+
+
+class StatementWriter:
+    """Spells a model's symbols and writes its numbers.
+
+    Args:
+        model: The model; a factored one is flattened.
+        colon: What stands before a value: `` : `` in MADP's files, a blank in Cassandra's.
+
+    Raises:
+        ModelError: If the observations are events, which these formats do not have.
+    """
+
+    def __init__(self, model: MDP, *, colon: str) -> None:
+        if isinstance(model, POMDP) and model.event_observations:
+            raise ModelError(
+                "the observations are events, P(o | s, a, s'), which this format does not have: write .pgmx, or an "
+                "archive (.npz)"
+            )
+        self._model = model
+        self._colon = colon
+        self._speller = Speller(_FOREIGN, _KEYWORDS)
+        self.states = self.joined(model.state_space)
+
+    def joined(self, space: Space) -> list[str]:
+        """Return the names of a space's symbols in single words; of joint symbols, those of the factors joined."""
+        if len(space.factors) == 1:
+            return self.spell(space.factors[0].names)
+        parts = [self._speller.spell(factor.names) for factor in space.factors]
+        return Speller(_FOREIGN, _KEYWORDS).spell(["_".join(words) for words in product(*parts)])
+
+    def spell(self, names: Sequence[str]) -> list[str]:
+        """Return names in single words that the grammar does not take for something else."""
+        words = self._speller.spell(names)
+        # One word alone that is a number would be how many there are.
+        return ["_0"] if words == ["0"] else words
+
+    def warn(self, format_name: str) -> None:
+        """Warn where names had to be changed."""
+        self._speller.warn(format_name)
+
+    def start(self) -> str:
+        """Return the start distribution."""
+        belief = self._model.initial_belief
+        if (belief == 1 / len(belief)).all():
+            return "uniform"
+        return " ".join(map(repr, belief.tolist()))
+
+    def statements(self, actions: list[str], observations: list[str] | None) -> Iterable[str]:
+        """Yield all statements, a line or several each.
+
+        Args:
+            actions: How each joint action is written.
+            observations: How each joint observation is written; None in an MDP.
+        """
+        model = self._model
+        yield from self._matrices("T", model.transition_matrix, actions, self.states)
+        if observations is not None and isinstance(model, POMDP):
+            yield from self._matrices("O", model.observation_matrix, actions, observations)
+        yield from self._rewards(actions, observations)
+
+    def _matrices(self, kind: str, matrix: Any, actions: list[str], columns: list[str]) -> Iterable[str]:
+        every = [matrix(action) for action in range(len(actions))]
+        if all(each is every[0] for each in every):
+            actions, every = ["*"], every[:1]
+        for action, each in zip(actions, every, strict=True):
+            yield from self._matrix(kind, action, each, columns)
+
+    def _matrix(self, kind: str, action: str, matrix: Matrix, columns: list[str]) -> Iterable[str]:
+        head = f"{kind}: {action}" + (" :" if self._colon != " " else "")
+        if is_compressed(matrix):
+            entries = matrix.tocoo()
+            rows, places, values = entries.row, entries.col, entries.data
+        else:
+            rows, places = np.nonzero(matrix)
+            values = matrix[rows, places]
+        size = len(self.states) * len(columns)
+        if len(values) == len(self.states) == len(columns) and (rows == places).all() and (values == 1).all():
+            yield f"{head}\nidentity"
+        elif len(values) == size and (values == 1 / len(columns)).all():
+            yield f"{head}\nuniform"
+        elif len(values) < _FEW * size or len(columns) > _WIDE:
+            for row, place, value in zip(rows.tolist(), places.tolist(), values.tolist(), strict=True):
+                yield f"{kind}: {action} : {self.states[row]} : {columns[place]}{self._colon}{value!r}"
+        else:
+            given = matrix.toarray() if is_compressed(matrix) else matrix
+            yield head + "\n" + "\n".join(" ".join(map(repr, row)) for row in given.tolist())
+
+    def _rewards(self, actions: list[str], observations: list[str] | None) -> Iterable[str]:
+        axes = 3 if observations is None else 4
+        rewards = self._model.rewards.T
+        finer = self._model.outcome_rewards
+        if finer is not None:
+            array = finer.array(_LARGEST)
+            if array is None:
+                text = "the rewards of single outcomes are too many to be written: R(s, a) stands for them"
+                warnings.warn(text, ModelWarning, stacklevel=6)
+            else:
+                rewards = array
+        rewards = rewards.reshape(rewards.shape + (1,) * (axes - rewards.ndim))
+        if (rewards == rewards[:1]).all():
+            actions, rewards = ["*"], rewards[:1]
+        for action, each in zip(actions, rewards, strict=True):
+            yield from self._outcomes(action, each, [self.states, self.states, observations or []])
+
+    def _outcomes(self, action: str, rewards: Vector, names: list[list[str]]) -> Iterable[str]:
+        """Yield the rewards of an action's outcomes, with ``*`` for what does not matter."""
+        names = list(names)
+        for axis in range(rewards.ndim):
+            first = rewards.take([0], axis=axis)
+            if (rewards == first).all():
+                rewards, names[axis] = first, ["*"]
+        places = np.nonzero(rewards)
+        words = [np.array(of, dtype=object)[at] for of, at in zip(names, places, strict=False)]
+        for *symbols, value in zip(*words, rewards[places].tolist(), strict=True):
+            yield f"R: {action} : {' : '.join(symbols)}{self._colon}{value!r}"
+
+
+def declared(words: list[str], prefix: str) -> str:
+    """Return names as they are declared: counted where they are those that a count stands for."""
+    return str(len(words)) if words == [f"{prefix}{index}" for index in range(len(words))] else " ".join(words)

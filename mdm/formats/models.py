@@ -7,7 +7,7 @@ import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from mdm.formats import cassandra, dpomdp, pgmx, pomdpx
+from mdm.formats import archive, cassandra, dpomdp, npz, pgmx, pomdpx
 from mdm.formats.source import Source, suffixes
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ _BY_SUFFIX: dict[str, _Reader] = {
     ".dpomdp": dpomdp.read,
     ".pgmx": pgmx.read,
     ".pomdpx": pomdpx.read,
+    ".npz": archive.read,
 }
 _BY_ROOT: dict[str, _Reader] = {"probmodelxml": pgmx.read, "pomdpx": pomdpx.read}
 
@@ -55,6 +56,8 @@ def _reader(path: Path) -> _Reader:
     if _head(path).lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"<":
         root = _ROOT.search(Source(path).text)
         return _BY_ROOT.get(root[1].lower() if root else "", by_suffix or pgmx.read)
+    if npz.is_archive(path):
+        return archive.read
     if by_suffix is not None:
         return by_suffix
     return dpomdp.read if _AGENTS.search(Source(path).text) else cassandra.read

@@ -13,6 +13,7 @@ from mdm.errors import FormatError, ModelError
 from mdm.formats import (
     alpha,
     joint_policy,
+    npz,
     policy_archive,
     policy_graph,
     q_table,
@@ -75,7 +76,7 @@ def load_policy(
         FormatError: With the place, what stands there and what was expected.
     """
     path = Path(path)
-    if _is_archive(path):
+    if path.suffix.lower() == ".npz" or npz.is_archive(path):
         policy = policy_archive.read(path, model, seed=seed)
         if kind is not None and not isinstance(policy, _TABLES[kind]):
             raise FormatError(f"the archive holds {type(policy).__name__}, but kind={kind!r} was asked for", file=path)
@@ -152,16 +153,6 @@ def _write(policy: LoadedPolicy, path: Path, model: MDP | None) -> None:
         joint_policy.write(policy, path, model)
     else:
         ublas.write(policy, path)
-
-
-def _is_archive(path: Path) -> bool:
-    if path.suffix.lower() == ".npz":
-        return True
-    try:
-        with path.open("rb") as file:
-            return file.read(len(policy_archive.MAGIC)) == policy_archive.MAGIC
-    except OSError:
-        return False  # said by whoever reads the text
 
 
 def _form(source: Source, kind: PolicyKind | None) -> _Form:

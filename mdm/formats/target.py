@@ -5,11 +5,16 @@ from __future__ import annotations
 import gzip
 import os
 import tempfile
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO, TYPE_CHECKING
 
 from mdm.errors import FormatError
 
-__all__ = ["write_bytes", "write_text"]
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["replacing", "write_text"]
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -21,23 +26,25 @@ def write_text(path: str | Path, text: str) -> None:
     data = text.encode()
     if Path(path).suffix.lower() == ".gz":
         data = gzip.compress(data, mtime=0)  # the same text makes the same file
-    write_bytes(path, [data])
+    with replacing(path) as file:
+        file.write(data)
 
 
-def write_bytes(path: str | Path, pieces: list[bytes | memoryview]) -> None:
-    """Write bytes, piece by piece.
+@contextmanager
+def replacing(path: str | Path) -> Iterator[IO[bytes]]:
+    """Open a neighbour of a file, which takes its place when all is written.
 
     Raises:
         FormatError: If the file cannot be written; what was there before is then still there.
     """
     path = Path(path)
+    if path.is_dir():
+        raise FormatError("this is a folder, not a file", file=path)
     try:
-        if path.is_dir():
-            raise FormatError("this is a folder, not a file", file=path)
         descriptor, neighbour = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
             with os.fdopen(descriptor, "wb") as file:
-                file.writelines(pieces)
+                yield file
             Path(neighbour).chmod(path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_mask())
             Path(neighbour).replace(path)
         except BaseException:

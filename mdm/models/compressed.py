@@ -14,11 +14,11 @@ def is_compressed(matrix: object) -> bool:
     return not isinstance(matrix, np.ndarray) and hasattr(matrix, "tocsr")
 
 
-def csr(matrix: Any, shape: tuple[int, int] | None = None) -> Any:
-    """Return a CSR matrix of floats: a copy of a dense or sparse one, or from ``(data, indices, starts of rows)``."""
+def csr(matrix: Any, shape: tuple[int, int] | None = None, *, copy: bool = True) -> Any:
+    """Return a CSR matrix of floats, of a dense or sparse one, or from ``(data, indices, starts of rows)``."""
     from scipy.sparse import csr_array  # noqa: PLC0415 - see above
 
-    return csr_array(matrix, shape=shape, dtype=np.float64, copy=True)
+    return csr_array(matrix, shape=shape, dtype=np.float64, copy=copy)
 
 
 def csr_identity(size: int) -> Any:

@@ -78,19 +78,20 @@ class DenseEvents:
             places = np.nonzero(possible)
             least = min(least, _checked(rows.min(axis=0), rows.sum(axis=0), places, actions, states, action))
         _warn(least)
-        self._events = tuple(read_only(event) for event in events)
+        self.events = tuple(read_only(event) for event in events)
+        """P(o | s, a, s') per action: O x S x S'."""
 
     def matrix(self, action: int, observation: int) -> Matrix:
         """Return P(o | s, a, s'), S x S', read-only; as given where T is 0."""
-        return self._events[action][observation]
+        return self.events[action][observation]
 
     def joint(self, action: int, observation: int) -> Matrix:
         """Return P(s', o | s, a), S x S'."""
-        return self._transitions[action] * self._events[action][observation]
+        return self._transitions[action] * self.events[action][observation]
 
     def row(self, action: int, state: int, next_state: int) -> Vector:
         """Return P(o | s, a, s') for every o."""
-        row: Vector = self._events[action][:, state, next_state]
+        row: Vector = self.events[action][:, state, next_state]
         return row
 
 
@@ -117,14 +118,15 @@ class TransitionEvents:
     ) -> None:
         self.num_observations = int(events[0].shape[1])
         self._transitions = tuple(transitions)
-        self._events = []
+        self.events: list[Matrix] = []
+        """P(o | s, a, s') per action: T's entries x O, in CSC."""
         least = 1.0
         for action, (transition, event) in enumerate(zip(transitions, events, strict=True)):
             places = (np.repeat(np.arange(len(states)), np.diff(transition.indptr)), transition.indices)
             lowest = event.min(axis=1).toarray() if event.nnz else np.zeros(event.shape[0])
             sums = np.asarray(event.sum(axis=1))
             least = min(least, _checked(lowest.ravel(), sums.ravel(), places, actions, states, action))
-            self._events.append(event.tocsc())
+            self.events.append(event.tocsc())
         _warn(least)
 
     def matrix(self, action: int, observation: int) -> Matrix:
@@ -142,10 +144,10 @@ class TransitionEvents:
         at = first + np.searchsorted(transition.indices[first:last], next_state)
         if at == last or transition.indices[at] != next_state:
             return np.zeros(self.num_observations)
-        return np.asarray(self._events[action][[int(at)]].toarray()).ravel()
+        return np.asarray(self.events[action][[int(at)]].toarray()).ravel()
 
     def _like_transition(self, action: int, observation: int, *, joint: bool) -> Matrix:
-        transition, event = self._transitions[action], self._events[action]
+        transition, event = self._transitions[action], self.events[action]
         filled = slice(event.indptr[observation], event.indptr[observation + 1])
         entries, values = event.indices[filled], event.data[filled]
         rows = np.searchsorted(transition.indptr, entries, side="right") - 1

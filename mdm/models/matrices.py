@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ROUNDING",
     "TOLERANCE",
+    "Checked",
     "Matrix",
     "Vector",
     "choose_sparse",
@@ -37,6 +38,12 @@ TOLERANCE = 1e-4
 ROUNDING = 1e-9
 _LARGE = 1_000_000
 _DENSE = 0.25
+
+
+class Checked(tuple[Matrix, ...]):
+    """Matrices, one per action, that were checked already: of one kind, read-only, and used as they are."""
+
+    __slots__ = ()
 
 
 def stochastic_matrices(
@@ -64,6 +71,8 @@ def stochastic_matrices(
     Raises:
         ModelError: At a wrong shape, a number that is no probability, or a row that does not sum to 1.
     """
+    if isinstance(given, Checked):
+        return given
     matrices = list(given)  # kept alive while they are told apart by their identities
     if len(matrices) != len(actions):
         raise ModelError(f"{what} is given for {len(matrices)} actions, but the model has {len(actions)}")

@@ -90,6 +90,11 @@ class POMDP(MDP):
         self._set_rewards(rewards, outcome_rewards)
 
     @property
+    def events(self) -> EventObservations | None:
+        """How observations tell of transitions; None where they tell of states."""
+        return self._events
+
+    @property
     def event_observations(self) -> bool:
         """Whether observations tell of transitions, P(o | s, a, s'), rather than of states."""
         return self._events is not None

@@ -147,6 +147,14 @@ def test_every_form_in_any_order_fills_what_it_says(folder, form, data):
         None if writer.mdp else [sparse.csr_array(o) for o in observations],
     )
     np.testing.assert_allclose(rewards, expected, atol=1e-12)
+    outcomes = writer.R[..., 0] if writer.mdp else writer.R
+    np.testing.assert_array_equal(found.rewards.array(outcomes.size), outcomes)
+    assert found.rewards.array(outcomes.size - 1) is None
+    for place in np.ndindex(outcomes.shape):
+        assert found.rewards.at(*place, *([None] if writer.mdp else [])) == outcomes[place]
+    if not found.rewards.finer:
+        flat = outcomes.reshape(*outcomes.shape[:2], -1)
+        assert (flat == flat[..., :1]).all()
 
 
 HEAD = "discount: 0.9\nvalues: reward\nstates: {states}\nactions: 2\n"

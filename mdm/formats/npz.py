@@ -1,0 +1,186 @@
+"""Named arrays and a JSON header in one file: numpy's ``.npz``, stored without compression and read without pickle.
+
+Members begin where arrays can be mapped into memory: reading one costs no copy. A file cannot claim more than it
+holds, and the same arrays give the same bytes. ``numpy.load`` reads these files, too.
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+import re
+import struct
+import zipfile
+import zlib
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from mdm.errors import FormatError, ModelError
+from mdm.formats.target import replacing
+from mdm.models import Factor, Space
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+__all__ = ["MAGIC", "Names", "is_archive", "names_of", "read", "space_of", "write"]
+
+MAGIC = b"PK\x03\x04"
+_DAMAGE = (
+    ValueError,
+    OSError,
+    EOFError,
+    zipfile.BadZipFile,
+    NotImplementedError,
+    RuntimeError,
+    OverflowError,
+    struct.error,
+)
+_START = b"\x93NUMPY\x01\x00"
+_HEAD = re.compile(
+    rb"\{'descr': '(<f8|<i8|<i4|\|u1)', 'fortran_order': (True|False), 'shape': \(([0-9, ]{0,99})\), \} *\n"
+)
+_ALIGNED = 64
+_PADDING = 0xD935
+"""The extra field of a member's head that pads it (as Android's zipalign does)."""
+
+
+class Names(msgspec.Struct, omit_defaults=True):
+    """A factor: its name and those of its symbols, or what they begin with where the rest is their index."""
+
+    name: str
+    names: list[str] = []
+    count: int = 0
+    prefix: str = ""
+
+
+def names_of(space: Space) -> list[Names]:
+    """Return a space's factors as a header holds them."""
+    return [_names(factor) for factor in space.factors]
+
+
+def _names(factor: Factor) -> Names:
+    prefix = factor.names[0].removesuffix("0")
+    counted = all(name == f"{prefix}{index}" for index, name in enumerate(factor.names))
+    if counted:
+        return Names(factor.name, count=len(factor), prefix=prefix)
+    return Names(factor.name, list(factor.names))
+
+
+def space_of(factors: Iterable[Names]) -> Space:
+    """Return the space of a header's factors.
+
+    Raises:
+        ModelError: If there is none, or symbols are missing, repeated or too many.
+    """
+    made = []
+    for factor in factors:
+        if not 0 <= factor.count <= _MOST:
+            raise ModelError(f"{factor.count} symbols of {factor.name!r} are not possible")
+        made.append(Factor(factor.name, factor.count or factor.names, prefix=factor.prefix))
+    return Space(made)
+
+
+_MOST = 50_000_000
+
+
+def is_archive(path: Path) -> bool:
+    """Whether a file begins as an archive does."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False  # said by whoever reads it
+
+
+def read(path: Path, *, mapped: bool = False) -> tuple[bytes, dict[str, npt.NDArray[Any]]]:
+    """Return the header and the arrays of a file.
+
+    Args:
+        path: The file.
+        mapped: Whether arrays are to be mapped into memory, read-only; their bytes are then not compared with the
+            file's checksums.
+
+    Raises:
+        FormatError: If there is no such file, or it is damaged or none of these.
+    """
+    try:
+        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
+            members = archive.infolist()
+            if any(member.compress_type or member.flag_bits & 1 for member in members):
+                raise FormatError("the archive is compressed or encrypted, which those of mdm's are not", file=path)
+            data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+            found = {}
+            for member in members:
+                name = member.filename.removesuffix(".npy")
+                content = _content(data, member)
+                if (not mapped or name == "header") and zlib.crc32(content) != member.CRC:
+                    raise ValueError(f"{name} is not what was written")
+                found[name] = _array(content)
+    except FileNotFoundError:
+        raise FormatError("there is no such file", file=path) from None
+    except IsADirectoryError:
+        raise FormatError("this is a folder, not a file", file=path) from None
+    except _DAMAGE as error:
+        message = " ".join(str(error).split())[:80]
+        raise FormatError(f"the archive is damaged, or none of numpy's: {message}", file=path) from None
+    if "header" not in found:
+        raise FormatError("the archive is none of mdm's: it has no header", file=path)
+    return found.pop("header").tobytes(), found
+
+
+def _content(data: memoryview, member: zipfile.ZipInfo) -> memoryview:
+    head = data[member.header_offset : member.header_offset + 30]
+    if head[:4] != MAGIC:
+        raise ValueError(f"{member.filename} has no head")
+    begin = member.header_offset + 30 + sum(struct.unpack("<HH", head[26:30]))
+    if begin + member.file_size > len(data):
+        raise ValueError(f"{member.filename} is cut off")
+    return data[begin : begin + member.file_size]
+
+
+def _array(data: memoryview) -> npt.NDArray[Any]:
+    """Return an array in numpy's own form; its size is that of the data, whatever its head claims."""
+    # Numpy's reader would evaluate the head as Python, and would allot what it claims before the data are seen.
+    start = len(_START) + 2
+    end = start + int.from_bytes(data[len(_START) : start], "little")
+    head = _HEAD.fullmatch(data, start, end)
+    if bytes(data[: len(_START)]) != _START or head is None:
+        raise ValueError("an array is none of whole numbers or floats in the first version of numpy's format")
+    dtype = np.dtype(head[1].decode())
+    shape = tuple(int(size) for size in head[3].split(b",") if size.strip())
+    if math.prod(shape) * dtype.itemsize != len(data) - end:
+        raise ValueError("an array has another size than its head says")
+    array = np.frombuffer(data, dtype, offset=end).reshape(shape, order="F" if head[2] == b"True" else "C")
+    return array if array.flags.aligned else array.copy()
+
+
+def write(path: Path, header: Any, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+    """Write a header (anything that msgspec makes JSON of) and arrays.
+
+    Raises:
+        FormatError: If the file cannot be written.
+    """
+    members = {"header": np.frombuffer(msgspec.json.encode(header), dtype=np.uint8), **arrays}
+    with replacing(path) as file, zipfile.ZipFile(file, "w") as archive:
+        for name, array in members.items():
+            little = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(array.shape)
+            head = _head(little)
+            info = zipfile.ZipInfo(f"{name}.npy")
+            info.file_size = len(head) + little.nbytes
+            padding = -(file.tell() + 30 + len(info.filename) + 4) % _ALIGNED
+            info.extra = struct.pack("<HH", _PADDING, padding) + bytes(padding)
+            with archive.open(info, "w") as member:
+                member.write(head)
+                member.write(little.data.cast("B") if little.size else b"")
+
+
+def _head(array: npt.NDArray[Any]) -> bytes:
+    sizes = "".join(f"{size}, " for size in array.shape).removesuffix(" " if array.ndim == 1 else ", ")
+    text = f"{{'descr': '{array.dtype.str}', 'fortran_order': False, 'shape': ({sizes}), }}"
+    padding = -(len(_START) + 2 + len(text) + 1) % _ALIGNED
+    body = text.encode() + b" " * padding + b"\n"
+    return _START + len(body).to_bytes(2, "little") + body

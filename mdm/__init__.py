@@ -19,10 +19,33 @@ from mdm.actors import (
 )
 from mdm.config import System, load_system
 from mdm.errors import ConfigError, Error, FormatError, ModelError, ModelWarning
-from mdm.formats import load_model, load_policy, load_rewards
+from mdm.formats import load_model, load_policy, load_rewards, save_model, save_policy
 from mdm.logic import Formula, P, parse
-from mdm.models import MDP, POMDP, BeliefTracker, Factor, Space, Tracker
-from mdm.policies import AlphaVectors, DeterministicPolicy, Policy, QTable, StochasticPolicy
+from mdm.models import (
+    MDP,
+    POMDP,
+    BeliefTracker,
+    Factor,
+    FactoredMDP,
+    FactoredPOMDP,
+    Node,
+    Space,
+    Table,
+    Tracker,
+    Tree,
+    TwoSliceNetwork,
+)
+from mdm.policies import (
+    AlphaVectors,
+    DeterministicPolicy,
+    FiniteStateController,
+    JointController,
+    MaskedAlphaVectors,
+    MixedAlphaVectors,
+    Policy,
+    QTable,
+    StochasticPolicy,
+)
 from mdm.runtime import (
     Actor,
     ActorFailure,
@@ -58,11 +81,18 @@ __all__ = [
     "Error",
     "EventSource",
     "Factor",
+    "FactoredMDP",
+    "FactoredPOMDP",
+    "FiniteStateController",
     "FixedRate",
     "FormatError",
     "Formula",
+    "JointController",
+    "MaskedAlphaVectors",
+    "MixedAlphaVectors",
     "ModelError",
     "ModelWarning",
+    "Node",
     "ObservationFactor",
     "ObservationLayer",
     "OnEvent",
@@ -79,7 +109,10 @@ __all__ = [
     "StateLayer",
     "StochasticPolicy",
     "System",
+    "Table",
     "Tracker",
+    "Tree",
+    "TwoSliceNetwork",
     "VirtualClock",
     "VirtualEventLoop",
     "WallClock",
@@ -91,5 +124,7 @@ __all__ = [
     "load_system",
     "parse",
     "run",
+    "save_model",
+    "save_policy",
     "simulate",
 ]

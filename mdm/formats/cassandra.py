@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError, ModelWarning
-from mdm.formats.source import Source, Words, number
+from mdm.formats.source import Source, Words, number, suffixes
 from mdm.formats.statement_writer import StatementWriter, declared
 from mdm.formats.statements import Field, Statements
 from mdm.formats.target import write_text
@@ -43,9 +43,11 @@ def write(model: MDP, path: str | Path) -> None:
     Names are single words: others are written in another way, with a warning.
 
     Raises:
-        ModelError: If the observations are events.
+        ModelError: If the observations are events, or the file is called ``.mdp`` and there are any.
         FormatError: If the file cannot be written.
     """
+    if isinstance(model, POMDP) and suffixes(path) == ".mdp":
+        raise ModelError("an .mdp file has no observations, which this POMDP has: write .pomdp")
     writer = StatementWriter(model, colon=" ")
     actions = writer.joined(model.action_space)
     observations = writer.joined(model.observation_space) if isinstance(model, POMDP) else None

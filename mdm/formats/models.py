@@ -1,19 +1,22 @@
-"""Loading a model from a file of any format, chosen by content and suffix."""
+"""Models from and to files of every format, chosen by content and suffix."""
 
 from __future__ import annotations
 
 import re
 import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from mdm.formats import archive, cassandra, dpomdp, npz, pgmx, pomdpx
+from mdm.errors import ModelError
+from mdm.formats import archive, cassandra, dpomdp, npz, pgmx, pomdpx, toi
 from mdm.formats.source import Source, suffixes
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mdm.models import MDP, POMDP
 
-__all__ = ["load_model"]
+__all__ = ["MODEL_SUFFIXES", "load_model", "save_model"]
 
 _AGENTS = re.compile(r"^[ \t]*agents[ \t]*:", re.MULTILINE)
 _ROOT = re.compile(r"<(?:\w+:)?(\w+)")
@@ -30,15 +33,26 @@ _BY_SUFFIX: dict[str, _Reader] = {
     ".pgmx": pgmx.read,
     ".pomdpx": pomdpx.read,
     ".npz": archive.read,
+    ".base": toi.read,
 }
+_WRITERS: dict[str, Callable[[Any, str | Path], None]] = {
+    ".pomdp": cassandra.write,
+    ".mdp": cassandra.write,
+    ".dpomdp": dpomdp.write,
+    ".pgmx": pgmx.write,
+    ".pomdpx": pomdpx.write,
+    ".npz": archive.write,
+}
+MODEL_SUFFIXES = frozenset(_BY_SUFFIX)
+"""What files of models are called; ``.npz`` may be a policy's, too."""
 _BY_ROOT: dict[str, _Reader] = {"probmodelxml": pgmx.read, "pomdpx": pomdpx.read}
 
 
 def load_model(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
     """Read a model of any format.
 
-    These are Cassandra's ``.pomdp`` and ``.mdp``; MADP's ``.dpomdp``; ProbModelXML, ``.pgmx``; and ``.pomdpx``. Any
-    text may be gzipped.
+    These are Cassandra's ``.pomdp`` and ``.mdp``; MADP's ``.dpomdp`` and, by their ``.base`` file, sets of
+    ``.toi-dpomdp``; ProbModelXML, ``.pgmx``; ``.pomdpx``; and mdm's own ``.npz``. Any text may be gzipped.
 
     Args:
         path: The file.
@@ -48,6 +62,25 @@ def load_model(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
         FormatError: With the place, what stands there and what was expected.
     """
     return _reader(Path(path))(path, sparse=sparse)
+
+
+def save_model(model: MDP | POMDP, path: str | Path) -> None:
+    """Write a model, in the format that the file's suffix stands for; a ``.gz`` after that of a text compresses it.
+
+    Args:
+        model: The model. ``.pgmx``, ``.pomdpx`` and ``.npz`` keep its factors, ``.dpomdp`` its agents; ``.npz`` keeps
+            everything.
+        path: The file.
+
+    Raises:
+        ModelError: If the format cannot hold such a model.
+        FormatError: If the file cannot be written.
+    """
+    suffix = suffixes(path)
+    writer = _WRITERS.get(suffix)
+    if writer is None or (suffix == ".npz" and Path(path).suffix == ".gz"):
+        raise ModelError(f"{Path(path).name!r} names no format that models are written in: {', '.join(_WRITERS)}")
+    writer(model, path)
 
 
 def _reader(path: Path) -> _Reader:

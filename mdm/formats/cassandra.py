@@ -6,7 +6,7 @@ The grammar is that of https://www.pomdp.org/code/pomdp-file-spec.html, and what
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,9 @@ from mdm.formats.statement_writer import StatementWriter, declared
 from mdm.formats.statements import Field, Statements
 from mdm.formats.target import write_text
 from mdm.models import MDP, POMDP, Space
+from mdm.models.compressed import csr
+from mdm.models.leniency import forgive, forgiving
+from mdm.models.matrices import TOLERANCE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -197,7 +200,7 @@ class _Reader:
         for offset, value in enumerate(values):
             if not value >= 0 or not np.isfinite(value):
                 self._fail("start", f"{value:g} is no probability", offset)
-        if abs(start.sum() - 1) > 1e-4:
+        if abs(start.sum() - 1) > TOLERANCE and not (start.sum() > 0 and forgiving()):
             self._fail("start", f"the start sums to {start.sum():.6g}, not to 1")
         return start
 
@@ -248,13 +251,16 @@ def build(
 ) -> MDP | POMDP:
     """Return the model that statements make, or say what was never given."""
     for letter, stack in (("T", statements.transitions), ("O", statements.observations)):
-        action = None if stack is None else stack.missing()
-        if action is not None:
-            source.fail(f"no {letter!r} statement is given for action {actions.names[action]!r}")
+        for action in stack.missing() if stack is not None else []:
+            problem = f"no {letter!r} statement is given for action {actions.names[action]!r}"
+            if not forgive(problem):
+                source.fail(problem)
+            assert stack is not None
+            stack.add(action, None, 0, 1.0)  # told once, not for every row
     transitions = statements.transitions.matrices()
     finer = statements.rewards if statements.rewards.finer else None
     if observations is None or statements.observations is None:
-        rewards = statements.rewards.expected(transitions, None)
+        rewards = statements.rewards.expected(_whole(transitions), None)
         return MDP(
             transitions,
             rewards,
@@ -269,7 +275,7 @@ def build(
     return POMDP(
         transitions,
         matrices,
-        statements.rewards.expected(transitions, matrices),
+        statements.rewards.expected(_whole(transitions), _whole(matrices)),
         discount=discount,
         states=states,
         actions=actions,
@@ -278,3 +284,15 @@ def build(
         outcome_rewards=finer,
         sparse=sparse,
     )
+
+
+def _whole(matrices: list[Any]) -> list[Any]:
+    """Return matrices by which rewards are expected: normalised where rows may be far from summing to 1."""
+    if not forgiving():
+        return matrices
+    result = []
+    for matrix in matrices:
+        sums = np.asarray(matrix.sum(axis=1)).ravel()
+        data = matrix.data / np.repeat(np.where(sums > 0, sums, 1.0), np.diff(matrix.indptr))
+        result.append(csr((data, matrix.indices, matrix.indptr), matrix.shape))
+    return result

@@ -21,6 +21,8 @@ from mdm.formats.statement_writer import StatementWriter, declared
 from mdm.formats.statements import Field, Statements
 from mdm.formats.target import write_text
 from mdm.models import POMDP, Space
+from mdm.models.leniency import forgiving
+from mdm.models.matrices import TOLERANCE
 from mdm.models.space import Factor
 
 if TYPE_CHECKING:
@@ -165,7 +167,8 @@ class _Reader:
     def _start_numbers(self, line: int, start: npt.NDArray[np.float64], count: int) -> npt.NDArray[np.float64]:
         if len(start) != count:
             self._fail(line, f"the start needs {count} numbers, one for each state, not {len(start)}")
-        if not (np.isfinite(start).all() and (start >= 0).all()) or abs(start.sum() - 1) > 1e-4:
+        wrong = not (np.isfinite(start).all() and (start >= 0).all())
+        if wrong or (abs(start.sum() - 1) > TOLERANCE and not (start.sum() > 0 and forgiving())):
             self._fail(line, f"the start is no distribution: it sums to {start.sum():.6g}")
         return start
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+import warnings
 import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from mdm.errors import ModelError
+from mdm.errors import ModelError, ModelWarning
 from mdm.formats import archive, cassandra, dpomdp, npz, pgmx, pomdpx, toi
 from mdm.formats.source import Source, suffixes
+from mdm.models import FactoredMDP, FactoredPOMDP
+from mdm.models.leniency import collecting
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +51,7 @@ MODEL_SUFFIXES = frozenset(_BY_SUFFIX)
 _BY_ROOT: dict[str, _Reader] = {"probmodelxml": pgmx.read, "pomdpx": pomdpx.read}
 
 
-def load_model(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
+def load_model(path: str | Path, *, sparse: bool | None = None, normalize: bool = False) -> MDP | POMDP:
     """Read a model of any format.
 
     These are Cassandra's ``.pomdp`` and ``.mdp``; MADP's ``.dpomdp`` and, by their ``.base`` file, sets of
@@ -57,11 +60,23 @@ def load_model(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
     Args:
         path: The file.
         sparse: Force CSR (True) or dense (False) matrices; None chooses by size and density.
+        normalize: Whether rows of probabilities are made to sum to 1 however far they are off, with one warning that
+            counts them; rows that are off by at most 1e-4 are in any case.
 
     Raises:
         FormatError: With the place, what stands there and what was expected.
     """
-    return _reader(Path(path))(path, sparse=sparse)
+    reader = _reader(Path(path))
+    if not normalize:
+        return reader(path, sparse=sparse)
+    with collecting(sums_only=True) as problems:
+        model = reader(path, sparse=sparse)
+        if isinstance(model, FactoredMDP | FactoredPOMDP):
+            model.flatten()  # here, where rows are forgiven
+    if problems:
+        text = f"{path}: {len(problems)} distributions did not sum to 1 and were normalised; first: {problems[0].text}"
+        warnings.warn(text, ModelWarning, stacklevel=2)
+    return model
 
 
 def save_model(model: MDP | POMDP, path: str | Path) -> None:

@@ -50,9 +50,9 @@ class Probabilities:
             each.append(len(self._statements))
         self._statements.append((row, column, value))
 
-    def missing(self) -> int | None:
-        """Return the first action without a statement."""
-        return next((action for action, statements in enumerate(self._by_action) if not statements), None)
+    def missing(self) -> list[int]:
+        """Return the actions without a statement."""
+        return [action for action, statements in enumerate(self._by_action) if not statements]
 
     def matrices(self) -> list[Any]:
         """Return the matrices, one per action; actions with the same statements share one.

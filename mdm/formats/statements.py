@@ -14,6 +14,7 @@ from mdm.formats.probabilities import Places, Probabilities
 from mdm.formats.rewards import Rewards
 from mdm.formats.source import number
 from mdm.models.compressed import csr_identity
+from mdm.models.leniency import forgive
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,7 +95,8 @@ class Statements:
             try:
                 at = self._entries.read(kind, at) or self._statement(kind, at + 2)
             except FormatError as error:
-                errors.append(error)
+                if not forgive(str(error)):
+                    errors.append(error)
                 at = self._next_statement(at + 2)
             if len(errors) == _MOST_ERRORS:
                 break

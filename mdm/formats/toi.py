@@ -26,7 +26,7 @@ from mdm.models.compressed import csr
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from mdm.models.matrices import Matrix
+    from mdm.models.matrices import Matrix, Vector
 
 __all__ = ["read"]
 
@@ -68,13 +68,17 @@ def read(path: str | Path, *, sparse: bool | None = None) -> POMDP:
             states=states,
             actions=actions,
             observation_names=observations,
-            initial_belief=reduce(lambda left, right: np.kron(left, right), [model.initial_belief for model in agents]),
+            initial_belief=reduce(_outer, [model.initial_belief for model in agents]),
             sparse=sparse,
         )
     except ModelError as error:
         source.fail(str(error))
     except MemoryError:
         source.fail("the team's model is too large for this machine's memory")
+
+
+def _outer(left: Vector, right: Vector) -> Vector:
+    return np.multiply.outer(left, right).ravel()
 
 
 def _base(source: Source) -> tuple[int, float]:

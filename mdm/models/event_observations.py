@@ -15,6 +15,7 @@ import numpy as np
 
 from mdm.errors import ModelError, ModelWarning
 from mdm.models.compressed import csr, is_compressed
+from mdm.models.leniency import forgive
 from mdm.models.matrices import TOLERANCE, Matrix, Vector, numbers, read_only
 
 if TYPE_CHECKING:
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
     from mdm.models.space import Space
 
 __all__ = ["DenseEvents", "EventObservations", "TransitionEvents", "event_observations"]
+
+
+_TOLD = 100
 
 
 class EventObservations(Protocol):
@@ -189,14 +193,15 @@ def event_observations(
 def _checked(least: Vector, sums: Vector, places: Any, actions: Space, states: Space, action: int) -> float:
     """Return the least sum of a row."""
     wrong = ~((least >= 0) & (sums <= 1 + TOLERANCE))
-    if wrong.any():
-        at = int(wrong.argmax())
+    for at in np.flatnonzero(wrong)[:_TOLD].tolist():
         state, next_state = (states.names[int(place[at])] for place in places)
         what = f"sum to {sums[at]:.6g}, more than 1" if least[at] >= 0 else "hold a number that is no probability"
-        raise ModelError(
+        problem = (
             f"O of action {actions.names[action]!r}: the observations of the transition from {state!r} to "
             f"{next_state!r} {what}"
         )
+        if not forgive(problem, is_sum=bool(least[at] >= 0)):
+            raise ModelError(problem)
     return float(sums.min()) if sums.size else 1.0
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import flattening
-from mdm.models.event_observations import DenseEvents, TransitionEvents
+from mdm.models.event_observations import DenseEvents, EventObservations, TransitionEvents
 from mdm.models.matrices import Matrix, Vector, choose_sparse, distribution
 from mdm.models.mdp import MDP, checked_discount
 from mdm.models.pomdp import POMDP
@@ -132,6 +132,11 @@ class FactoredPOMDP(POMDP):
     def initial_belief(self) -> Vector:
         """The distribution of the first state: S numbers, read-only."""
         return _initial_belief(self.network)
+
+    @property
+    def events(self) -> EventObservations | None:
+        """How observations tell of transitions; None where they tell of states."""
+        return self._flat.events
 
     @property
     def event_observations(self) -> bool:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from mdm.errors import ModelError, ModelWarning
 from mdm.models.compressed import csr, is_compressed
+from mdm.models.leniency import forgive, forgiving
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,6 +38,8 @@ TOLERANCE = 1e-4
 """How far from 1 a row of probabilities may sum to be normalised."""
 ROUNDING = 1e-9
 _LARGE = 1_000_000
+_TOLD = 100
+"""Problems of one matrix that are told one by one."""
 _DENSE = 0.25
 
 
@@ -111,26 +114,56 @@ def _checked(matrix: Any, what: str, rows: Space, columns: int, as_sparse: bool)
     if as_sparse:
         result.sum_duplicates()
         result.eliminate_zeros()
-    data = result.data if as_sparse else result
-    if not np.isfinite(data).all() or (data < 0).any():
-        _refuse_numbers(result.toarray() if as_sparse else result, what, rows)
+    _check_numbers(result, what, rows)
     sums = np.asarray(result.sum(axis=1)).ravel()
     errors = np.abs(sums - 1)
     if errors.max() > TOLERANCE:
-        row = int(errors.argmax())
-        raise ModelError(f"{what}: the row of {rows.names[row]!r} sums to {sums[row]:.6g}, not to 1")
+        result, sums = _forgive_sums(result, sums, what, rows)
     off = errors > ROUNDING
     if off.any():
         if as_sparse:
             result.data /= np.repeat(sums, np.diff(result.indptr))
         else:
             result /= sums[:, None]
-    return read_only(result), int(off.sum())
+    return read_only(result), int((errors[off] <= TOLERANCE).sum())
 
 
-def _refuse_numbers(matrix: Vector, what: str, rows: Space) -> None:
-    row, column = (int(place[0]) for place in np.nonzero(~((matrix >= 0) & np.isfinite(matrix))))
-    raise ModelError(f"{what}: {matrix[row, column]:g} in the row of {rows.names[row]!r} is no probability")
+def _check_numbers(matrix: Matrix, what: str, rows: Space) -> None:
+    """Refuse what is no probability, or make it 0 where that is forgiven."""
+    data = matrix.data if is_compressed(matrix) else matrix
+    wrong = ~((data >= 0) & np.isfinite(data))
+    if not wrong.any():
+        return
+    places = np.nonzero(wrong)
+    compressed = is_compressed(matrix)
+    found = np.searchsorted(matrix.indptr, places[0], side="right") - 1 if compressed else places[0]
+    for row, value in zip(found[:_TOLD].tolist(), data[places].tolist(), strict=False):
+        problem = f"{what}: {value:g} in the row of {rows.names[row]!r} is no probability"
+        if not forgive(problem):
+            raise ModelError(problem)
+    data[wrong] = 0
+
+
+def _forgive_sums(matrix: Matrix, sums: Vector, what: str, rows: Space) -> tuple[Matrix, Vector]:
+    """Refuse rows that do not sum to 1, or return what may be normalised where that is forgiven."""
+    errors = np.abs(sums - 1)
+    wrong = np.flatnonzero(errors > TOLERANCE)
+    worst = [int(errors.argmax()), *wrong[:_TOLD].tolist()]  # the error is about the worst
+    for row in worst[:1] if not forgiving() else worst[1:]:
+        problem = f"{what}: the row of {rows.names[row]!r} sums to {sums[row]:.6g}, not to 1"
+        if not forgive(problem, is_sum=bool(sums[row] > 0)):
+            raise ModelError(problem)
+    if len(wrong) > _TOLD:
+        forgive(f"{what}: {len(wrong) - _TOLD} more rows do not sum to 1", is_sum=True)
+    empty = np.flatnonzero(sums == 0)
+    if len(empty):  # the way out of nothing: stay, or see the first symbol
+        columns = empty % matrix.shape[1]
+        if is_compressed(matrix):
+            starts = np.concatenate(([0], np.cumsum(sums == 0)))
+            matrix = csr(matrix + csr((np.ones(len(empty)), columns, starts), matrix.shape))
+        else:
+            matrix[empty, columns] = 1
+    return matrix, np.where(sums == 0, 1.0, sums)
 
 
 def numbers(given: npt.ArrayLike, what: str) -> Vector:
@@ -154,13 +187,18 @@ def distribution(given: npt.ArrayLike, *, what: str, size: int) -> Vector:
     vector = numbers(given, what)
     if vector.shape != (size,):
         raise ModelError(f"{what} has shape {vector.shape}; it needs {size} numbers")
-    wrong = ~((vector >= 0) & np.isfinite(vector))
-    if wrong.any():
-        at = int(wrong.argmax())
-        raise ModelError(f"{what}: {vector[at]:g} at {at} is no probability")
+    for at in np.flatnonzero(~((vector >= 0) & np.isfinite(vector))).tolist():
+        problem = f"{what}: {vector[at]:g} at {at} is no probability"
+        if not forgive(problem):
+            raise ModelError(problem)
+        vector[at] = 0
     total = float(vector.sum())
     if abs(total - 1) > TOLERANCE:
-        raise ModelError(f"{what} sums to {total:.6g}, not to 1")
+        problem = f"{what} sums to {total:.6g}, not to 1"
+        if not forgive(problem, is_sum=total > 0):
+            raise ModelError(problem)
+        if total == 0:
+            vector[:], total = 1, float(size)
     if abs(total - 1) > ROUNDING:
         vector /= total
     vector.flags.writeable = False

@@ -184,8 +184,8 @@ class Space:
 
         Args:
             symbol: An index, as a number or in decimal digits; a name; for a joint symbol the components' names or
-                indices with blanks between, or a sequence of one name or index per factor (the way where names hold
-                blanks). A name that is made of digits goes before the index.
+                indices with blanks between, or a sequence of one name or index per factor. A name that is made of
+                digits goes before the index.
 
         Raises:
             ModelError: If there is no such symbol.
@@ -198,11 +198,27 @@ class Space:
             return self.factors[0].index(symbol)
         if isinstance(symbol, str) and symbol.isdecimal():
             return self.index(int(symbol))
-        words = symbol.split() if isinstance(symbol, str) else symbol
+        words: Sequence[str | int] = self._words(symbol) if isinstance(symbol, str) else symbol
         if len(words) != len(self.factors):
             agents = ", ".join(factor.name for factor in self.factors)
             raise ModelError(f"{symbol!r} is no joint symbol: it needs a word for each of {agents}")
         return self.ravel([factor.index(word) for factor, word in zip(self.factors, words, strict=True)])
+
+    def _words(self, symbol: str) -> list[str]:
+        """Return the components of a joint name; names may hold blanks themselves."""
+        words = symbol.split()
+        if len(words) == len(self.factors):
+            return words
+        found: list[tuple[list[str], str]] = [([], symbol.strip())]
+        for factor in self.factors:
+            found = [
+                ([*before, name], rest[len(name) :].lstrip())
+                for before, rest in found
+                for name in factor.names
+                if rest == name or rest.startswith(f"{name} ")
+            ]
+        whole = [names for names, rest in found if not rest]
+        return whole[0] if len(whole) == 1 else words
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Space) and self.factors == other.factors

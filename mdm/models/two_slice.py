@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ModelError
+from mdm.models.leniency import forgive
 from mdm.models.matrices import TOLERANCE, Vector
 from mdm.models.potential import Node, Potential, Role, Tree
 
@@ -31,6 +32,7 @@ __all__ = ["TwoSliceNetwork"]
 
 _BLOCK = 1 << 16
 _LARGEST = 50_000_000
+_TOLD = 100
 _PARENTS: dict[Role, frozenset[Role]] = {
     "state": frozenset({"state"}),
     "next_state": frozenset({"state", "action", "next_state"}),
@@ -182,14 +184,16 @@ class TwoSliceNetwork:
             wrong |= ~(np.abs(rows.sum(axis=1) - 1) <= TOLERANCE)
             if not wrong.any():
                 continue
-            at = int(wrong.argmax())
-            given = [among] if among else []
-            given += [f"{self.name(parent)}={self.factor(parent).names[of[at]]}" for parent, of in digits.items()]
-            row = rows[at]
-            bad = row[~((row >= 0) & np.isfinite(row))]
-            what = f"{bad[0]:g} is no probability" if bad.size else f"they sum to {row.sum():.6g}, not to 1"
-            where = f" given {', '.join(given)}" if given else ""
-            raise ModelError(f"the probabilities of {self.name(node)!r}{where}: {what}")
+            for at in np.flatnonzero(wrong)[:_TOLD].tolist():
+                given = [among] if among else []
+                given += [f"{self.name(parent)}={self.factor(parent).names[of[at]]}" for parent, of in digits.items()]
+                row = rows[at]
+                bad = row[~((row >= 0) & np.isfinite(row))]
+                what = f"{bad[0]:g} is no probability" if bad.size else f"they sum to {row.sum():.6g}, not to 1"
+                where = f" given {', '.join(given)}" if given else ""
+                problem = f"the probabilities of {self.name(node)!r}{where}: {what}"
+                if not forgive(problem, is_sum=not bad.size and row.sum() > 0):
+                    raise ModelError(problem)
 
     def _blocks(self, child: Node, potential: Potential) -> Iterator[tuple[dict[Node, Indices], Vector]]:
         """Yield the values of a variable's parents and its distributions given them, some thousand at a time."""

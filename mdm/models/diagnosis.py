@@ -1,0 +1,122 @@
+"""What is worth knowing of a model before it is used: parts that nothing leads to, that nobody leaves or sees."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.models.event_observations import DenseEvents, TransitionEvents
+from mdm.models.pomdp import POMDP
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from mdm.models.mdp import MDP
+    from mdm.models.space import Space
+
+    Mask = npt.NDArray[np.bool_]
+
+__all__ = ["diagnose", "reachable_states"]
+
+_NAMED = 5
+
+
+def diagnose(model: MDP) -> list[str]:
+    """Return what is odd about a model, a sentence each.
+
+    States that nothing leads to from the start; states that no action leaves (absorbing); actions that change nothing
+    anywhere; observations that can never occur; values of factors, and symbols of agents, that occur in nothing that
+    is possible.
+    """
+    states = model.state_space
+    reached = reachable_states(model)
+    found = []
+    if not reached.all():
+        found.append(f"{_some(states.names, ~reached, 'state')} cannot be reached from the start")
+        found += _unused(states, reached, "value", "state factor")
+    absorbing = _absorbing(model)
+    if absorbing.any():
+        found.append(f"{_some(states.names, absorbing, 'state')} are never left (absorbing)")
+    idle = _idle(model)
+    if idle.any() and not absorbing.all():
+        found.append(f"{_some(model.action_space.names, idle, 'action')} never change the state")
+    if isinstance(model, POMDP):
+        seen = _observable(model, reached)
+        if not seen.all():
+            found.append(f"{_some(model.observation_space.names, ~seen, 'observation')} can never occur")
+            found += _unused(model.observation_space, seen, "observation", "agent")
+    return found
+
+
+def reachable_states(model: MDP) -> Mask:
+    """Return which states have a chance to come about, from the start, whatever is done."""
+    reached = model.initial_belief > 0
+    matrices = _distinct(model)
+    fresh = reached.copy()
+    while fresh.any():
+        weights = fresh.astype(np.float64)
+        after = sum((np.asarray(weights @ matrix) for matrix in matrices), np.zeros(len(reached))) > 0
+        fresh = after & ~reached
+        reached |= after
+    return reached
+
+
+def _distinct(model: MDP) -> list[Any]:
+    every = (model.transition_matrix(action) for action in range(len(model.action_space)))
+    return list({id(matrix): matrix for matrix in every}.values())
+
+
+def _absorbing(model: MDP) -> Mask:
+    return np.asarray(np.all([_stays(matrix) for matrix in _distinct(model)], axis=0))
+
+
+def _idle(model: MDP) -> Mask:
+    actions = range(len(model.action_space))
+    return np.array([_stays(model.transition_matrix(action)).all() for action in actions])
+
+
+def _stays(matrix: Any) -> Mask:
+    diagonal: Mask = np.asarray(matrix.diagonal()) >= 1
+    return diagonal
+
+
+def _observable(model: POMDP, reached: Mask) -> Mask:
+    """Return which observations may follow a transition between states that can be reached."""
+    seen = np.zeros(len(model.observation_space), dtype=bool)
+    events = model.events
+    for action in range(len(model.action_space)):
+        transition = model.transition_matrix(action)
+        if isinstance(events, DenseEvents):
+            seen |= events.events[action][:, (transition > 0) & reached[:, None]].any(axis=1)
+        elif isinstance(events, TransitionEvents):
+            rows = np.repeat(np.arange(len(reached)), np.diff(transition.indptr))
+            seen |= np.asarray(events.events[action].tocsr()[reached[rows]].sum(axis=0)).ravel() > 0
+        else:
+            after = np.asarray(reached.astype(np.float64) @ transition) > 0
+            matrix = model.observation_matrix(action)
+            seen |= np.asarray(after.astype(np.float64) @ matrix).ravel() > 0
+    return seen
+
+
+def _unused(space: Space, possible: Mask, what: str, of: str) -> list[str]:
+    """Return the symbols of factors that occur in nothing possible."""
+    if len(space.factors) == 1:
+        return []
+    grid = possible.reshape(space.shape)
+    found = []
+    for axis, factor in enumerate(space.factors):
+        others = tuple(other for other in range(grid.ndim) if other != axis)
+        never = np.asarray(~grid.any(axis=others))
+        if never.any():
+            found.append(f"{_some(factor.names, never, what)} of {of} {factor.name!r} never occur")
+    return found
+
+
+def _some(names: Sequence[str], chosen: Mask, what: str) -> str:
+    places = np.flatnonzero(chosen)
+    listed = ", ".join(repr(names[int(place)]) for place in places[:_NAMED])
+    more = ", …" if len(places) > _NAMED else ""
+    return f"{len(places)} of {len(chosen)} {what}s ({listed}{more})"

@@ -17,14 +17,17 @@ if TYPE_CHECKING:
 
 __all__ = ["VERBS", "main"]
 
-VERBS = ("run", "check", "info", "trace", "simulate")
+VERBS = ("run", "check", "info", "show", "convert", "trace", "simulate")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a sub-command; return 0 (done), 1 (what was asked failed) or 2 (wrong usage)."""
     parser = argparse.ArgumentParser(
         prog="mdm",
-        description="Put MDP and POMDP policies to work: run, check, trace and simulate decision processes.",
+        description=(
+            "Put MDP and POMDP policies to work: run, trace and simulate decision processes; check, show and convert "
+            "models and policies."
+        ),
         epilog="example: mdm run examples/patrol/patrol.toml",
     )
     parser.add_argument("--version", action="version", version=f"mdm {_version()}")

@@ -1,8 +1,9 @@
-"""``mdm check``: everything that would keep a file from being used, without using it."""
+"""``mdm check``: everything that is wrong or odd about a file, at once, without using it."""
 
 from __future__ import annotations
 
 import sys
+import warnings
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -16,23 +17,114 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
         "check",
         help="say everything that is wrong with an ensemble, model or policy file",
-        description="Check a file without running anything: an ensemble's TOML file, a model or a policy.",
+        description=(
+            "Check a file without running anything: an ensemble's TOML file, a model or a policy. All problems are "
+            "told at once; notes tell what is allowed, but odd: states that cannot be reached or left, observations "
+            "that never occur, actions that change nothing."
+        ),
         epilog="example: mdm check examples/patrol/patrol.toml",
     )
     parser.add_argument("file", metavar="FILE", help="a TOML file, a model or a policy")
+    parser.add_argument("--model", metavar="M", help="the model that a policy is for, to check it against")
+    parser.add_argument(
+        "--normalize", action="store_true", help="take distributions that do not sum to 1 for notes, not problems"
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the file; return the exit status."""
-    from mdm.cli.document import load  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.errors import ConfigError  # noqa: PLC0415
+    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        kind, problems, notes = _examine(arguments.file, arguments.model, arguments.normalize)
+    notes = [str(warning.message).removeprefix(f"{arguments.file}: ") for warning in told] + notes
+    if arguments.json:
+        print(as_json({"file": arguments.file, "holds": kind, "problems": problems, "notes": notes}))
+    else:
+        for problem in problems:
+            print(f"mdm check: {problem}", file=sys.stderr)
+        for note in notes:
+            print(f"{arguments.file}: note: {note}")
+        if not problems:
+            print(f"{arguments.file}: {kind}, no problems found")
+        elif len(problems) > 1:
+            print(f"mdm check: {arguments.file}: {len(problems)} problems found", file=sys.stderr)
+    return 1 if problems else 0
+
+
+def _examine(file: str, model: str | None, normalize: bool) -> tuple[str | None, list[str], list[str]]:
+    """Return what a file holds, what is wrong with it, and what is odd."""
+    from mdm.cli.document import Document, load  # noqa: PLC0415
+    from mdm.cli.usage import UsageError  # noqa: PLC0415
+    from mdm.errors import ConfigError, FormatError  # noqa: PLC0415
+    from mdm.formats import load_model, load_policy  # noqa: PLC0415
+    from mdm.formats.source import suffixes  # noqa: PLC0415
 
     try:
-        document = load(arguments.file)
+        if suffixes(file) == ".toml":
+            return load(file).kind, [], []
+        if _holds_policy(file):
+            policy = load_policy(file, None if model is None else load_model(model))
+            return Document(policy).kind, [], _policy_notes(policy)
     except ConfigError as error:
-        for problem in error.problems:
-            print(f"mdm check: {problem}", file=sys.stderr)
-        return 1
-    print(f"{arguments.file}: {document.kind}, no problems found")
-    return 0
+        return None, [str(problem) for problem in error.problems], []
+    except FormatError as error:
+        return None, [str(error)], []
+    if model is not None:
+        raise UsageError("--model is to check a policy against; this file holds a model itself")
+    return _examine_model(file, normalize)
+
+
+def _holds_policy(file: str) -> bool:
+    from mdm.cli.document import is_policy, load  # noqa: PLC0415
+    from mdm.errors import FormatError  # noqa: PLC0415
+    from mdm.models import MDP  # noqa: PLC0415
+
+    told = is_policy(file)
+    if told is None:
+        try:
+            return not isinstance(load(file).content, MDP)
+        except FormatError:
+            return False  # whose problems are told all at once
+    return told
+
+
+def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], list[str]]:
+    from mdm.errors import FormatError, ModelError  # noqa: PLC0415
+    from mdm.formats import load_model  # noqa: PLC0415
+    from mdm.models import FactoredMDP, FactoredPOMDP  # noqa: PLC0415
+    from mdm.models.diagnosis import diagnose  # noqa: PLC0415
+    from mdm.models.leniency import Problem, collecting  # noqa: PLC0415
+
+    odd: list[str] = []
+    kind = None
+    with collecting() as collected:
+        try:
+            model = load_model(file)
+            if isinstance(model, FactoredMDP | FactoredPOMDP):
+                model.flatten()
+            kind = f"a model ({model.kind})"
+            if all(problem.is_sum for problem in collected):  # else it is not the model that was meant
+                odd = diagnose(model)
+        except (FormatError, ModelError) as error:
+            collected.append(Problem(str(error), is_sum=False))
+    problems, notes = [], []
+    for problem in dict.fromkeys(collected):
+        if normalize and problem.is_sum:
+            notes.append(f"{problem.text}; normalised")
+        else:
+            problems.append(problem.text if problem.text.startswith(file) else f"{file}: {problem.text}")
+    return kind, problems, notes + odd
+
+
+def _policy_notes(policy: Any) -> list[str]:
+    """Return what is odd about a policy."""
+    from mdm.policies import AlphaVectors, DeterministicPolicy, MaskedAlphaVectors  # noqa: PLC0415
+
+    if not isinstance(policy, AlphaVectors | DeterministicPolicy | MaskedAlphaVectors):
+        return []
+    never = sorted(set(range(policy.num_actions)) - set(map(int, policy.actions)))
+    return [f"actions {', '.join(map(str, never))} are never chosen"] if never else []

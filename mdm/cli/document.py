@@ -2,24 +2,40 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from mdm.config import System, load_system
 from mdm.errors import FormatError
 from mdm.formats import load_model, load_policy
+from mdm.formats.archive import holds_model
+from mdm.formats.models import MODEL_SUFFIXES
+from mdm.formats.npz import is_archive
 from mdm.formats.source import Source, suffixes
-from mdm.models import MDP, POMDP
-from mdm.policies import AlphaVectors, DeterministicPolicy, QTable, StochasticPolicy
+from mdm.models import MDP, POMDP, FactoredMDP, FactoredPOMDP
+from mdm.policies import (
+    AlphaVectors,
+    DeterministicPolicy,
+    FiniteStateController,
+    JointController,
+    MaskedAlphaVectors,
+    MixedAlphaVectors,
+    QTable,
+    StochasticPolicy,
+)
 
-__all__ = ["Document", "describe_model", "load"]
+__all__ = ["Document", "describe_model", "describe_policy", "is_policy", "load"]
 
-_MODELS = frozenset({".pomdp", ".mdp", ".dpomdp"})
-_POLICIES = frozenset({".vf", ".policy"})
+_POLICIES = frozenset({".vf", ".policy", ".policyx", ".alpha", ".pg"})
 _KINDS = {
     AlphaVectors: "alpha vectors",
     DeterministicPolicy: "an action per state",
-    StochasticPolicy: "probabilities of actions per state",
+    FiniteStateController: "a finite-state controller",
+    JointController: "a finite-state controller per agent",
+    MaskedAlphaVectors: "alpha vectors with masks",
+    MixedAlphaVectors: "alpha vectors per observed state",
     QTable: "values of actions per state",
+    StochasticPolicy: "probabilities of actions per state",
 }
 
 
@@ -46,13 +62,7 @@ class Document:
         content = self.content
         if isinstance(content, System):
             return {"kind": "ensembles", "ensembles": [_ensemble(ensemble) for ensemble in content.top]}
-        if isinstance(content, MDP):
-            return describe_model(content)
-        facts = {"kind": "policy", "form": _KINDS[type(content)], "input": content.input}
-        facts |= {"states": content.num_states, "actions": content.num_actions}
-        if isinstance(content, AlphaVectors):
-            facts["vectors"] = len(content.vectors)
-        return facts
+        return describe_model(content) if isinstance(content, MDP) else describe_policy(content)
 
 
 def load(path: str) -> Document:
@@ -62,18 +72,15 @@ def load(path: str) -> Document:
         ConfigError: If an ensemble's file is wrong, with all its problems.
         FormatError: If a model or policy is wrong.
     """
-    suffix = suffixes(path)
-    if suffix == ".toml":
+    if suffixes(path) == ".toml":
         return Document(load_system(path))
-    if suffix in _MODELS:
-        return Document(load_model(path))
-    text = Source(path).text.lstrip()
-    if suffix in _POLICIES or text.startswith("["):
-        return Document(load_policy(path))
+    told = is_policy(path)
+    if told is not None:
+        return Document(load_policy(path) if told else load_model(path))
     try:
         return Document(load_model(path))
     except FormatError as error:
-        if suffix or ":" in text:
+        if suffixes(path) or ":" in Source(path).text:
             raise
         try:
             return Document(load_policy(path))
@@ -81,9 +88,43 @@ def load(path: str) -> Document:
             raise error from None
 
 
+def is_policy(path: str) -> bool | None:
+    """Return whether a file holds a policy (True) or a model (False), as its name and its beginning tell; else None.
+
+    Raises:
+        FormatError: If there is no such file, or it is empty or damaged.
+    """
+    suffix = suffixes(path)
+    if is_archive(Path(path)):
+        return not holds_model(path)
+    if suffix in MODEL_SUFFIXES:
+        return False
+    text = Source(path).text.lstrip()
+    if suffix in _POLICIES or text.startswith("[") or (text[0] == "<" and "<Policy" in text[:4096]):
+        return True
+    return False if text[0] == "<" else None
+
+
+def describe_policy(policy: Any) -> dict[str, Any]:
+    """Return a policy's form and sizes."""
+    facts = {"kind": "policy", "form": _KINDS.get(type(policy), type(policy).__name__), "input": policy.input}
+    facts |= {"states": policy.num_states, "actions": policy.num_actions}
+    if isinstance(policy, AlphaVectors | MaskedAlphaVectors):
+        facts["vectors"] = len(policy.vectors)
+    elif isinstance(policy, MixedAlphaVectors):
+        facts["vectors"] = sum(len(vectors.vectors) for vectors in policy.sets if vectors is not None)
+    elif isinstance(policy, FiniteStateController):
+        facts |= {"observations": policy.num_observations, "nodes": policy.num_nodes}
+    elif isinstance(policy, JointController):
+        facts |= {"agents": policy.num_agents, "nodes": [controller.num_nodes for controller in policy.controllers]}
+    return facts
+
+
 def describe_model(model: MDP) -> dict[str, Any]:
     """Return a model's sizes and names."""
     observations = model.observation_space if isinstance(model, POMDP) else None
+    factored = isinstance(model, FactoredMDP | FactoredPOMDP)
+    seen = model.network.fully_observed if isinstance(model, FactoredPOMDP) else ()
     return {
         "kind": model.kind,
         "agents": model.num_agents,
@@ -93,9 +134,12 @@ def describe_model(model: MDP) -> dict[str, Any]:
         "actions_per_agent": [len(factor) for factor in model.action_space.factors],
         "observations_per_agent": [] if observations is None else [len(factor) for factor in observations.factors],
         "state_factors": [{"name": factor.name, "size": len(factor)} for factor in model.state_space.factors],
-        "event_observations": False,
+        "fully_observed": [f.name for f, s in zip(model.state_space.factors, seen, strict=False) if s],
+        "event_observations": isinstance(model, POMDP) and model.event_observations,
         "discount": model.discount,
-        "sparse": model.is_sparse,
+        "factored": factored,
+        # Of a factored model this would be known only after it is flattened.
+        "sparse": None if factored else model.is_sparse,
         "action_names": [list(factor.names) for factor in model.action_space.factors],
         "observation_names": [] if observations is None else [list(factor.names) for factor in observations.factors],
     }

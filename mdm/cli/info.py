@@ -16,7 +16,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         "info",
         help="tell what a file holds",
         description="Tell the sizes and names of a model or policy, or the tree of a TOML file's ensembles.",
-        epilog="example: mdm info examples/patrol/rooms.pomdp --json",
+        epilog="example: mdm info examples/patrol/rooms.pomdpx --json",
     )
     parser.add_argument("file", metavar="FILE", help="a model, a policy or a TOML file")
     parser.add_argument("--json", action="store_true", help="one JSON object")

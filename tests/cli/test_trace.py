@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mdm import load_model
+
+DATA = Path(__file__).resolve().parents[1] / "data"
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TIGER = ["--model", str(EXAMPLES / "tiger.pomdp"), "--policy", str(EXAMPLES / "tiger.vf")]
 
@@ -180,3 +184,58 @@ def test_trace_gives_the_original_s_decisions(mdm, corpus, problem):
         assert line["cause"] == ("observation" if epoch else "episode")
         assert line["reward"] == pytest.approx(reward, abs=1e-6)
         np.testing.assert_allclose(line["belief"], belief, atol=1e-6)
+
+
+def test_trace_gives_the_original_s_decisions_on_events(mdm, corpus):
+    """A recorded run of the original's event-driven controller, which keeps its belief at what is impossible."""
+    trace = json.loads((corpus / "traces" / "MAISS_event_fn-1.json").read_text())
+    status, lines, _ = traced(
+        mdm,
+        "--model",
+        corpus / "models" / "madp" / "MAISS_Patrol_Single.pgmx",
+        "--policy",
+        corpus / "values" / "MAISS_Patrol_Single.pgmx_0.9.vf",
+        "--discount",
+        "0.9",
+        "--on-impossible",
+        "keep",
+        stdin="".join(json.dumps({"observation": step["o"]}) + "\n" for step in trace["steps"]),
+    )
+    assert status == 0
+    assert [lines[0]["action"], lines[0]["epoch"]] == trace["startup"]["actions"][0]
+    assert lines[0]["reward"] == pytest.approx(trace["startup"]["rewards_latched"][0], abs=1e-6)
+    for line, step in zip(lines[1:], trace["steps"], strict=True):
+        assert [line["action"], line["epoch"]] == step["actions"][0]
+        assert line["reward"] == pytest.approx(step["expected_rewards_f32"][0], abs=1e-6)
+        np.testing.assert_allclose(line["belief"], step["beliefs"][0], atol=1e-6)
+
+
+def test_trace_takes_false_negatives_into_account(mdm):
+    """Any number of unnoticed events may come before the one that is heard."""
+    guard = DATA / "models" / "guard.pgmx"
+    status, lines, errors = traced(
+        mdm,
+        "--model",
+        guard,
+        "--policy",
+        DATA / "policies" / "guard.vf",
+        "--false-negative",
+        "nothing",
+        stdin='{"observation": "bang"}\n',
+    )
+    assert (status, errors) == (0, "")
+    model = load_model(guard)
+    belief = model.initial_belief
+    for before, line in itertools.pairwise(lines):
+        unnoticed, heard = (model.joint_matrix(before["action"], o) for o in ("nothing", "bang"))
+        after = np.zeros(2)
+        for _ in range(1000):  # none, one, two, ... events that nobody noticed
+            after += belief @ heard
+            belief = belief @ unnoticed
+        belief = after / after.sum()
+        np.testing.assert_allclose(line["belief"], belief, atol=1e-12)
+    status, _, errors = traced(
+        mdm, "--model", guard, "--policy", DATA / "policies" / "guard.vf", "--false-negative", "boom", stdin=""
+    )
+    assert status == 1
+    assert "'boom'" in errors

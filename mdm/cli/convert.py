@@ -1,0 +1,123 @@
+"""``mdm convert``: a model or a policy from one format into another, and what is lost on the way."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import argparse
+
+    from mdm.models import MDP
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "convert",
+        help="write a model or policy in another format",
+        description=(
+            "Read a model or a policy and write it in the format that the name of the second file asks for: .pomdp, "
+            ".mdp, .dpomdp, .pgmx, .pomdpx (each with .gz, too) or .npz for models; .alpha, .vf, .pg, .policy, .npz "
+            "and others for policies. What was written is read again and compared."
+        ),
+        epilog="example: mdm convert tiger.pomdp tiger.pomdpx",
+    )
+    parser.add_argument("source", metavar="IN", help="a model or a policy")
+    parser.add_argument("target", metavar="OUT", help="the file to write; one that is there is replaced")
+    parser.add_argument("--discount", metavar="G", type=float, help="a discount in place of the model's")
+    parser.add_argument("--normalize", action="store_true", help="make distributions sum to 1 however far they are off")
+    parser.add_argument("--model", metavar="M", help="the model that a policy is for, whose names .npz keeps")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Convert the file; return the exit status."""
+    from mdm.cli.document import Document, is_policy, load  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.usage import UsageError  # noqa: PLC0415
+    from mdm.config import System  # noqa: PLC0415
+    from mdm.formats import load_model, load_policy, save_model, save_policy  # noqa: PLC0415
+    from mdm.models import MDP  # noqa: PLC0415
+
+    told = is_policy(arguments.source)
+    content = load(arguments.source).content if told is None else None
+    if isinstance(content, System):
+        raise UsageError("a TOML file holds ensembles, which have no other format")
+    if told or (content is not None and not isinstance(content, MDP)):
+        if arguments.discount is not None or arguments.normalize:
+            raise UsageError("--discount and --normalize are for models; this file holds a policy")
+        model = None if arguments.model is None else load_model(arguments.model)
+        policy = load_policy(arguments.source, model)
+        save_policy(policy, arguments.target, model)
+        load_policy(arguments.target, model)
+        print(f"{arguments.target}: {Document(policy).kind}")
+        return 0
+    if arguments.model is not None:
+        raise UsageError("--model is for policies; this file holds a model itself")
+    source = load_model(arguments.source, normalize=arguments.normalize)
+    if arguments.discount is not None:
+        source = source.with_discount(arguments.discount)
+    save_model(source, arguments.target)
+    print(f"{arguments.target}: {Document(source).kind}")
+    for line in _changes(source, load_model(arguments.target)):
+        print(f"mdm: warning: {line}", file=sys.stderr)
+    return 0
+
+
+def _changes(model: MDP, written: MDP) -> list[str]:
+    """Return what is no longer as it was."""
+    from mdm.models import POMDP, FactoredMDP, FactoredPOMDP  # noqa: PLC0415
+
+    found = []
+    pairs = [
+        ("agents", model.num_agents, written.num_agents),
+        ("state factors", len(model.state_space.factors), len(written.state_space.factors)),
+    ]
+    if isinstance(model, POMDP) and isinstance(written, POMDP):
+        before, after = model.observation_space.factors, written.observation_space.factors
+        pairs.append(("parts of observations", len(before), len(after)))
+    found += [f"{before} {what} became {after}" for what, before, after in pairs if before != after]
+    factored = FactoredMDP | FactoredPOMDP
+    if isinstance(model, factored) and not isinstance(written, factored):
+        found.append("the network of the factored model became matrices")
+    if model.outcome_rewards is not None and written.outcome_rewards is None:
+        found.append("rewards of single outcomes became their expectation R(s, a)")
+    difference = _difference(model, written)
+    if difference > 0:
+        found.append(f"numbers differ by at most {difference:.3g}")
+    return found
+
+
+def _difference(model: MDP, written: MDP) -> float:
+    """Return by how much the numbers of two models differ; for rewards, relative to the largest."""
+    import numpy as np  # noqa: PLC0415
+
+    from mdm.models import POMDP  # noqa: PLC0415
+
+    scale = max(1.0, float(np.abs(model.rewards).max()))
+    worst = [
+        float(np.abs(model.rewards - written.rewards).max()) / scale,
+        float(np.abs(model.initial_belief - written.initial_belief).max()),
+    ]
+    for action in range(len(model.action_space)):
+        worst.append(_distance(model.transition_matrix(action), written.transition_matrix(action)))
+        if not isinstance(model, POMDP) or not isinstance(written, POMDP):
+            continue
+        if model.event_observations:
+            each = range(len(model.observation_space))
+            worst += [_distance(model.joint_matrix(action, o), written.joint_matrix(action, o)) for o in each]
+        else:
+            worst.append(_distance(model.observation_matrix(action), written.observation_matrix(action)))
+    return max(worst)
+
+
+def _distance(left: Any, right: Any) -> float:
+    import numpy as np  # noqa: PLC0415
+
+    from mdm.models.compressed import is_compressed  # noqa: PLC0415
+
+    if is_compressed(left) != is_compressed(right):
+        left, right = (each.toarray() if is_compressed(each) else each for each in (left, right))
+    return float(np.abs(left - right).max())

@@ -1,0 +1,163 @@
+"""``mdm show``: a row of T, O or R by names, the start, or the network of a factored model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterable, Sequence
+
+    from mdm.models import MDP, Space
+    from mdm.models.matrices import Vector
+
+__all__ = ["add_parser", "run"]
+
+_PARTS = ("T", "O", "R", "start", "network")
+
+
+def add_parser(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "show",
+        help="show a row of a model by names, or its network",
+        description=(
+            "Show what a model says, by names or indices (a joint symbol as one argument, its parts with blanks "
+            "between): T ACTION STATE, where an action leads; O ACTION NEXT-STATE, what is observed then (with --from "
+            "the state before, for events); R ACTION [STATE [NEXT-STATE [OBSERVATION]]], rewards; start, the initial "
+            "belief; network, what depends on what in a factored model. Zeros are left out."
+        ),
+        epilog="example: mdm show tiger.pomdp O listen tiger-left",
+    )
+    parser.add_argument("file", metavar="MODEL", help="a model")
+    parser.add_argument("part", choices=_PARTS, nargs="?", metavar="PART", help=f"one of {', '.join(_PARTS)}")
+    parser.add_argument("symbols", metavar="SYMBOL", nargs="*", help="names or indices")
+    parser.add_argument("--from", metavar="STATE", dest="before", help="the state before, for observations of events")
+    parser.add_argument("--picture", metavar="PNG", help="draw the network into a file (needs mdm[plot])")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Show the part; return the exit status."""
+    from mdm.cli.document import is_policy  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.report import as_json  # noqa: PLC0415
+    from mdm.cli.usage import UsageError  # noqa: PLC0415
+    from mdm.errors import Error  # noqa: PLC0415
+    from mdm.formats import load_model  # noqa: PLC0415
+
+    part = arguments.part or "network"
+    _check_usage(arguments, part)
+    if is_policy(arguments.file):
+        raise Error(f"{arguments.file} holds a policy; mdm info tells of it")
+    model = load_model(arguments.file)
+    if part == "O" and getattr(model, "event_observations", False) and arguments.before is None:
+        raise UsageError("the observations of this model are events: name the state before, with --from")
+    if part == "network":
+        return _network(model, arguments)
+    title, names, values = _row(model, part, arguments.symbols, arguments.before)
+    rows = [(name, value) for name, value in zip(names, values, strict=True) if value != 0]
+    if arguments.json:
+        print(as_json({"row": title, "entries": [{"symbol": name, "value": value} for name, value in rows]}))
+        return 0
+    print(title)
+    if not rows:
+        print("  nothing but zeros")
+    width = max((len(f"{value:g}") for _, value in rows), default=0)
+    for name, value in rows:
+        print(f"  {value:{width}g}  {name}".rstrip())
+    return 0
+
+
+def _check_usage(arguments: argparse.Namespace, part: str) -> None:
+    from mdm.cli.usage import UsageError  # noqa: PLC0415
+
+    least, most = {"T": (2, 2), "O": (2, 2), "R": (1, 4)}.get(part, (0, 0))
+    if not least <= len(arguments.symbols) <= most:
+        expected = str(least) if least == most else f"{least} to {most}"
+        raise UsageError(f"{part} needs {expected} symbols, not {len(arguments.symbols)}")
+    if arguments.picture is not None and part != "network":
+        raise UsageError("--picture draws the network")
+    if arguments.before is not None and part != "O":
+        raise UsageError("--from is for O, where observations are events")
+
+
+def _row(model: MDP, part: str, symbols: Sequence[str], before: str | None) -> tuple[str, Iterable[str], list[float]]:
+    """Return a row's title, the names of its entries, and the entries."""
+    from mdm.errors import Error  # noqa: PLC0415
+    from mdm.models import POMDP  # noqa: PLC0415
+
+    states, actions = model.state_space, model.action_space
+    if part == "start":
+        return "the first state", states.names, _list(model.initial_belief)
+    action = _name(actions, symbols[0])
+    if part == "T":
+        title = f"T: from {_name(states, symbols[1])!r} by {action!r} to"
+        return title, states.names, _list(model.transition(*symbols))
+    if part == "R":
+        return _rewards(model, action, symbols)
+    if not isinstance(model, POMDP):
+        raise Error("the model is an MDP: nothing is observed but the state itself")
+    came = "" if before is None else f" from {_name(states, before)!r}"
+    title = f"O: after {action!r}{came} has led to {_name(states, symbols[1])!r}"
+    return title, model.observation_space.names, _list(model.observation(*symbols, state=before))
+
+
+def _rewards(model: MDP, action: str, symbols: Sequence[str]) -> tuple[str, Iterable[str], list[float]]:
+    states = model.state_space
+    if len(symbols) == 1:
+        column = model.rewards[:, model.action_space.index(symbols[0])]
+        return f"R: for {action!r} in", states.names, _list(column)
+    title = f"R: for {action!r} in {_name(states, symbols[1])!r}"
+    if len(symbols) > 2:
+        title += f", to {_name(states, symbols[2])!r}"
+    if len(symbols) > 3:
+        title += f", observing {symbols[3]!r}"
+    return title, [""], [float(model.reward(*symbols))]
+
+
+def _name(space: Space, symbol: str) -> str:
+    return space.names[space.index(symbol)]
+
+
+def _list(values: Vector) -> list[float]:
+    listed: list[float] = values.tolist()
+    return listed
+
+
+def _network(model: MDP, arguments: argparse.Namespace) -> int:
+    from mdm.cli.report import as_json  # noqa: PLC0415
+    from mdm.models import FactoredMDP, FactoredPOMDP  # noqa: PLC0415
+    from mdm.models.factoring import as_network  # noqa: PLC0415
+
+    network = as_network(model)
+    if arguments.picture is not None:
+        from mdm.cli.picture import draw  # noqa: PLC0415
+
+        draw(network, arguments.picture)
+    lines = _dependencies(network)
+    if arguments.json:
+        print(as_json([{"variable": name, "values": size, "depends_on": on} for name, size, on in lines]))
+        return 0
+    if not isinstance(model, FactoredMDP | FactoredPOMDP):
+        print("(the model is not factored: each of its parts depends on all that it may)")
+    for name, size, on in lines:
+        values = f" ({size} values)" if size else ""
+        print(f"{name}{values}" + (f" <- {', '.join(on)}" if on else ""))
+    if arguments.picture is not None:
+        print(f"{arguments.picture}: drawn")
+    return 0
+
+
+def _dependencies(network: Any) -> list[tuple[str, int, list[str]]]:
+    """Return each variable's name, its number of values (0 for a reward), and what it depends on."""
+    from mdm.models import Node  # noqa: PLC0415
+
+    lines: list[tuple[str, int, list[str]]] = [(f.name, len(f), []) for f in network.actions.factors]
+    for role in ("state", "next_state", "observation"):
+        for place, factor in enumerate(network.factors(role)):
+            node = Node(role, place)
+            lines.append((network.name(node), len(factor), [network.name(other) for other in network.parents(node)]))
+    for index, utility in enumerate(network.utilities):
+        lines.append((f"reward {index + 1}", 0, [network.name(node) for node in utility.scope]))
+    return lines

@@ -1,0 +1,129 @@
+"""The hierarchy that the original was built for: a team's top level whose Patrol is an event-driven POMDP itself."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from mdm import AlphaVectors, BeliefTracker, Ensemble, Runtime, VirtualClock, World, load_model, load_policy, run
+from mdm.errors import ModelWarning
+from mdm.messages import ActionLife
+from mdm.testing import capture_decisions, probe
+
+CORPUS = Path(__file__).resolve().parents[3] / "shared" / "corpus"
+ROBOT = ("Patrol", "Assist Person", "Uncommon Incident Response", "Emergency Response")
+
+
+def load(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = load_model(CORPUS / "models" / "madp" / f"{name}.pgmx").with_discount(0.9)
+        return model, model.flatten()
+
+
+def q_mdp(model):
+    """Return the values of acting as if the state were seen from the next step on: a vector for each action."""
+    actions = range(len(model.action_space))
+    values = np.zeros(len(model.state_space))
+    for _ in range(200):
+        q = np.stack([model.rewards[:, a] + 0.9 * (model.transition_matrix(a) @ values) for a in actions])
+        values = q.max(axis=0)
+    return AlphaVectors(q, list(actions), len(model.action_space))
+
+
+@pytest.fixture(scope="module")
+def models():
+    if not CORPUS.is_dir():
+        pytest.skip("the corpus of real models is not beside this checkout (../shared/corpus)")
+    (top, flat), (patrol, _) = load("MAISS_TopLevel"), load("MAISS_Patrol_Single")
+    return top, q_mdp(flat), patrol, load_policy(CORPUS / "values" / "MAISS_Patrol_Single.pgmx_0.9.vf", patrol)
+
+
+def episode(models, seed, *, seconds=300.0, false_negative=None):
+    """Run the hierarchy in worlds of its models; return decisions, the lives of top actions, and calls."""
+    top_model, top_policy, patrol_model, patrol_policy = models
+    calls = []
+    patrol = Ensemble(
+        "patrol",
+        policy=patrol_policy,
+        model=patrol_model,
+        actions={name: lambda name=name: calls.append(name) for name in patrol_model.action_space.names},
+        false_negative=false_negative,
+    )
+    top = Ensemble(
+        "top",
+        policy=top_policy,
+        model=top_model,
+        actions={name: patrol if name == "Patrol" else lambda name=name: calls.append(name) for name in ROBOT},
+        agent="Robot 1 Action",
+        false_negative="False Negative",
+    )
+
+    async def main():
+        async with Runtime(clock=VirtualClock(), log=None) as runtime:
+            lives = probe(runtime.channel("top/lives", ActionLife))
+            with capture_decisions(runtime) as decisions:
+                await runtime.start(World(top, seed=seed, period=5.0, name="site"))
+                await runtime.start(World(patrol, seed=seed + 1, period=1.0, name="rooms"))
+                await runtime.start(top)
+                await runtime.clock.sleep(seconds)
+            return list(decisions), list(lives)
+
+    return *run(main, virtual=True), calls
+
+
+def test_patrol_decides_while_the_team_says_so(models):
+    decisions, lives, calls = episode(models, 1)
+    top = [decision for decision in decisions if decision.ensemble == "top"]
+    patrol = [decision for decision in decisions if decision.ensemble != "top"]
+    names = models[0].action_space.factors[0].names
+    assert len(top) > 20
+    assert len(patrol) > 20
+    assert {names[models[0].action_space.unravel(d.action)[0]] for d in top} >= {"Patrol", "Assist Person"}
+    running = [(life.time, life.status) for life in lives if life.action == "Patrol"]
+    assert {"running", "preempted"} <= {status for _, status in running}
+    for decision in patrol:
+        before = [status for time, status in running if time <= decision.time]
+        assert before
+        assert before[-1] == "running" or decision.time == max(time for time, _ in running if time <= decision.time)
+    assert any(call in ROBOT for call in calls)
+    assert any(call.startswith("Move") for call in calls)
+    again = episode(models, 1)[0]
+    assert [(d.time, d.ensemble, d.action, d.observation) for d in decisions] == [
+        (d.time, d.ensemble, d.action, d.observation) for d in again
+    ]
+
+
+def test_beliefs_are_what_the_observations_lead_to(models):
+    """Each belief of the top level, told again by a tracker with matrices of its own kind."""
+    decisions, _, _ = episode(models, 7, seconds=120.0)
+    top_model, _, _, _ = models
+    identity = sparse.eye_array(len(top_model.state_space), format="csc")
+    belief, action = top_model.initial_belief, None
+    for decision in (decision for decision in decisions if decision.ensemble == "top"):
+        if decision.observation is not None and action is not None:
+            unnoticed = spsolve(identity - top_model.joint_matrix(action, 0).T.tocsc(), belief)
+            belief = unnoticed @ top_model.joint_matrix(action, decision.observation)
+            belief /= belief.sum()
+        np.testing.assert_allclose(decision.belief, belief, atol=1e-9)
+        action = decision.action
+
+
+def test_patrol_takes_false_negatives_into_account(models):
+    """Some of the geese that are there are not seen; what is seen later tells of them."""
+    _, _, model, _ = models
+    aware, unaware = BeliefTracker(model, false_negative="False Negative"), BeliefTracker(model)
+    spaces = model.action_space, model.observation_space
+    action, seen = spaces[0].index("Move Right"), spaces[1].index("Corridor-South Clear")
+    for tracker in (aware, unaware):
+        tracker.update(action, seen)
+    assert abs(aware.belief - unaware.belief).max() > 1e-3
+    decisions, _, _ = episode(models, 3, seconds=120.0, false_negative=0)
+    assert all(decision.observation != 0 for decision in decisions)
+    for decision in decisions:
+        assert decision.belief.sum() == pytest.approx(1, abs=1e-9)

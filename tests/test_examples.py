@@ -70,10 +70,10 @@ def test_the_patrol_s_policies_can_be_made_again(tmp_path):
 
     folder = tmp_path / "patrol"
     shutil.copytree(EXAMPLES / "patrol", folder)
-    for name in ("rooms.pomdp", "rooms.vf", "top.policy"):
+    for name in ("rooms.pomdpx", "rooms.vf", "top.policy"):
         (folder / name).unlink()
     subprocess.run([sys.executable, str(folder / "make_models.py")], check=True, capture_output=True, timeout=100)
-    for name in ("rooms.pomdp", "top.policy"):
+    for name in ("rooms.pomdpx", "top.policy"):
         assert (folder / name).read_text() == (EXAMPLES / "patrol" / name).read_text()
     assert (folder / "rooms.vf").read_text().count("-1\n") == (EXAMPLES / "patrol" / "rooms.vf").read_text().count(
         "-1\n"

@@ -1,4 +1,4 @@
-"""Write the model of the patrol's rooms, and the policies of both models.
+"""Write the demo's models as two-slice networks, and policies for them.
 
 The files are part of the example; run this again after changing a number: ``python make_models.py``.
 """
@@ -12,60 +12,88 @@ import numpy as np
 import mdm
 
 HERE = Path(__file__).parent
+DISCOUNT_TOP, DISCOUNT_ROOMS = 0.9, 0.95
+
+TASKS = ("Patrol", "Assistance", "Trespassing", "Emergency")
+TROUBLES = {
+    # what: chance to arise, what ends it (four times out of five), what it costs
+    "person": (0.08, "Assistance", 2.0),
+    "intruder": (0.04, "Trespassing", 5.0),
+    "fire": (0.03, "Emergency", 20.0),
+}
+ENDS = 0.8
+PATROLLING = 1.0
+
 ROOMS = ("Lobby", "Office", "Lab")
 FIRES = ("nowhere", *ROOMS)
+MOVES = (*(f"Go{room}" for room in ROOMS), "Report")
 ARRIVES = 0.95  # of all drives, the rest end where they began
 BREAKS_OUT = 0.02  # a fire, in one of the rooms, at each step
 SEES_SMOKE = 0.85  # where there is a fire
 FALSE_ALARM = 0.1  # where there is none
 
 
-def write_rooms() -> None:
-    """Write ``rooms.pomdp``: where the robot is, which room burns, what it sees."""
-    names = [f"{room}.{fire}" for room in ROOMS for fire in FIRES]
-    actions = [*(f"Go{room}" for room in ROOMS), "Report"]
-    lines = [
-        "# A robot drives from room to room and looks for fires; written by make_models.py.",
-        "# A state is 'where the robot is'.'which room is on fire'.",
-        "discount: 0.95",
-        "values: reward",
-        f"states: {' '.join(names)}",
-        f"actions: {' '.join(actions)}",
-        "observations: Clear Smoke Reported",
-        "start include: Lobby.nowhere Office.nowhere Lab.nowhere",
-        "",
-    ]
-    for room in ROOMS:
-        for fire in FIRES:
-            for action in actions:
-                for target, drive in _drive(room, action).items():
-                    for after, chance in _burn(fire, action).items():
-                        lines.append(f"T: {action} : {room}.{fire} : {target}.{after} {drive * chance:.12g}")
-    for room in ROOMS:
-        for fire in FIRES:
-            smoke = SEES_SMOKE if room == fire else FALSE_ALARM
-            lines.append(f"O: * : {room}.{fire}\n{1 - smoke:.12g} {smoke:.12g} 0")
-    lines.append("O: Report : *\n0 0 1")
-    for fire in FIRES:
-        for room in ROOMS:
-            burning = 0 if fire == "nowhere" else -4
-            lines += [f"R: {action} : {room}.{fire} : * : * {burning - 1}" for action in actions[:-1]]
-            report = -40 if fire == "nowhere" else 20 if fire == room else -20
-            lines.append(f"R: Report : {room}.{fire} : * : * {report}")
-    (HERE / "rooms.pomdp").write_text("\n".join(lines) + "\n", encoding="utf-8")
+def top() -> mdm.FactoredMDP:
+    """Return what the robot attends to: three troubles that come by themselves and go when attended to."""
+    tasks = mdm.Node("action", 0)
+    initial, transitions, utilities = [], [], [mdm.Table([tasks], [PATROLLING, 0, 0, 0])]
+    for place, (chance, task, cost) in enumerate(TROUBLES.values()):
+        now, later = mdm.Node("state", place), mdm.Node("next_state", place)
+        initial.append(mdm.Table([now], [0.5, 0.5]))
+        arises = mdm.Table([now, later], [[1 - chance, chance], [0, 1]])
+        attended = mdm.Table([now, later], [[1 - chance, chance], [ENDS, 1 - ENDS]])
+        transitions.append(mdm.Tree(tasks, [int(name == task) for name in TASKS], [arises, attended]))
+        utilities.append(mdm.Table([now], [0, -cost]))
+    states = mdm.Space(mdm.Factor(name, ["no", "yes"]) for name in TROUBLES)
+    network = mdm.TwoSliceNetwork(
+        states,
+        mdm.Space.single("robot", TASKS),
+        initial=initial,
+        transitions=transitions,
+        utilities=utilities,
+    )
+    return mdm.FactoredMDP(network, discount=DISCOUNT_TOP)
 
 
-def _drive(room: str, action: str) -> dict[str, float]:
-    target = action.removeprefix("Go")
-    return {room: 1.0} if action == "Report" or target == room else {target: ARRIVES, room: 1 - ARRIVES}
+def rooms() -> mdm.FactoredPOMDP:
+    """Return where the robot is, which room burns, and what the robot's camera sees."""
+    robot, fire, move = mdm.Node("state", 0), mdm.Node("state", 1), mdm.Node("action", 0)
+    robot_later, fire_later = mdm.Node("next_state", 0), mdm.Node("next_state", 1)
+    stays = mdm.Table([robot, robot_later], np.eye(len(ROOMS)))
+    drives = [mdm.Table([robot, robot_later], _drive(target)) for target in range(len(ROOMS))]
+    burns = np.eye(len(FIRES))
+    burns[0] = [1 - BREAKS_OUT, *[BREAKS_OUT / len(ROOMS)] * len(ROOMS)]
+    put_out = mdm.Table([fire_later], np.eye(len(FIRES))[0])  # by whoever gets the report
+    spreads = mdm.Table([fire, fire_later], burns)
+    here = np.equal.outer(ROOMS, FIRES)  # rooms x fires: whether it burns where the robot is
+    smoke = np.where(here, SEES_SMOKE, FALSE_ALARM)
+    camera = mdm.Node("observation", 0)
+    sees = mdm.Table([robot_later, fire_later, camera], np.stack([1 - smoke, smoke, 0 * smoke], axis=-1))
+    reported = mdm.Table([camera], [0, 0, 1])
+    report = np.where(here, 20.0, -20.0)
+    report[:, 0] = -40  # a false report
+    network = mdm.TwoSliceNetwork(
+        mdm.Space([mdm.Factor("robot", ROOMS), mdm.Factor("fire", FIRES)]),
+        mdm.Space.single("move", MOVES),
+        mdm.Space.single("camera", ["Clear", "Smoke", "Reported"]),
+        initial=[mdm.Table([robot], np.full(len(ROOMS), 1 / len(ROOMS))), mdm.Table([fire], np.eye(len(FIRES))[0])],
+        transitions=[
+            mdm.Tree(move, [0, 1, 2, 3], [*drives, stays]),
+            mdm.Tree(move, [0, 0, 0, 1], [spreads, put_out]),
+        ],
+        observation=[mdm.Tree(move, [0, 0, 0, 1], [sees, reported])],
+        utilities=[
+            mdm.Tree(move, [0, 0, 0, 1], [mdm.Table([fire], [-1, -5, -5, -5]), mdm.Table([robot, fire], report)])
+        ],
+    )
+    return mdm.FactoredPOMDP(network, discount=DISCOUNT_ROOMS)
 
 
-def _burn(fire: str, action: str) -> dict[str, float]:
-    if action == "Report":
-        return {"nowhere": 1.0}  # whoever gets the report puts the fire out
-    if fire != "nowhere":
-        return {fire: 1.0}
-    return {"nowhere": 1 - BREAKS_OUT, **dict.fromkeys(ROOMS, BREAKS_OUT / len(ROOMS))}
+def _drive(target: int) -> np.ndarray:
+    """Return where a drive to a room ends, from each room."""
+    matrix = (1 - ARRIVES) * np.eye(len(ROOMS))
+    matrix[:, target] += ARRIVES
+    return matrix
 
 
 def solve_mdp(model: mdm.MDP, sweeps: int = 500) -> list[int]:
@@ -119,13 +147,10 @@ def _reachable(model: mdm.POMDP, count: int) -> list[np.ndarray]:
 
 
 if __name__ == "__main__":
-    write_rooms()
-    best = solve_mdp(mdm.load_model(HERE / "top.mdp"))
-    (HERE / "top.policy").write_text(f"[{len(best)}]({','.join(map(str, best))})\n", encoding="utf-8")
-    alpha, chosen = solve_pomdp(mdm.load_model(HERE / "rooms.pomdp"))  # type: ignore[arg-type]
-    blocks = [
-        f"{action} -1\n{' '.join(f'{value:.12g}' for value in vector)}\n"
-        for vector, action in zip(alpha, chosen, strict=True)
-    ]
-    (HERE / "rooms.vf").write_text("\n".join(blocks), encoding="utf-8")
-    print(f"top.policy: {best}; rooms.vf: {len(alpha)} vectors for actions {sorted(set(chosen))}")
+    mdm.save_model(top(), HERE / "top.pomdpx")
+    mdm.save_model(rooms(), HERE / "rooms.pomdpx")
+    best = mdm.DeterministicPolicy(solve_mdp(top()), len(TASKS))
+    mdm.save_policy(best, HERE / "top.policy")
+    alpha, chosen = solve_pomdp(rooms())
+    mdm.save_policy(mdm.AlphaVectors(alpha.round(9), chosen, len(MOVES)), HERE / "rooms.vf")
+    print(f"top.policy: {best.actions}; rooms.vf: {len(alpha)} vectors for actions {sorted(set(chosen))}")

@@ -65,7 +65,9 @@ class Display(mdm.Actor):
             assert decision.state is not None
             model = self.system.ensembles[name].control.model
             assert model is not None
-            self.show(name, f"the state is '{model.state_space.names[decision.state]}': {decision.action_name}")
+            values = zip(model.state_space.factors, model.state_space.unravel(decision.state), strict=True)
+            troubles = [factor.name for factor, value in values if value]
+            self.show(name, f"the state is '{'+'.join(troubles) or 'calm'}': {decision.action_name}")
         else:
             chances = decision.belief.reshape(3, 4).sum(axis=0)
             fires = zip(("nowhere", "lobby", "office", "lab"), chances, strict=True)

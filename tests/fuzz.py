@@ -28,11 +28,8 @@ POLICIES = {".vf", ".alpha", ".pg", ".policy", ".policyx", ".txt"}
 LARGEST = 30_000
 SECONDS = 20
 MEMORY = 4 << 30
-PIECES = [
-    "\n",
-    " ",
-    *["-", "*", "1e999", "nan", "-1", "0", "7", ":", "#", "<", ">", "é", "&x;", "T:", "R:", "uniform", "identity"],
-]
+NUMBERS = ["1e999", "nan", "-1", "0", "7"]
+PIECES = [*NUMBERS, "-", "*", ":", "#", "\n", " ", "<", ">", "é", "&x;", "T:", "R:", "uniform", "identity"]
 
 
 def seeds() -> list[Path]:

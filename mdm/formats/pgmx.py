@@ -18,7 +18,7 @@ from mdm.formats.pgmx_writer import write
 from mdm.formats.source import Source, number
 from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Space
 from mdm.models.potential import Node, Potential, Table
-from mdm.models.two_slice import TwoSliceNetwork
+from mdm.models.two_slice import PotentialError, TwoSliceNetwork
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,6 +45,8 @@ def read(path: str | Path, *, sparse: bool | None = None) -> FactoredMDP | Facto
         if network.observations is None:
             return FactoredMDP(network, discount=document.discount, sparse=sparse)
         return FactoredPOMDP(network, discount=document.discount, sparse=sparse)
+    except PotentialError as error:
+        document.element(error.node).fail(str(error))
     except ModelError as error:
         source.fail(str(error))
 
@@ -58,6 +60,7 @@ class _Document:
         self._links: list[tuple[tuple[str, int], tuple[str, int]]] = []
         self._agents: list[str] = []
         self._elements: dict[tuple[str, int], Element] = {}
+        self._keys: dict[Node, tuple[str, int]] = {}
         root = None
         in_policies = False
         for element in stream(source, _WHOLE):
@@ -164,6 +167,7 @@ class _Document:
                 after.element.fail(
                     f"{variable.name!r} has {len(after.names)} states at slice 1, but {len(variable.names)} at slice 0"
                 )
+        self._keys = {node: key for key, node in nodes.items()}
         potentials = Potentials(self._variable, nodes)
         return TwoSliceNetwork(
             Space(Factor(variable.name, variable.names) for variable in factors),
@@ -180,6 +184,10 @@ class _Document:
             ],
             event_observations=self._event_driven and bool(seen),
         )
+
+    def element(self, node: Node) -> Element:
+        """Return what says how a variable is distributed."""
+        return self._elements[self._keys[node]]
 
     def _ordered(self, decisions: list[Variable]) -> list[Variable]:
         for decision in decisions:

@@ -17,7 +17,7 @@ from mdm.formats.pomdpx_writer import write
 from mdm.formats.source import Source, number
 from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Space
 from mdm.models.potential import Node, Potential, Role, Table
-from mdm.models.two_slice import TwoSliceNetwork
+from mdm.models.two_slice import PotentialError, TwoSliceNetwork
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,6 +49,8 @@ def read(path: str | Path, *, sparse: bool | None = None) -> FactoredMDP | Facto
         if network.observations is None:
             return FactoredMDP(network, discount=document.discount, sparse=sparse)
         return FactoredPOMDP(network, discount=document.discount, sparse=sparse)
+    except PotentialError as error:
+        document.elements[error.node].fail(str(error))
     except ModelError as error:
         document.source.fail(str(error))
 
@@ -62,6 +64,7 @@ class _Document:
         self._variables: dict[str, Variable] = {}
         self._rewards: set[str] = set()
         self._potentials: dict[Node, Potential] = {}
+        self.elements: dict[Node, Element] = {}
         self._utilities: list[Potential] = []
         root = None
         section = ""
@@ -149,6 +152,7 @@ class _Document:
         if child.node in self._potentials:
             stated.fail(f"{stated.text.strip()!r} has a distribution already")
         self._potentials[child.node] = function(element, self._variables, child)
+        self.elements[child.node] = element
 
     def _read_reward(self, element: Element) -> None:
         stated = element.need("Var")

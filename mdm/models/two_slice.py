@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     Indices = npt.NDArray[np.intp]
 
-__all__ = ["TwoSliceNetwork"]
+__all__ = ["PotentialError", "TwoSliceNetwork"]
 
 _BLOCK = 1 << 16
 _LARGEST = 50_000_000
@@ -38,6 +38,18 @@ _PARENTS: dict[Role, frozenset[Role]] = {
     "next_state": frozenset({"state", "action", "next_state"}),
     "observation": frozenset({"state", "action", "next_state", "observation"}),
 }
+
+
+class PotentialError(ModelError):
+    """What one variable's distribution says cannot be.
+
+    Attributes:
+        node: The variable.
+    """
+
+    def __init__(self, message: str, node: Node) -> None:
+        super().__init__(message)
+        self.node = node
 
 
 class TwoSliceNetwork:
@@ -144,11 +156,13 @@ class TwoSliceNetwork:
         for index, potential in enumerate(potentials):
             name = f"the distribution of {self.name(Node(role, index))!r}"
             if Node(role, index) not in potential.scope:
-                raise ModelError(f"{name} is not over it")
+                raise PotentialError(f"{name} is not over it", Node(role, index))
             self._check_sizes(potential, name)
             for node in potential.scope:
                 if node.role not in _PARENTS[role]:
-                    raise ModelError(f"{name} depends on {self.name(node)!r}, which comes after it")
+                    raise PotentialError(
+                        f"{name} depends on {self.name(node)!r}, which comes after it", Node(role, index)
+                    )
             waiting[index] = {node.place for node in potential.scope if node.role == role} - {index}
         order: list[int] = []
         while waiting:
@@ -192,8 +206,8 @@ class TwoSliceNetwork:
                 what = f"{bad[0]:g} is no probability" if bad.size else f"they sum to {row.sum():.6g}, not to 1"
                 where = f" given {', '.join(given)}" if given else ""
                 problem = f"the probabilities of {self.name(node)!r}{where}: {what}"
-                if not forgive(problem, is_sum=not bad.size and row.sum() > 0):
-                    raise ModelError(problem)
+                if not forgive(problem, is_sum=bool(not bad.size and row.sum() > 0)):
+                    raise PotentialError(problem, node)
 
     def _blocks(self, child: Node, potential: Potential) -> Iterator[tuple[dict[Node, Indices], Vector]]:
         """Yield the values of a variable's parents and its distributions given them, some thousand at a time."""

@@ -33,6 +33,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/decision_latency.py
 	$(BIN)/python benchmarks/ticks.py
 	$(BIN)/python benchmarks/startup.py
+	$(BIN)/python benchmarks/parse.py
 
 clean:
 	rm -rf .venv build dist docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -27,6 +27,7 @@ MODELS = {".pomdp", ".mdp", ".dpomdp", ".pgmx", ".pomdpx"}
 POLICIES = {".vf", ".alpha", ".pg", ".policy", ".policyx", ".txt"}
 LARGEST = 30_000
 SECONDS = 20
+SLOW = 3
 MEMORY = 4 << 30
 NUMBERS = ["1e999", "nan", "-1", "0", "7"]
 PIECES = [*NUMBERS, "-", "*", ":", "#", "\n", " ", "<", ">", "é", "&x;", "T:", "R:", "uniform", "identity"]
@@ -65,7 +66,7 @@ def spoilt(path: Path, chance: random.Random) -> bytes:
     return mutated("".join(lines), chance, PIECES).encode("latin-1", "replace")
 
 
-def run(task: tuple[int, int, list[Path]]) -> tuple[Counter[str], list[str], float]:
+def run(task: tuple[int, int, list[Path]]) -> tuple[Counter[str], list[str], tuple[float, str]]:
     """Try some inputs; return what came of them, what went wrong, and the longest time."""
     seed, count, paths = task
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
@@ -73,7 +74,7 @@ def run(task: tuple[int, int, list[Path]]) -> tuple[Counter[str], list[str], flo
     chance = random.Random(seed)
     outcomes: Counter[str] = Counter()
     wrong: list[str] = []
-    longest = 0.0
+    longest = (0.0, "")
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(count):
             source = chance.choice(paths)
@@ -94,13 +95,20 @@ def run(task: tuple[int, int, list[Path]]) -> tuple[Counter[str], list[str], flo
             except mdm.FormatError:
                 outcomes["refused model" if is_model else "refused policy"] += 1
             except BaseException:
-                kept = Path(tempfile.mkdtemp(prefix="fuzz")) / source.name
-                kept.write_bytes(data)
-                wrong.append(f"{kept}\n{traceback.format_exc()}")
+                wrong.append(f"{_keep(source, data)}\n{traceback.format_exc()}")
             finally:
                 signal.alarm(0)
-            longest = max(longest, time.perf_counter() - began)
+            took = time.perf_counter() - began
+            if took > longest[0]:
+                longest = (took, _keep(source, data) if took > SLOW else source.name)
     return outcomes, wrong, longest
+
+
+def _keep(source: Path, data: bytes) -> str:
+    """Write an input to a folder of its own, to be looked at."""
+    kept = Path(tempfile.mkdtemp(prefix="fuzz")) / source.name
+    kept.write_bytes(data)
+    return str(kept)
 
 
 def main() -> int:
@@ -114,7 +122,7 @@ def main() -> int:
     tasks = [(arguments.seed * 1_000_003 + part, arguments.inputs // parts, paths) for part in range(parts)]
     outcomes: Counter[str] = Counter()
     failures: list[str] = []
-    longest = 0.0
+    longest = (0.0, "")
     with multiprocessing.Pool(initializer=signal.signal, initargs=(signal.SIGALRM, late)) as pool:
         for counted, wrong, slowest in pool.imap_unordered(run, tasks):
             outcomes += counted
@@ -123,7 +131,7 @@ def main() -> int:
     for failure in failures[:10]:
         print(failure)  # noqa: T201 - a script
     print(f"{sum(outcomes.values()) + len(failures)} inputs from {len(paths)} files: {dict(outcomes)}")  # noqa: T201
-    print(f"{len(failures)} went wrong; the longest took {longest:.1f} s")  # noqa: T201
+    print(f"{len(failures)} went wrong; the longest took {longest[0]:.1f} s: {longest[1]}")  # noqa: T201
     return 1 if failures else 0
 
 

@@ -12,7 +12,7 @@ import pytest
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
 
-@pytest.mark.parametrize("name", ["decision_latency", "ticks", "startup"])
+@pytest.mark.parametrize("name", ["decision_latency", "ticks", "startup", "parse"])
 def test_benchmark(tmp_path, name):
     if name == "decision_latency":
         pytest.importorskip("pykka")
@@ -36,5 +36,14 @@ def test_benchmark(tmp_path, name):
         assert saturation["stream took"] + saturation["stream dropped (counted)"] == saturation["stimuli"] + 1
     elif name == "ticks":
         assert {row["way"] for row in results["ticks"]} == {"mdm", "loop.call_at", "asyncio.sleep"}
+    elif name == "parse":
+        assert {row["file"].partition(".")[2] for row in results["parse"]} == {
+            "pomdp",
+            "pomdp.gz",
+            "npz",
+            "pomdpx",
+            "pgmx",
+        }
+        assert all(row["entries of T"] == 400 and row["read_s"] > 0 for row in results["parse"])
     else:
         assert all(row["median_ms"] > 0 for row in results["startup"])

@@ -18,6 +18,54 @@ Symbol = str | SupportsIndex | Sequence[str | int]
 """A symbol of a space: its index, its name, or a name or index for each factor."""
 
 
+_COMPARED = 10_000
+"""Names that a wrong one is compared with, to find what was meant."""
+
+
+class _Counted(Sequence[str]):
+    """Names that are a prefix and a number, made when they are asked for."""
+
+    __slots__ = ("_numbers", "prefix")
+
+    def __init__(self, prefix: str, count: int) -> None:
+        self.prefix = prefix
+        self._numbers = range(count)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    @overload
+    def __getitem__(self, index: int) -> str: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[str, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> str | tuple[str, ...]:
+        if isinstance(index, slice):
+            return tuple(f"{self.prefix}{number}" for number in self._numbers[index])
+        return f"{self.prefix}{self._numbers[index]}"
+
+    def find(self, name: str) -> int | None:
+        """Return where a name stands."""
+        digits = name.removeprefix(self.prefix) if name.startswith(self.prefix) else ""
+        number = int(digits) if digits.isdecimal() and len(digits) < 20 else len(self)
+        return number if number < len(self) and str(number) == digits else None
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and self.find(name) is not None
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, _Counted):
+            return (self.prefix, self._numbers) == (other.prefix, other._numbers)
+        return isinstance(other, Sequence) and len(self) == len(other) and tuple(self) == tuple(other)
+
+    def __hash__(self) -> int:
+        return hash(tuple(self))
+
+    def __repr__(self) -> str:
+        return repr(tuple(self))
+
+
 class Factor:
     """One component of a space: a state factor, or one agent's actions or observations.
 
@@ -31,15 +79,17 @@ class Factor:
 
     def __init__(self, name: str, names: Iterable[str] | int, *, prefix: str = "") -> None:
         self.name = name
+        self._index: dict[str, int] = {}
         if isinstance(names, int):
-            names = (f"{prefix}{index}" for index in range(names))
-        self.names: tuple[str, ...] = tuple(names)
-        if not self.names:
+            self.names: Sequence[str] = _Counted(prefix, max(names, 0))
+        else:
+            self.names = tuple(names)
+            self._index = {symbol: index for index, symbol in enumerate(self.names)}
+            if len(self._index) != len(self.names):
+                twice = next(symbol for index, symbol in enumerate(self.names) if self._index[symbol] != index)
+                raise ModelError(f"{name!r} names {twice!r} twice; each symbol needs a name of its own")
+        if not len(self.names):
             raise ModelError(f"{name!r} has no symbols; it needs at least one")
-        self._index = {symbol: index for index, symbol in enumerate(self.names)}
-        if len(self._index) != len(self.names):
-            twice = next(symbol for index, symbol in enumerate(self.names) if self._index[symbol] != index)
-            raise ModelError(f"{name!r} names {twice!r} twice; each symbol needs a name of its own")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -51,11 +101,11 @@ class Factor:
             ModelError: If there is no such symbol; it names those closest to it.
         """
         if isinstance(symbol, str):
-            found = self._index.get(symbol)
+            found = self.names.find(symbol) if isinstance(self.names, _Counted) else self._index.get(symbol)
             if found is not None:
                 return found
             if not symbol.isdecimal():
-                close = difflib.get_close_matches(symbol, self.names, n=3)
+                close = difflib.get_close_matches(symbol, self.names[:_COMPARED], n=3)
                 known = " or ".join(map(repr, close)) if close else f"one of {', '.join(self.names[:10])}"
                 raise ModelError(f"{self.name!r} has no symbol {symbol!r}; did you mean {known}?")
             symbol = int(symbol)
@@ -67,7 +117,7 @@ class Factor:
         return isinstance(other, Factor) and self.name == other.name and self.names == other.names
 
     def __hash__(self) -> int:
-        return hash((self.name, self.names))
+        return hash((self.name, len(self.names), self.names[0], self.names[-1]))
 
     def __repr__(self) -> str:
         return f"Factor({self.name!r}, {list(self.names)!r})"

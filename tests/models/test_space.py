@@ -76,3 +76,33 @@ def test_names_that_hold_blanks_are_given_one_by_one():
     space = Space([Factor("place", ["Room A", "Room B"]), Factor("fire", ["no fire", "fire"])])
     assert space.index(("Room B", "no fire")) == 2
     assert space.names[2] == "Room B no fire"
+
+
+@given(st.integers(1, 300), st.sampled_from(["", "s", "agent", "1", "s0"]))
+def test_counted_names_are_as_if_they_were_listed(count, prefix):
+    counted, listed = Factor("x", count, prefix=prefix), Factor("x", [f"{prefix}{i}" for i in range(count)])
+    assert counted == listed
+    assert hash(counted) == hash(listed)
+    assert list(counted.names) == list(listed.names)
+    assert counted.names == listed.names
+    assert counted.names[1:3] == listed.names[1:3]
+    assert (counted.names[-1], repr(counted.names)) == (listed.names[-1], repr(listed.names))
+    for symbol in (*listed.names, *range(count), *map(str, range(count))):
+        assert counted.index(symbol) == listed.index(symbol)
+    for symbol in (f"{prefix}{count}", f"{prefix}00", f"{prefix}-1", prefix + "x", count, "²"):
+        if symbol in listed.names:
+            continue
+        assert symbol not in counted.names
+        try:
+            expected = listed.index(symbol)
+        except ModelError:
+            with pytest.raises(ModelError):
+                counted.index(symbol)
+        else:
+            assert counted.index(symbol) == expected
+
+
+def test_a_million_counted_names_cost_nothing():
+    factor = Factor("x", 10**9, prefix="s")
+    assert factor.index("s999999999") == 999_999_999
+    assert factor.names[123456789] == "s123456789"

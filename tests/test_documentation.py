@@ -54,3 +54,16 @@ def test_every_verb_is_in_the_readme():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for verb in VERBS:
         assert f"mdm {verb} " in readme
+
+
+def test_every_page_is_in_the_index():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8").split()
+    assert [page.stem for page in (ROOT / "docs").glob("*.md") if page.stem not in {"index", *index}] == []
+
+
+def test_every_format_is_in_the_readme():
+    from mdm.formats.models import MODEL_SUFFIXES
+
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for suffix in MODEL_SUFFIXES:
+        assert f"`{suffix}`" in readme, suffix

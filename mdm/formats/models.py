@@ -8,7 +8,7 @@ import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from mdm.errors import ModelError, ModelWarning
+from mdm.errors import FormatError, ModelError, ModelWarning
 from mdm.formats import archive, cassandra, dpomdp, npz, pgmx, pomdpx, toi
 from mdm.formats.source import Source, suffixes
 from mdm.models import FactoredMDP, FactoredPOMDP
@@ -37,6 +37,7 @@ _BY_SUFFIX: dict[str, _Reader] = {
     ".pomdpx": pomdpx.read,
     ".npz": archive.read,
     ".base": toi.read,
+    ".toi-dpomdp": toi.read,
 }
 _WRITERS: dict[str, Callable[[Any, str | Path], None]] = {
     ".pomdp": cassandra.write,
@@ -100,7 +101,10 @@ def save_model(model: MDP | POMDP, path: str | Path) -> None:
 
 def _reader(path: Path) -> _Reader:
     """Return what reads a file: the content decides where it is unmistakable, else the suffix."""
-    by_suffix = _BY_SUFFIX.get(suffixes(path))
+    suffix = suffixes(path)
+    if suffix in toi.PARTS:
+        raise FormatError("this is a part of a set: read the set by its .base file", file=path)
+    by_suffix = _BY_SUFFIX.get(suffix)
     if _head(path).lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"<":
         root = _ROOT.search(Source(path).text)
         return _BY_ROOT.get(root[1].lower() if root else "", by_suffix or pgmx.read)

@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["read"]
+__all__ = ["PARTS", "read"]
+
+PARTS = frozenset({".rewards", ".interactionstates", ".interactionreward"})
+"""Files of a set that are no models by themselves."""
 
 _MOST_AGENTS = 20
 _LARGEST = 100_000_000
@@ -38,13 +41,13 @@ def read(path: str | Path, *, sparse: bool | None = None) -> POMDP:
     """Return the team's model.
 
     Args:
-        path: The ``.base`` file.
+        path: The ``.base`` file, or what the names of the set's files have in common.
         sparse: Force CSR (True) or dense (False) matrices; None chooses by size and density.
 
     Raises:
         FormatError: With the file of the set, the place, what stands there and what was expected.
     """
-    source = Source(path)
+    source = Source(path if Path(path).suffix == ".base" else f"{path}.base")
     count, discount = _base(source)
     stem = source.path.with_suffix("")
     agents = []

@@ -94,6 +94,13 @@ def test_a_file_for_a_team_is_none_of_one_agent(team):
         load_model(team)
 
 
+def test_a_set_is_read_by_its_base_alone(team):
+    assert load_model(team.with_suffix("")).num_agents == 2
+    with pytest.raises(FormatError, match="part of a set: read the set by its .base file"):
+        load_model(team.with_suffix(".rewards"))
+    assert load_model(team.with_suffix(".agent0")).num_agents == 1
+
+
 def test_a_real_set(corpus):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

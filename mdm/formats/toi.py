@@ -145,11 +145,13 @@ def _products(agents: Sequence[POMDP], actions: Space, matrix: Callable[[POMDP, 
     """Return the Kronecker product of the agents' matrices for each joint action."""
     from scipy.sparse import kron  # noqa: PLC0415 - takes as long to import as all the rest
 
-    own = [[csr(matrix(model, action)) for action in range(len(model.action_space))] for model in agents]
-    return [
-        reduce(
-            lambda left, right: kron(left, right, format="csr"),
-            [matrices[action] for matrices, action in zip(own, actions.unravel(joint), strict=True)],
-        )
-        for joint in range(len(actions))
-    ]
+    own = [[matrix(model, action) for action in range(len(model.action_space))] for model in agents]
+    done: dict[tuple[int, ...], Any] = {}
+    result = []
+    for joint in range(len(actions)):
+        factors = [matrices[action] for matrices, action in zip(own, actions.unravel(joint), strict=True)]
+        key = tuple(map(id, factors))  # actions that act alike share their matrix
+        if key not in done:
+            done[key] = reduce(lambda left, right: kron(left, right, format="csr"), map(csr, factors))
+        result.append(done[key])
+    return result

@@ -1,0 +1,195 @@
+"""Observations of events, and beliefs by them: with false negatives, missing components, impossible events."""
+
+from __future__ import annotations
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from random_models import dense, distributions
+
+from mdm import BeliefTracker, ModelError, load_model
+from mdm.errors import ModelWarning
+from mdm.models import POMDP, Factor, Space
+
+
+@st.composite
+def models(draw):
+    """Return a model with event observations, and its numbers T(a, s, s') and O(a, o, s, s')."""
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    size, count = draw(st.integers(1, 4)), draw(st.integers(1, 2))
+    shape = draw(st.lists(st.integers(1, 3), min_size=1, max_size=2))
+    observations = Space(Factor(f"agent{index}", width) for index, width in enumerate(shape))
+    transitions = distributions(random, count, size, size)
+    told = np.moveaxis(distributions(random, count, size, size, len(observations)), -1, 1)
+    if draw(st.booleans()):
+        told = told * random.choice([1.0, 0.5], size=(count, 1, size, size))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = POMDP(
+            transitions,
+            told,
+            np.zeros((size, count)),
+            discount=0.9,
+            observation_names=observations,
+            initial_belief=distributions(random, size),
+            event_observations=True,
+            sparse=draw(st.booleans()),
+        )
+    return model, transitions, told
+
+
+@given(models())
+def test_numbers_are_kept_as_they_are_given(described):
+    model, transitions, told = described
+    for a, o in np.ndindex(*told.shape[:2]):
+        np.testing.assert_array_equal(dense(model.joint_matrix(a, o)), transitions[a] * told[a, o])
+        kept = dense(model.event_matrix(a, o))
+        np.testing.assert_array_equal(kept[transitions[a] > 0], told[a, o][transitions[a] > 0])
+    for a, s, t in np.ndindex(*transitions.shape):
+        if transitions[a, s, t] > 0:
+            np.testing.assert_array_equal(model.observation(a, t, state=s), told[a, :, s, t])
+
+
+def series(joint, belief, unnoticed, symbols, terms=4000):
+    """Return the sum over 0, 1, 2, ... unnoticed events before one of some others, term by term."""
+    heard = sum(joint[symbol] for symbol in symbols)
+    if unnoticed is None or list(symbols) == [unnoticed]:
+        return belief @ heard
+    total = np.zeros(len(belief))
+    for _ in range(terms):
+        total = total + belief @ heard
+        belief = belief @ joint[unnoticed]
+    return total
+
+
+@pytest.mark.parametrize("folded", [4_000_000, 0])
+@given(described=models(), data=st.data())
+def test_beliefs_are_what_bayes_rule_says(folded, described, data):
+    model, transitions, told = described
+    count, width = told.shape[:2]
+    unnoticed = data.draw(st.none() | st.integers(0, width - 1))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mdm.models.belief._FOLDED", folded)
+        tracker = BeliefTracker(model, false_negative=unnoticed)
+    belief = model.initial_belief
+    shape = model.observation_space.shape
+    for _ in range(data.draw(st.integers(1, 4))):
+        action = data.draw(st.integers(0, count - 1))
+        joint = transitions[action] * told[action]
+        seen = data.draw(
+            st.integers(0, width - 1) | st.none() | st.tuples(*(st.none() | st.integers(0, n - 1) for n in shape))
+        )
+        if seen is None:
+            expected = belief @ transitions[action]
+        else:
+            every = list(np.ndindex(*shape))
+            symbols = (
+                [seen]
+                if isinstance(seen, int)
+                else [i for i, o in enumerate(every) if all(c in (None, x) for c, x in zip(seen, o, strict=True))]
+            )
+            if len(symbols) > 1:
+                symbols = [symbol for symbol in symbols if symbol != unnoticed]
+            expected = series(joint, belief, unnoticed, symbols)
+        total = expected.sum()
+        probability = tracker.update(action, seen)
+        assert probability == pytest.approx(total, abs=1e-7)
+        if total > 1e-6:
+            belief = expected / total
+            np.testing.assert_allclose(tracker.belief, belief, atol=1e-6)
+        elif probability > 0:
+            belief = tracker.belief
+        assert tracker.belief.sum() == pytest.approx(1, abs=1e-9)
+
+
+def test_states_that_are_never_heard_of_add_nothing():
+    """From the second state nothing but unnoticed events follow, for ever: I - H would be singular."""
+    transitions = [[[0.5, 0.5], [0.0, 1.0]]]
+    told = np.array([[[[0.5, 1.0], [0.0, 1.0]], [[0.5, 0.0], [0.0, 0.0]]]])
+    for sparse in (False, True):
+        model = POMDP(
+            transitions,
+            told,
+            np.zeros((2, 1)),
+            discount=0.9,
+            event_observations=True,
+            sparse=sparse,
+            initial_belief=[1, 0],
+        )
+        tracker = BeliefTracker(model, false_negative=0)
+        # heard at once 1/4, after one unnoticed step in the first state 1/4 * 1/4, ...: 1/3 in all
+        assert tracker.update(0, 1) == pytest.approx(1 / 3)
+        np.testing.assert_allclose(tracker.belief, [1, 0])
+        tracker.reset([0, 1])
+        before = tracker.belief
+        assert tracker.update(0, 1) == 0
+        assert tracker.belief is before
+
+
+def test_what_cannot_be_is_refused():
+    transitions, half = [np.eye(2)], np.full((1, 2, 2, 2), 0.5)
+    with pytest.raises(ModelError, match="more than 1"):
+        POMDP(transitions, half * 1.5, np.zeros((2, 1)), discount=0.9, event_observations=True)
+    with pytest.raises(ModelError, match="no probability"):
+        POMDP(transitions, -half, np.zeros((2, 1)), discount=0.9, event_observations=True)
+    with pytest.raises(ModelError, match="2 x 2 matrix for every observation"):
+        POMDP(transitions, half[..., :1], np.zeros((2, 1)), discount=0.9, event_observations=True)
+    with pytest.warns(ModelWarning, match="as little as 0.5"):
+        model = POMDP(transitions, half / 2, np.zeros((2, 1)), discount=0.9, event_observations=True)
+    with pytest.raises(ModelError, match="ask for event_matrix"):
+        model.observation_matrix(0)
+    with pytest.raises(ModelError, match="name the state before"):
+        model.observation(0, 0)
+    with pytest.raises(ModelError, match="no symbol 7"):
+        BeliefTracker(model, false_negative=7)
+
+
+def steps(oracle, key):
+    for sequence in oracle[key]:
+        yield from ((sequence["seed"], number, step) for number, step in enumerate(sequence["steps"]))
+
+
+@pytest.mark.parametrize("key", ["belief_sequences_JointBelief", "belief_sequences_JointBeliefEventDriven_fn-1"])
+def test_agrees_with_madp_on_events(corpus, key):
+    oracle = json.loads((corpus / "oracles" / "MAISS_Patrol_Single.pgmx.json").read_text())
+    tracker = BeliefTracker(load_model(corpus / "models" / "madp" / "MAISS_Patrol_Single.pgmx"))
+    compared = 0
+    for _, number, step in steps(oracle, key):
+        if number == 0:
+            tracker.reset()
+        assert tracker.update(step["a"], step["o"]) == pytest.approx(step["eta"], abs=1e-9)
+        np.testing.assert_allclose(tracker.belief, step["b"], atol=1e-9)
+        compared += 1
+    assert compared >= 40
+
+
+def test_agrees_with_madp_s_truncated_series_of_false_negatives(corpus):
+    """MADP adds up to 10 terms and stops, from the second on, at one below 0.01, though later ones may be large.
+
+    So its probabilities are those of the truncated series; its beliefs are near the exact ones all the same.
+    """
+    oracle = json.loads((corpus / "oracles" / "MAISS_Patrol_Single.pgmx.json").read_text())
+    model = load_model(corpus / "models" / "madp" / "MAISS_Patrol_Single.pgmx")
+    tracker = BeliefTracker(model, false_negative="False Negative")
+    belief = model.initial_belief
+    for _, number, step in steps(oracle, "belief_sequences_JointBeliefEventDriven_fn0"):
+        if number == 0:
+            tracker.reset()
+            belief = model.initial_belief
+        unnoticed, heard = (dense(model.joint_matrix(step["a"], o)) for o in (0, step["o"]))
+        total, before = np.zeros(len(belief)), belief
+        for count in range(10):
+            term = before @ heard
+            total, before = total + term, before @ unnoticed
+            if count and term.sum() < 0.01:
+                break
+        assert total.sum() == pytest.approx(step["eta"], abs=1e-9)
+        np.testing.assert_allclose(total / total.sum(), step["b"], atol=1e-9)
+        assert tracker.update(step["a"], step["o"]) >= step["eta"] - 1e-9
+        np.testing.assert_allclose(tracker.belief, step["b"], atol=0.02)
+        # On from MADP's own belief, so that its truncation does not add up.
+        belief = np.array(step["b"]) / sum(step["b"])
+        tracker.reset(belief)

@@ -10,8 +10,9 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import flattening
+from mdm.models.compressed import is_compressed
 from mdm.models.event_observations import DenseEvents, EventObservations, TransitionEvents
-from mdm.models.matrices import Matrix, Vector, choose_sparse, distribution
+from mdm.models.matrices import Checked, Matrix, Vector, distribution, stochastic_matrices
 from mdm.models.mdp import MDP, checked_discount
 from mdm.models.pomdp import POMDP
 from mdm.models.potential import Node
@@ -109,11 +110,24 @@ class FactoredPOMDP(POMDP):
         network = self.network
         transitions = flattening.transition_matrices(network)
         rewards = flattening.expected_rewards(network, transitions)
+        given: Any = transitions
+        told: Any = None
+        if network.event_observations:
+            # Events stand in the order of T's entries, as the model will have them.
+            given = Checked(
+                stochastic_matrices(
+                    transitions,
+                    what="T",
+                    actions=network.actions,
+                    rows=network.states,
+                    columns=len(network.states),
+                    sparse_=self._sparse,
+                )
+            )
+            told = _events(network, given)
         return POMDP(
-            transitions,
-            _events(network, transitions, sparse=self._sparse)
-            if network.event_observations
-            else flattening.observation_matrices(network),
+            given,
+            flattening.observation_matrices(network) if told is None else told,
             rewards,
             discount=self.discount,
             states=self.state_space,
@@ -229,10 +243,10 @@ def _with_discount(flat: _Flat, discount: float) -> _Flat:
     return flat if flat.discount == discount else flat.with_discount(discount)
 
 
-def _events(network: TwoSliceNetwork, transitions: list[Any], *, sparse: bool | None) -> DenseEvents | TransitionEvents:
+def _events(network: TwoSliceNetwork, transitions: Checked) -> DenseEvents | TransitionEvents:
     size = len(network.states)
     names = {"actions": network.actions, "states": network.states}
-    if choose_sparse(transitions, size, size) if sparse is None else sparse:
+    if is_compressed(transitions[0]):
         events = [
             flattening.transition_events(
                 network, action, np.repeat(np.arange(size), np.diff(matrix.indptr)), matrix.indices
@@ -246,4 +260,4 @@ def _events(network: TwoSliceNetwork, transitions: list[Any], *, sparse: bool | 
         flattening.transition_events(network, action, states, next_states).toarray().T.reshape(-1, size, size)
         for action in range(len(transitions))
     ]
-    return DenseEvents([matrix.toarray() for matrix in transitions], everywhere, **names)
+    return DenseEvents(transitions, everywhere, **names)

@@ -13,6 +13,7 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.models.compressed import csr
 from mdm.models.event_observations import TransitionEvents
+from mdm.models.matrices import TOLERANCE, Checked, stochastic_matrices
 from mdm.models.mdp import MDP
 from mdm.models.pomdp import POMDP
 from mdm.models.space import Space
@@ -52,7 +53,13 @@ def marginalize(model: MDP, name: str) -> MDP:
     if any(np.abs(model.rewards[group] - rewards).max() > _SAME for group in groups[1:]):
         raise ModelError(f"the rewards depend on {name!r}: it cannot be dropped")
     actions = range(len(model.action_space))
-    transitions = [_summed(model.transition_matrix(action), groups, total, name, "transitions") for action in actions]
+    summed = [_summed(model.transition_matrix(action), groups, total, name, "transitions") for action in actions]
+    # Events stand in the order of T's entries: these are the ones that the result will have.
+    transitions = Checked(
+        stochastic_matrices(
+            summed, what="T", actions=model.action_space, rows=states, columns=len(states), sparse_=True
+        )
+    )
     common: dict[str, Any] = {
         "discount": model.discount,
         "states": states,
@@ -61,7 +68,7 @@ def marginalize(model: MDP, name: str) -> MDP:
         "sparse": True if model.is_sparse else None,
     }
     if not isinstance(model, POMDP):
-        return MDP(transitions, rewards, **common)
+        return MDP(list(transitions), rewards, **common)
     joint = [
         [
             _summed(model.joint_matrix(action, observation), groups, total, name, "observations")
@@ -72,13 +79,13 @@ def marginalize(model: MDP, name: str) -> MDP:
     common["observation_names"] = model.observation_space
     of_states = [_of_states(transitions[action], joint[action]) for action in actions]
     if all(matrix is not None for matrix in of_states):
-        return POMDP(transitions, of_states, rewards, **common)
+        return POMDP(list(transitions), of_states, rewards, **common)
     if not model.is_sparse:
         events = [
             [_quotient(matrix.toarray(), transitions[action].toarray()) for matrix in joint[action]]
             for action in actions
         ]
-        return POMDP(transitions, events, rewards, event_observations=True, **common)
+        return POMDP(list(transitions), events, rewards, event_observations=True, **common)
     by_transition = [_by_transition(transitions[action], joint[action]) for action in actions]
     kept = TransitionEvents(transitions, by_transition, actions=model.action_space, states=states)
     return POMDP(transitions, kept, rewards, **common)
@@ -113,7 +120,8 @@ def _of_states(transition: Any, joint: list[Any]) -> Any:
     dense = np.zeros((transition.shape[1], events.shape[1]))
     values = events.toarray()
     dense[transition.indices] = values
-    if np.abs(dense[transition.indices] - values).max(initial=0) > _SAME:
+    differs = np.abs(dense[transition.indices] - values).max(initial=0) > _SAME
+    if differs or np.abs(values.sum(axis=1) - 1).max(initial=0) > TOLERANCE:
         return None
     never = np.ones(len(dense), dtype=bool)
     never[transition.indices] = False

@@ -23,7 +23,6 @@ __all__ = [
     "Checked",
     "Matrix",
     "Vector",
-    "choose_sparse",
     "distribution",
     "numbers",
     "read_only",
@@ -79,7 +78,7 @@ def stochastic_matrices(
     matrices = list(given)  # kept alive while they are told apart by their identities
     if len(matrices) != len(actions):
         raise ModelError(f"{what} is given for {len(matrices)} actions, but the model has {len(actions)}")
-    as_sparse = choose_sparse(matrices, len(rows), columns) if sparse_ is None else sparse_
+    as_sparse = _choose_sparse(matrices, len(rows), columns) if sparse_ is None else sparse_
     done: dict[int, Matrix] = {}
     normalised = 0
     for action, matrix in enumerate(matrices):
@@ -93,7 +92,7 @@ def stochastic_matrices(
     return tuple(done[id(matrix)] for matrix in matrices)
 
 
-def choose_sparse(matrices: Sequence[Any], rows: int, columns: int) -> bool:
+def _choose_sparse(matrices: Sequence[Any], rows: int, columns: int) -> bool:
     """Return whether CSR suits matrices, one per action: large, and few entries that are not zero."""
     size = len(matrices) * rows * columns
     if size <= _LARGE:

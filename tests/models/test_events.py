@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, strategies as st
 from random_models import dense, distributions
 
-from mdm import BeliefTracker, ModelError, load_model
+from mdm import BeliefTracker, ModelError, load_model, save_model
 from mdm.errors import ModelWarning
-from mdm.models import POMDP, Factor, Space
+from mdm.models import POMDP, Factor, FactoredPOMDP, Node, Space, Table, TwoSliceNetwork
 
 
 @st.composite
@@ -193,3 +193,30 @@ def test_agrees_with_madp_s_truncated_series_of_false_negatives(corpus):
         # On from MADP's own belief, so that its truncation does not add up.
         belief = np.array(step["b"]) / sum(step["b"])
         tracker.reset(belief)
+
+
+def test_events_stay_with_their_transitions_where_rows_are_normalised(tmp_path):
+    """T's rows are off by little, and have entries of 0: what is told of a transition must not move to another."""
+    now, later, seen = Node("state", 0), Node("next_state", 0), Node("observation", 0)
+    rows = np.array([[0.33333, 0.33333, 0.33333], [0.0, 0.5, 0.5], [0.25, 0.75, 0.0]])
+    told = np.zeros((3, 3, 2))
+    told[..., 0] = np.arange(9).reshape(3, 3) / 10
+    told[..., 1] = 1 - told[..., 0]
+    network = TwoSliceNetwork(
+        Space.single("x", 3),
+        Space.single("act", 1),
+        Space.single("eye", 2),
+        initial=[Table([now], [1.0, 0.0, 0.0])],
+        transitions=[Table([now, later], rows)],
+        observation=[Table([now, later, seen], told)],
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        for sparse in (False, True):
+            model = FactoredPOMDP(network, discount=0.9, sparse=sparse).flatten()
+            save_model(model, tmp_path / "m.npz")
+            for each in (model, load_model(tmp_path / "m.npz")):
+                transition = dense(each.transition_matrix(0))
+                np.testing.assert_allclose(transition.sum(axis=1), 1, atol=1e-15)
+                for o in range(2):
+                    np.testing.assert_allclose(dense(each.joint_matrix(0, o)), transition * told[..., o], atol=1e-15)

@@ -27,6 +27,12 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
     parser.add_argument("--episodes", metavar="N", type=int, default=100, help="how many episodes (100)")
     parser.add_argument("--seed", metavar="S", type=int, help="the same seed gives the same result")
+    parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
+    parser.add_argument(
+        "--false-negative",
+        metavar="O",
+        help="the observation, by name or index, that stands for an event that nobody noticed",
+    )
     parser.add_argument("--steps", metavar="H", type=int, help="decisions in an episode")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
@@ -40,6 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     if (arguments.file is None) == (arguments.model is None or arguments.policy is None):
         raise Error("give a TOML file, or both --model and --policy")
+    if arguments.file is not None and (arguments.discount is not None or arguments.false_negative is not None):
+        raise Error("--discount and --false-negative are for --model; a TOML file says these itself")
     if arguments.steps is not None and arguments.steps < 1:
         raise Error(f"an episode needs at least 1 step, not {arguments.steps}")
     options = _from_file(arguments) if arguments.file is not None else _from_model(arguments)
@@ -60,8 +68,11 @@ def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
     from mdm.policies import as_policy  # noqa: PLC0415
 
     model = load_model(arguments.model)
+    if arguments.discount is not None:
+        model = model.with_discount(arguments.discount)
     return {
         "model": model,
+        "false_negative": arguments.false_negative,
         "policy": as_policy(load_policy(arguments.policy, model, seed=arguments.seed)),
         "steps": arguments.steps,
     }
@@ -85,4 +96,5 @@ def _from_file(arguments: argparse.Namespace) -> dict[str, Any]:
         "drive": control.drive,
         "on_impossible": "predict" if control.on_impossible == "safe_action" else control.on_impossible,
         "on_no_observation": control.on_no_observation,
+        "false_negative": control.false_negative,
     }

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mdm.actors import Drive
     from mdm.actors.control_layer import OnImpossible
     from mdm.models import MDP, POMDP
+    from mdm.models.space import Symbol
     from mdm.policies import Policy
 
 __all__ = ["SimulationResult", "simulate", "steps_for"]
@@ -63,6 +64,7 @@ def simulate(
     drive: Drive | None = None,
     on_impossible: OnImpossible = "predict",
     on_no_observation: str = "predict",
+    false_negative: Symbol | None = None,
 ) -> SimulationResult:
     """Run episodes of a policy in its model and return what they were worth.
 
@@ -77,6 +79,7 @@ def simulate(
         drive: When to decide; on events by default.
         on_impossible: See `ControlLayer`.
         on_no_observation: See `ControlLayer`.
+        false_negative: See `ControlLayer`.
 
     Raises:
         ConfigError: If sizes do not fit, or episodes have no end.
@@ -104,6 +107,7 @@ def simulate(
                 horizon=count,
                 on_impossible=on_impossible,
                 on_no_observation=on_no_observation,
+                false_negative=false_negative,
             )
             await runtime.start(World(ensemble, seed=seed, period=0.0, finished=finished))
             await runtime.start(ensemble)

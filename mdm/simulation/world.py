@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mdm.actors import Ensemble, FixedRate
-from mdm.errors import ConfigError, ModelError
-from mdm.messages import Action, Observation, State
+from mdm.errors import ConfigError
+from mdm.messages import Action, Fault, Observation, State
 from mdm.models import POMDP
 from mdm.runtime import Actor
 from mdm.simulation.sampler import Sampler
@@ -32,7 +32,7 @@ class World(Actor):
 
     What nobody notices (the ensemble's false negative, or an event without observation) leads to no decision: the
     action goes on, each such step with its reward, until something is noticed; a fixed-rate ensemble decides all the
-    same.
+    same. An episode in which nothing is noticed for 10,000 steps ends, with a fault.
 
     Args:
         ensemble: Whose actions count.
@@ -96,9 +96,7 @@ class World(Actor):
         self._weight *= self.model.discount
         self._step += 1
         if self._step == self.steps:
-            if self._finished is not None:
-                self._finished(self._return)
-            self._begin_episode()
+            self._end_episode()
             # The next stimulus begins a new episode; what is observed in it does not count.
             self._later(lambda: self._show(observation=0, changed=True))
             return
@@ -106,9 +104,18 @@ class World(Actor):
         observation, steps = self._move(action.index)
         if observation is not None:
             self._later(lambda: self._show(observation, changed=self.state != before), steps)
+        elif self._waits:
+            self._tell_silence(action.index)
+            self._end_episode()
+            self._later(self.ensemble.reset)
+
+    def _end_episode(self) -> None:
+        if self._finished is not None:
+            self._finished(self._return)
+        self._begin_episode()
 
     def _move(self, action: int) -> tuple[int | None, int]:
-        """Go on until something is noticed; return what, and after how many steps."""
+        """Go on until something is noticed; return what, or None, and after how many steps."""
         for steps in range(1, _SILENCE):
             before, self.state = self.state, self._sampler.next_state(self.state, action)
             if not isinstance(self.model, POMDP):
@@ -120,11 +127,15 @@ class World(Actor):
                 return observation, steps
             self._return += self._weight * self._rewards[self.state][action]
             self._weight *= self.model.discount
+        return None, _SILENCE
+
+    def _tell_silence(self, action: int) -> None:
         names = self.model.state_space.names[self.state], self.model.action_space.names[action]
-        raise ModelError(
-            f"nothing is observed any more in state {names[0]!r} during action {names[1]!r}: no event would ever lead "
-            f"to a decision"
+        text = (
+            f"nothing is observed any more in state {names[0]!r} during action {names[1]!r}, in {_SILENCE} steps: the "
+            f"episode ends"
         )
+        self.runtime.faults.publish(Fault(self.runtime.clock.now(), self.path, "silence", text))
 
     def _later(self, show: Callable[[], object], steps: int = 1) -> None:
         if self._period > 0:

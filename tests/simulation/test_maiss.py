@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from pathlib import Path
 
@@ -10,7 +11,18 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from mdm import AlphaVectors, BeliefTracker, Ensemble, Runtime, VirtualClock, World, load_model, load_policy, run
+from mdm import (
+    AlphaVectors,
+    BeliefTracker,
+    Ensemble,
+    Runtime,
+    VirtualClock,
+    World,
+    load_model,
+    load_policy,
+    run,
+    simulate,
+)
 from mdm.errors import ModelWarning
 from mdm.messages import ActionLife
 from mdm.testing import capture_decisions, probe
@@ -127,3 +139,13 @@ def test_patrol_takes_false_negatives_into_account(models):
     assert all(decision.observation != 0 for decision in decisions)
     for decision in decisions:
         assert decision.belief.sum() == pytest.approx(1, abs=1e-9)
+
+
+def test_the_patrol_s_policy_is_worth_what_madp_says(models):
+    _, _, model, policy = models
+    worth = json.loads((CORPUS / "values" / "MAISS_Patrol_Single.pgmx_0.9.json").read_text())["perseus_value_at_isd"]
+    assert policy.value(model.initial_belief) == pytest.approx(worth)
+    result = simulate(model, policy, episodes=400, seed=1)
+    assert abs(result.mean - worth) < 4 * result.standard_error
+    # What is missed costs steps in which nothing is decided.
+    assert simulate(model, policy, episodes=400, seed=1, false_negative=0).mean < worth + 4 * result.standard_error

@@ -9,6 +9,8 @@ from hypothesis import given, settings, strategies as st
 
 from mdm import (
     MDP,
+    POMDP,
+    AlphaVectors,
     ConfigError,
     DeterministicPolicy,
     Ensemble,
@@ -113,3 +115,28 @@ def test_steps_and_mistakes():
         simulate(model, policy, episodes=0)
     with pytest.raises(ConfigError, match="has none"):
         World(Ensemble("robot", policy=policy, actions={0: print, 1: print}))
+
+
+def test_an_episode_in_which_nothing_is_noticed_any_more_ends_with_a_fault():
+    """Each second state is reached and left unheard; the first is heard of once."""
+    silent, told = np.eye(2), np.zeros((1, 2, 2, 2))
+    told[0, 0] = 1
+    model = POMDP([silent], told, [[1.0], [1.0]], discount=0.5, event_observations=True)
+    policy = AlphaVectors([[0.0, 0.0]], [0], 1)
+    result = simulate(model, policy, episodes=3, seed=1, steps=5, false_negative=0)
+    assert result.returns == pytest.approx((2.0, 2.0, 2.0))  # 1 + 0.5 + 0.25 + ..., with no second decision
+
+    async def main(runtime):
+        ensemble = Ensemble("robot", policy=policy, model=model, actions={"0": lambda: None}, false_negative=0)
+        faults = []
+        runtime.faults.subscribe(faults.append)
+        await runtime.start(World(ensemble, seed=1))
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(ensemble)
+            await runtime.clock.sleep(3.5)
+        return faults, decisions
+
+    faults, decisions = run_virtual(main)
+    assert {fault.kind for fault in faults} == {"silence"}
+    assert "nothing is observed any more in state" in faults[0].detail
+    assert [decision.cause for decision in decisions] == ["start", "reset", "reset", "reset"]

@@ -19,7 +19,7 @@ from mdm.formats.target import write_text
 from mdm.models import MDP, POMDP, Space
 from mdm.models.compressed import csr
 from mdm.models.leniency import forgive, forgiving
-from mdm.models.matrices import TOLERANCE
+from mdm.models.matrices import TOLERANCE, RowError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -249,7 +249,26 @@ def build(
     start: npt.NDArray[np.float64],
     sparse: bool | None,
 ) -> MDP | POMDP:
-    """Return the model that statements make, or say what was never given."""
+    """Return the model that statements make, or say what was never given, or what is no distribution and where."""
+    try:
+        return _built(source, statements, states, actions, observations, discount, start, sparse)
+    except RowError as error:
+        at = statements.find(error.what, error.action, error.row)
+        if at is None:
+            raise
+        return statements.fail(at, str(error))
+
+
+def _built(
+    source: Source,
+    statements: Statements,
+    states: Space,
+    actions: Space,
+    observations: Space | None,
+    discount: float,
+    start: npt.NDArray[np.float64],
+    sparse: bool | None,
+) -> MDP | POMDP:
     for letter, stack in (("T", statements.transitions), ("O", statements.observations)):
         for action in stack.missing() if stack is not None else []:
             problem = f"no {letter!r} statement is given for action {actions.names[action]!r}"

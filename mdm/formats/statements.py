@@ -109,6 +109,25 @@ class Statements:
             first = errors[0]
             raise FormatError(f"{first.message}; {rest}", file=first.file, line=first.line, column=first.column)
 
+    def find(self, kind: str, action: int, row: int) -> int | None:
+        """Return the word at which the last statement begins that says something of a row of an action."""
+        words = self._words
+        found = None
+        for at in (i for i, word in enumerate(words[:-1]) if word == kind and words[i + 1] == ":"):
+            end = self._field_end(at + 2)
+            of_action = self._of(kind, "a", at + 2, end, action)
+            names_row = words[end : end + 1] == [":"] and not self._values_follow(end + 1, "s")
+            if of_action and (not names_row or self._of(kind, "s", end + 1, self._field_end(end + 1), row)):
+                found = at
+        return found
+
+    def _of(self, kind: str, letter: str, begin: int, end: int, symbol: int) -> bool:
+        """Whether a field stands for a symbol."""
+        space = self._spaces[letter]
+        assert space is not None
+        field = self._field(begin, self._words[begin:end], space, kind)
+        return field is None or field == symbol or (isinstance(field, list) and symbol in field)
+
     def _next_statement(self, at: int) -> int:
         words = self._words
         while at < len(words) and not (words[at] in {"T", "O", "R"} and words[at + 1 : at + 2] == [":"]):

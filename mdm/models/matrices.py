@@ -22,6 +22,7 @@ __all__ = [
     "TOLERANCE",
     "Checked",
     "Matrix",
+    "RowError",
     "Vector",
     "distribution",
     "numbers",
@@ -40,6 +41,22 @@ _LARGE = 1_000_000
 _TOLD = 100
 """Problems of one matrix that are told one by one."""
 _DENSE = 0.25
+
+
+class RowError(ModelError):
+    """A row of probabilities is none.
+
+    Attributes:
+        what: Of which matrices: ``T`` or ``O``.
+        action: The action's index.
+        row: The row's index.
+    """
+
+    def __init__(self, message: str, row: int, what: str = "", action: int = 0) -> None:
+        super().__init__(message)
+        self.row = row
+        self.what = what
+        self.action = action
 
 
 class Checked(tuple[Matrix, ...]):
@@ -84,7 +101,10 @@ def stochastic_matrices(
     for action, matrix in enumerate(matrices):
         if id(matrix) not in done:
             name = f"{what} of action {actions.names[action]!r}"
-            done[id(matrix)], off = _checked(matrix, name, rows, columns, as_sparse)
+            try:
+                done[id(matrix)], off = _checked(matrix, name, rows, columns, as_sparse)
+            except RowError as error:
+                raise RowError(str(error), error.row, what, action) from None
             normalised += off
     if normalised:
         text = f"{normalised} rows of {what} did not quite sum to 1 and were normalised"
@@ -139,7 +159,7 @@ def _check_numbers(matrix: Matrix, what: str, rows: Space) -> None:
     for row, value in zip(found[:_TOLD].tolist(), data[places].tolist(), strict=False):
         problem = f"{what}: {value:g} in the row of {rows.names[row]!r} is no probability"
         if not forgive(problem):
-            raise ModelError(problem)
+            raise RowError(problem, row)
     data[wrong] = 0
 
 
@@ -151,7 +171,7 @@ def _forgive_sums(matrix: Matrix, sums: Vector, what: str, rows: Space) -> tuple
     for row in worst[:1] if not forgiving() else worst[1:]:
         problem = f"{what}: the row of {rows.names[row]!r} sums to {sums[row]:.6g}, not to 1"
         if not forgive(problem, is_sum=bool(sums[row] > 0)):
-            raise ModelError(problem)
+            raise RowError(problem, row)
     if len(wrong) > _TOLD:
         forgive(f"{what}: {len(wrong) - _TOLD} more rows do not sum to 1", is_sum=True)
     empty = np.flatnonzero(sums == 0)

@@ -224,6 +224,8 @@ class _Reader:
             )
             statements.read(self._sections[""][0])
             return build(self._source, statements, states, actions, observations, discount, start, sparse)
+        except RowError as error:
+            statements.refuse(error)
         except ModelError as error:
             raise FormatError(str(error), file=self._source.path) from None
         except MemoryError:
@@ -249,26 +251,7 @@ def build(
     start: npt.NDArray[np.float64],
     sparse: bool | None,
 ) -> MDP | POMDP:
-    """Return the model that statements make, or say what was never given, or what is no distribution and where."""
-    try:
-        return _built(source, statements, states, actions, observations, discount, start, sparse)
-    except RowError as error:
-        at = statements.find(error.what, error.action, error.row)
-        if at is None:
-            raise
-        return statements.fail(at, str(error))
-
-
-def _built(
-    source: Source,
-    statements: Statements,
-    states: Space,
-    actions: Space,
-    observations: Space | None,
-    discount: float,
-    start: npt.NDArray[np.float64],
-    sparse: bool | None,
-) -> MDP | POMDP:
+    """Return the model that statements make, or say what was never given."""
     for letter, stack in (("T", statements.transitions), ("O", statements.observations)):
         for action in stack.missing() if stack is not None else []:
             problem = f"no {letter!r} statement is given for action {actions.names[action]!r}"

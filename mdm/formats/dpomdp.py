@@ -22,7 +22,7 @@ from mdm.formats.statements import Field, Statements
 from mdm.formats.target import write_text
 from mdm.models import POMDP, Space
 from mdm.models.leniency import forgiving
-from mdm.models.matrices import TOLERANCE
+from mdm.models.matrices import TOLERANCE, RowError
 from mdm.models.space import Factor
 
 if TYPE_CHECKING:
@@ -204,6 +204,8 @@ class _Reader:
             )
             statements.read(0)
             model = build(self._source, statements, states, actions, observations, discount, start, sparse)
+        except RowError as error:
+            statements.refuse(error)
         except ModelError as error:
             raise FormatError(str(error), file=self._source.path) from None
         except MemoryError:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from mdm.formats.source import Words
     from mdm.models import Space
+    from mdm.models.matrices import RowError
 
 __all__ = ["Field", "Statements"]
 
@@ -109,17 +110,17 @@ class Statements:
             first = errors[0]
             raise FormatError(f"{first.message}; {rest}", file=first.file, line=first.line, column=first.column)
 
-    def find(self, kind: str, action: int, row: int) -> int | None:
-        """Return the word at which the last statement begins that says something of a row of an action."""
-        words = self._words
+    def refuse(self, error: RowError) -> NoReturn:
+        """Raise a `FormatError` at the last statement that says something of a row that is no distribution."""
+        words, kind = self._words, error.what
         found = None
         for at in (i for i, word in enumerate(words[:-1]) if word == kind and words[i + 1] == ":"):
             end = self._field_end(at + 2)
-            of_action = self._of(kind, "a", at + 2, end, action)
+            of_action = self._of(kind, "a", at + 2, end, error.action)
             names_row = words[end : end + 1] == [":"] and not self._values_follow(end + 1, "s")
-            if of_action and (not names_row or self._of(kind, "s", end + 1, self._field_end(end + 1), row)):
+            if of_action and (not names_row or self._of(kind, "s", end + 1, self._field_end(end + 1), error.row)):
                 found = at
-        return found
+        self.fail(len(words) - 1 if found is None else found, str(error))
 
     def _of(self, kind: str, letter: str, begin: int, end: int, symbol: int) -> bool:
         """Whether a field stands for a symbol."""

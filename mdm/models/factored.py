@@ -27,14 +27,12 @@ __all__ = ["FactoredMDP", "FactoredPOMDP"]
 _Flat = TypeVar("_Flat", bound=MDP)
 
 
-class FactoredMDP(MDP):
-    """An MDP that is kept as a two-slice network; its matrices are made when they are first asked for, and kept.
+class _Factored(MDP):
+    """What factored models have in common: a network, and what is known of it or of its matrices."""
 
-    Args:
-        network: The network.
-        discount: In (0, 1].
-        sparse: Force CSR or dense matrices; None chooses by size and density.
-    """
+    @property
+    def _flat(self) -> MDP:
+        raise NotImplementedError
 
     def __init__(self, network: TwoSliceNetwork, *, discount: float, sparse: bool | None = None) -> None:
         self.network = network
@@ -43,6 +41,31 @@ class FactoredMDP(MDP):
         self.discount = checked_discount(discount)
         self.outcome_rewards = _outcomes(network)
         self._sparse = sparse
+
+    @cached_property
+    def initial_belief(self) -> Vector:
+        """The distribution of the first state: S numbers, read-only."""
+        first = flattening.first_distribution(self.network)
+        return distribution(first, what="the start", size=len(self.network.states))
+
+    @property
+    def rewards(self) -> Vector:
+        """The expected immediate reward R(s, a): S x A, read-only."""
+        return self._flat.rewards
+
+    def transition_matrix(self, action: Any) -> Matrix:
+        """Return P(s' | s, a) as an S x S' matrix, read-only."""
+        return self._flat.transition_matrix(action)
+
+
+class FactoredMDP(_Factored):
+    """An MDP that is kept as a two-slice network; its matrices are made when they are first asked for, and kept.
+
+    Args:
+        network: The network.
+        discount: In (0, 1].
+        sparse: Force CSR or dense matrices; None chooses by size and density.
+    """
 
     @cached_property
     def _flat(self) -> MDP:
@@ -62,20 +85,6 @@ class FactoredMDP(MDP):
         """Return the same model as matrices; they are made once and kept."""
         return _with_discount(self._flat, self.discount)
 
-    @cached_property
-    def initial_belief(self) -> Vector:
-        """The distribution of the first state: S numbers, read-only."""
-        return _initial_belief(self.network)
-
-    @property
-    def rewards(self) -> Vector:
-        """The expected immediate reward R(s, a): S x A, read-only."""
-        return self._flat.rewards
-
-    def transition_matrix(self, action: Any) -> Matrix:
-        """Return P(s' | s, a) as an S x S' matrix, read-only."""
-        return self._flat.transition_matrix(action)
-
     def with_discount(self, discount: float) -> FactoredMDP:
         """Return the same model with another discount; what was flattened is shared."""
         return super().with_discount(discount)
@@ -85,7 +94,7 @@ class FactoredMDP(MDP):
         return self.flatten().marginalize(factor)
 
 
-class FactoredPOMDP(POMDP):
+class FactoredPOMDP(_Factored, POMDP):
     """A POMDP that is kept as a two-slice network; its matrices are made when they are first asked for, and kept.
 
     Args:
@@ -97,13 +106,8 @@ class FactoredPOMDP(POMDP):
     def __init__(self, network: TwoSliceNetwork, *, discount: float, sparse: bool | None = None) -> None:
         if network.observations is None:
             raise ModelError("the network has no observations: it is a FactoredMDP's")
-        self.network = network
-        self.state_space = network.states
-        self.action_space = network.actions
+        super().__init__(network, discount=discount, sparse=sparse)
         self.observation_space = network.observations
-        self.discount = checked_discount(discount)
-        self.outcome_rewards = _outcomes(network)
-        self._sparse = sparse
 
     @cached_property
     def _flat(self) -> POMDP:
@@ -142,11 +146,6 @@ class FactoredPOMDP(POMDP):
         """Return the same model as matrices; they are made once and kept."""
         return _with_discount(self._flat, self.discount)
 
-    @cached_property
-    def initial_belief(self) -> Vector:
-        """The distribution of the first state: S numbers, read-only."""
-        return _initial_belief(self.network)
-
     @property
     def events(self) -> EventObservations | None:
         """How observations tell of transitions; None where they tell of states."""
@@ -156,15 +155,6 @@ class FactoredPOMDP(POMDP):
     def event_observations(self) -> bool:
         """Whether observations tell of transitions, P(o | s, a, s'), rather than of states."""
         return self.network.event_observations
-
-    @property
-    def rewards(self) -> Vector:
-        """The expected immediate reward R(s, a): S x A, read-only."""
-        return self._flat.rewards
-
-    def transition_matrix(self, action: Any) -> Matrix:
-        """Return P(s' | s, a) as an S x S' matrix, read-only."""
-        return self._flat.transition_matrix(action)
 
     def observation_matrix(self, action: Any) -> Matrix:
         """Return P(o | a, s') as an S' x O matrix, read-only."""
@@ -233,10 +223,6 @@ class _Outcomes:
 def _outcomes(network: TwoSliceNetwork) -> _Outcomes | None:
     later = {"next_state", "observation"}
     return _Outcomes(network) if any(node.role in later for u in network.utilities for node in u.scope) else None
-
-
-def _initial_belief(network: TwoSliceNetwork) -> Vector:
-    return distribution(flattening.first_distribution(network), what="the start", size=len(network.states))
 
 
 def _with_discount(flat: _Flat, discount: float) -> _Flat:

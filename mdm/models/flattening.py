@@ -136,6 +136,8 @@ def _grow(network: TwoSliceNetwork, role: Role, count: int, given: dict[Node, In
     every = np.arange(count)
     joint = _Joint(every, np.zeros(count, dtype=np.intp), np.ones(count))
     for index in network.orders[role]:
+        if not joint.rows.size:  # nothing is possible at all, as where an event is never told of
+            break
         potential = network.potentials(role)[index]
         child = Node(role, index)
         size = len(factors[index])

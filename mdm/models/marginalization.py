@@ -50,7 +50,8 @@ def marginalize(model: MDP, name: str) -> MDP:
     total = csr((np.ones(len(rest)), rest, np.arange(len(rest) + 1)), (len(rest), len(states)))
 
     rewards = model.rewards[groups[0]]
-    if any(np.abs(model.rewards[group] - rewards).max() > _SAME for group in groups[1:]):
+    rounding = _SAME * max(1.0, np.abs(model.rewards).max())
+    if any(np.abs(model.rewards[group] - rewards).max() > rounding for group in groups[1:]):
         raise ModelError(f"the rewards depend on {name!r}: it cannot be dropped")
     actions = range(len(model.action_space))
     summed = [_summed(model.transition_matrix(action), groups, total, name, "transitions") for action in actions]

@@ -20,7 +20,7 @@ from mdm.models.matrices import TOLERANCE, Vector
 from mdm.models.potential import Node, Potential, Role, Tree
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -168,7 +168,7 @@ class TwoSliceNetwork:
         while waiting:
             ready = next((index for index, parents in waiting.items() if parents.issubset(order)), None)
             if ready is None:
-                names = " and ".join(repr(self.name(Node(role, index))) for index in waiting)
+                names = " and ".join(repr(self.name(Node(role, index))) for index in _circle(waiting))
                 raise ModelError(f"{names} depend on each other in a circle")
             order.append(ready)
             del waiting[ready]
@@ -222,3 +222,13 @@ class TwoSliceNetwork:
             flat = np.arange(start, min(start + step, total))
             digits = dict(zip(parents, np.unravel_index(flat, shape), strict=True)) if parents else {}
             yield digits, potential.rows(digits, len(flat), child, size)
+
+
+def _circle(parents: Mapping[int, set[int]]) -> list[int]:
+    """Return a circle, where each variable has a parent that waits as well."""
+    path = [min(parents)]
+    while True:
+        after = min(parents[path[-1]] & parents.keys())
+        if after in path:
+            return sorted(path[path.index(after) :])
+        path.append(after)

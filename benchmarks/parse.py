@@ -35,8 +35,7 @@ before = peak()
 began = time.perf_counter()
 model = mdm.load_model(sys.argv[1])
 read = time.perf_counter() - began
-if isinstance(model, mdm.FactoredMDP | mdm.FactoredPOMDP):
-    model = model.flatten()
+model = model.flatten()
 whole = time.perf_counter() - began
 after = peak()
 actions = range(len(model.action_space))

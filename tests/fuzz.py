@@ -86,9 +86,7 @@ def run(task: tuple[int, int, list[Path]]) -> tuple[Counter[str], list[str], tup
             signal.alarm(SECONDS)
             try:
                 if is_model:
-                    model = mdm.load_model(target)
-                    if isinstance(model, mdm.FactoredMDP | mdm.FactoredPOMDP):
-                        model.flatten()
+                    mdm.load_model(target).flatten()
                 else:
                     mdm.load_policy(target)
                 outcomes["model" if is_model else "policy"] += 1

@@ -95,7 +95,6 @@ def _holds_policy(file: str) -> bool:
 def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], list[str]]:
     from mdm.errors import FormatError, ModelError  # noqa: PLC0415
     from mdm.formats import load_model  # noqa: PLC0415
-    from mdm.models import FactoredMDP, FactoredPOMDP  # noqa: PLC0415
     from mdm.models.diagnosis import diagnose  # noqa: PLC0415
     from mdm.models.leniency import Problem, collecting  # noqa: PLC0415
 
@@ -104,8 +103,7 @@ def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], l
     with collecting() as collected:
         try:
             model = load_model(file)
-            if isinstance(model, FactoredMDP | FactoredPOMDP):
-                model.flatten()
+            model.flatten()
             kind = f"a model ({model.kind})"
             if all(problem.is_sum for problem in collected):  # else it is not the model that was meant
                 odd = diagnose(model)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 from mdm.errors import FormatError, ModelError, ModelWarning
 from mdm.formats import archive, cassandra, dpomdp, npz, pgmx, pomdpx, toi
 from mdm.formats.source import Source, suffixes
-from mdm.models import FactoredMDP, FactoredPOMDP
 from mdm.models.leniency import collecting
 
 if TYPE_CHECKING:
@@ -72,8 +71,7 @@ def load_model(path: str | Path, *, sparse: bool | None = None, normalize: bool 
         return reader(path, sparse=sparse)
     with collecting(sums_only=True) as problems:
         model = reader(path, sparse=sparse)
-        if isinstance(model, FactoredMDP | FactoredPOMDP):
-            model.flatten()  # here, where rows are forgiven
+        model.flatten()  # here, where rows are forgiven
     if problems:
         text = f"{path}: {len(problems)} distributions did not sum to 1 and were normalised; first: {problems[0].text}"
         warnings.warn(text, ModelWarning, stacklevel=2)

@@ -63,7 +63,7 @@ class BeliefTracker:
         ModelError: If there is no such observation.
     """
 
-    def __init__(self, model: POMDP, *, false_negative: Symbol | None = None) -> None:
+    def __init__(self, model: POMDP, false_negative: Symbol | None = None) -> None:
         self._model = model
         self._size = len(model.state_space)
         self._num_actions = len(model.action_space)

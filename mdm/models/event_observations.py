@@ -3,7 +3,8 @@
 An event model says what is observed at a change of state. Where a transition has probability 0 what is said of its
 observations has no meaning: there, rows need not sum to 1. Elsewhere a row may sum to less: what is missing is the
 probability of an event that the model has no name for (real models leave a few per cent open), and a belief that is
-updated with what was observed is not moved by it. So rows are kept as they are given, and are never normalised.
+updated with what was observed is not moved by it. So rows are kept as they are given; only where they sum to more than
+1, and that is forgiven, they are normalised.
 """
 
 from __future__ import annotations
@@ -70,6 +71,7 @@ class DenseEvents:
     ) -> None:
         self.num_observations = len(events[0])
         self._transitions = tuple(transitions)
+        kept = []
         least = 1.0
         for action, (transition, event) in enumerate(zip(transitions, events, strict=True)):
             if event.shape != (self.num_observations, *transition.shape):
@@ -79,14 +81,20 @@ class DenseEvents:
                 )
             possible = transition > 0
             rows = event[:, possible]
-            places = np.nonzero(possible)
-            least = min(least, _checked(rows.min(axis=0), rows.sum(axis=0), places, actions, states, action))
+            sums = rows.sum(axis=0)
+            least = min(least, _checked(rows.min(axis=0), sums, np.nonzero(possible), actions, states, action))
+            divisors = np.ones(transition.shape)
+            divisors[possible] = _divisors(sums)
+            finite = np.isfinite(event)
+            if not finite.all() or divisors.max() > 1:  # what is not finite spoils products with T even where T is 0
+                event = np.where(finite, event, 0.0) / divisors  # noqa: PLW2901 - the same, put right
+            kept.append(read_only(event))
         _warn(least)
-        self.events = tuple(read_only(event) for event in events)
+        self.events = tuple(kept)
         """P(o | s, a, s') per action: O x S x S'."""
 
     def matrix(self, action: int, observation: int) -> Matrix:
-        """Return P(o | s, a, s'), S x S', read-only; as given where T is 0."""
+        """Return P(o | s, a, s'), S x S', read-only; as given, if finite, where T is 0."""
         return self.events[action][observation]
 
     def joint(self, action: int, observation: int) -> Matrix:
@@ -130,6 +138,9 @@ class TransitionEvents:
             lowest = event.min(axis=1).toarray() if event.nnz else np.zeros(event.shape[0])
             sums = np.asarray(event.sum(axis=1))
             least = min(least, _checked(lowest.ravel(), sums.ravel(), places, actions, states, action))
+            if (divisors := _divisors(sums.ravel())).max(initial=1) > 1:
+                event = csr(event)  # noqa: PLW2901 - the same rows, normalised
+                event.data /= np.repeat(divisors, np.diff(event.indptr))
             self.events.append(event.tocsc())
         _warn(least)
 
@@ -203,6 +214,11 @@ def _checked(least: Vector, sums: Vector, places: Any, actions: Space, states: S
         if not forgive(problem, is_sum=bool(least[at] >= 0)):
             raise ModelError(problem)
     return float(sums.min()) if sums.size else 1.0
+
+
+def _divisors(sums: Vector) -> Vector:
+    """Return what rows are divided by: their sums where these are too large, which then was forgiven; else 1."""
+    return np.where(sums > 1 + TOLERANCE, sums, 1.0)
 
 
 def _warn(least: float) -> None:

@@ -164,6 +164,10 @@ class MDP:
         other.discount = checked_discount(discount)
         return other
 
+    def flatten(self) -> MDP:
+        """Return the model as matrices: itself, where it is not factored."""
+        return self
+
     def marginalize(self, factor: str) -> MDP:
         """Return the model without a state factor, where nothing else depends on that factor's present value.
 

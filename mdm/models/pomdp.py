@@ -176,6 +176,10 @@ class POMDP(MDP):
     def _observation_index(self, observation: Symbol) -> int:
         return self.observation_space.index(observation)
 
+    def flatten(self) -> POMDP:
+        """Return the model as matrices: itself, where it is not factored."""
+        return self
+
     def marginalize(self, factor: str) -> POMDP:
         """Return the model without a state factor, where nothing else depends on that factor's present value.
 

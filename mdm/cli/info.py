@@ -36,6 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(document.content.tree())
     else:
         for key, value in document.facts().items():
+            if value is None or value == []:
+                continue
             print(f"{key.replace('_', ' '):24}{_text(value)}")
     return 0
 

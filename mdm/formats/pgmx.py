@@ -158,9 +158,8 @@ class _Document:
         nodes = {variable.key: Node("state", index) for index, variable in enumerate(factors)}
         nodes |= {(variable.name, 1): Node("next_state", index) for index, variable in enumerate(factors)}
         nodes |= {variable.key: Node("action", index) for index, variable in enumerate(decisions)}
-        nodes |= {
-            variable.key: Node("observation", index) for index, variable in enumerate(seen) if variable.key not in nodes
-        }
+        for index, variable in enumerate(seen):
+            nodes.setdefault(variable.key, Node("observation", index))
         for variable in factors:
             after = self._variables.get((variable.name, 1))
             if after is not None and len(after.names) != len(variable.names):
@@ -216,9 +215,9 @@ class _Document:
         self, variable: Variable, index: int, nodes: dict[tuple[str, int], Node], potentials: Potentials
     ) -> Potential:
         node = nodes[variable.key]
-        if node.role == "observation":
+        if node == Node("observation", index):
             return self._conditional(variable.key, potentials)
-        # A state factor that is seen as it is.
+        # A state factor that is seen as it is, or what another agent observes, too.
         return Table([node, Node("observation", index)], np.eye(len(variable.names)))
 
     def _need(self, key: tuple[str, int]) -> bool:

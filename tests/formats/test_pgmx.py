@@ -267,3 +267,23 @@ def test_mutated_files_make_a_model_or_an_error(seed, tmp_path_factory):
     path.write_text(mutated(GUARD, random.Random(seed), ["<", "0", "-1", "1e999", "nan", "&x;", "</Branch>", '"']))
     with contextlib.suppress(FormatError):
         load(path)
+
+
+def test_two_agents_may_be_informed_of_one_observation(tmp_path):
+    """Both hear the same: the joint observations in which they differ never occur."""
+    text = GUARD.replace(
+        '<Variable name="heard" type',
+        '<Variable name="camera" type="finiteStates" role="decision" timeSlice="1"><Agent name="camera"/>'
+        '<States><State name="left"/><State name="right"/></States></Variable>\n<Variable name="heard" type',
+    )
+    link = '<Link directed="true"><Variable name="heard" timeSlice="1"/><Variable name="{}" timeSlice="1"/></Link>'
+    text = text.replace(link.format("guard"), link.format("guard") + link.format("camera"))
+    (tmp_path / "both.pgmx").write_text(text)
+    both = load(tmp_path / "both.pgmx")
+    (tmp_path / "one.pgmx").write_text(GUARD)
+    one = load(tmp_path / "one.pgmx")
+    assert both.observation_space.shape == (2, 2)
+    for action in range(6):
+        for o, p in np.ndindex(2, 2):
+            expected = one.joint_matrix(action, o) if o == p else 0
+            np.testing.assert_allclose(dense(both.joint_matrix(action, 2 * o + p)), expected)

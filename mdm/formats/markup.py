@@ -6,6 +6,7 @@ A document type can define entities that grow without bound or read other files,
 from __future__ import annotations
 
 from collections import deque
+from html import escape  # that of xml.sax brings half of a web client along
 from typing import TYPE_CHECKING, NoReturn
 from xml.parsers import expat
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
     from mdm.formats.source import Source
 
-__all__ = ["Element", "stream"]
+__all__ = ["Element", "escape", "quoted", "stream"]
 
 _PIECE = 1 << 16
 _DEPTH = 100
@@ -81,6 +82,11 @@ def stream(source: Source, collect: Container[str]) -> Iterator[Element]:
         parser.feed(text[start : start + _PIECE], last=start + _PIECE >= len(text))
         while parser.done:
             yield parser.done.popleft()
+
+
+def quoted(text: str) -> str:
+    """Return a text as the value of an attribute."""
+    return f'"{escape(text)}"'
 
 
 class _Parser:

@@ -7,11 +7,11 @@ import re
 import warnings
 from collections import Counter
 from typing import TYPE_CHECKING
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from mdm.errors import ModelError, ModelWarning
+from mdm.formats.markup import quoted
 from mdm.formats.spelling import Speller
 from mdm.formats.target import write_text
 from mdm.models.factoring import as_network
@@ -98,7 +98,7 @@ class _Document:
         lines.append("</AdditionalProperties>")
         if len(network.actions.factors) > 1:
             agents = range(len(network.actions.factors))
-            lines += ["<Agents>", *(f"<Agent name={quoteattr(self._agent(agent))}/>" for agent in agents), "</Agents>"]
+            lines += ["<Agents>", *(f"<Agent name={quoted(self._agent(agent))}/>" for agent in agents), "</Agents>"]
         lines += ["<Variables>", *self._declarations(), "</Variables>", "<Links>", *self._links(), "</Links>"]
         lines.append("<Potentials>")
         conditionals: tuple[Role, ...] = ("state", "next_state", "observation")
@@ -125,14 +125,14 @@ class _Document:
             agent = self._agent(last.place) if several else None
             lines.append(self._declaration(name, "decision", 1, self._values[last], agent))
         lines += [
-            f'<Variable name={quoteattr(name)} type="numeric" role="utility" timeSlice="0"/>' for name in self._rewards
+            f'<Variable name={quoted(name)} type="numeric" role="utility" timeSlice="0"/>' for name in self._rewards
         ]
         return lines
 
     def _declaration(self, name: str, role: str, time: int, values: list[str], agent: str | None) -> str:
-        states = "".join(f"<State name={quoteattr(value)}/>" for value in values)
-        of = "" if agent is None else f"<Agent name={quoteattr(agent)}/>"
-        begin = f'<Variable name={quoteattr(name)} type="finiteStates" role="{role}" timeSlice="{time}">'
+        states = "".join(f"<State name={quoted(value)}/>" for value in values)
+        of = "" if agent is None else f"<Agent name={quoted(agent)}/>"
+        begin = f'<Variable name={quoted(name)} type="finiteStates" role="{role}" timeSlice="{time}">'
         return f"{begin}{of}<States>{states}</States></Variable>"
 
     def _links(self) -> list[str]:
@@ -156,7 +156,7 @@ class _Document:
 
 
 def _variable(name: str, time: int) -> str:
-    return f'<Variable name={quoteattr(name)} timeSlice="{time}"/>'
+    return f'<Variable name={quoted(name)} timeSlice="{time}"/>'
 
 
 class _Writer:
@@ -192,7 +192,7 @@ class _Writer:
         scope = sorted(potential.scope, key=lambda node: node != self._child)
         of = ""
         if self._child is None and not depth:
-            of = f'<UtilityVariable name={quoteattr(self._utility)} timeSlice="0"/>'
+            of = f'<UtilityVariable name={quoted(self._utility)} timeSlice="0"/>'
         listed = scope if depth or self._child is None or self._child in scope else [self._child, *scope]
         variables = "".join(self._reference(node) for node in listed)
         lines = [f'<Potential type="{kind}" role="{role}">{of}<Variables>{variables}</Variables>']
@@ -210,7 +210,7 @@ class _Writer:
         return [*lines, "</Potential>"]
 
     def _branch(self, names: list[str], branch: Potential, depth: int) -> list[str]:
-        begin = "<Branch><States>" + "".join(f"<State name={quoteattr(name)}/>" for name in names) + "</States>"
+        begin = "<Branch><States>" + "".join(f"<State name={quoted(name)}/>" for name in names) + "</States>"
         key = id(branch)
         if key in self._labels:
             return [f"{begin}<Reference>{self._labels[key]}</Reference></Branch>"]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections import Counter
 from typing import TYPE_CHECKING
-from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
 from mdm.errors import ModelError
+from mdm.formats.markup import escape, quoted
 from mdm.formats.spelling import Speller, unused
 from mdm.formats.target import write_text
 from mdm.models.factoring import as_network
@@ -105,9 +105,9 @@ class _Document:
             for place in range(len(self._network.factors(role))):
                 node = Node(role, place)
                 values = self._values[node]
-                name = quoteattr(self._variables[node])
+                name = quoted(self._variables[node])
                 if role == "state":
-                    after = quoteattr(self._variables[Node("next_state", place)])
+                    after = quoted(self._variables[Node("next_state", place)])
                     seen = "true" if self._network.observations is None or fully_observed[place] else "false"
                     begin = f'<{tag} vnamePrev={name} vnameCurr={after} fullyObs="{seen}">'
                 else:
@@ -115,9 +115,7 @@ class _Document:
                 counted = values == [f"{prefix}{index}" for index in range(len(values))]
                 listed = f"<ValueEnum>{escape(' '.join(values))}</ValueEnum>"
                 lines.append(begin + (f"<NumValues>{len(values)}</NumValues>" if counted else listed) + f"</{tag}>")
-        lines += [
-            f"<RewardVar vname={quoteattr(self._reward(index))}/>" for index in range(len(self._network.utilities))
-        ]
+        lines += [f"<RewardVar vname={quoted(self._reward(index))}/>" for index in range(len(self._network.utilities))]
         return lines
 
     def _function(self, tag: str, variable: str, potential: Potential, child: Node | None) -> list[str]:
@@ -198,7 +196,7 @@ class _Diagram:
         return self._node(first, [self._body(Table(rest, part), depth + 2) for part in potential.values])
 
     def _node(self, node: Node, branches: list[list[str]]) -> list[str]:
-        lines = [f"<Node var={quoteattr(self._variables[node])}>"]
+        lines = [f"<Node var={quoted(self._variables[node])}>"]
         for value, branch in zip(self._values[node], branches, strict=True):
-            lines += [f"<Edge val={quoteattr(value)}>", *branch, "</Edge>"]
+            lines += [f"<Edge val={quoted(value)}>", *branch, "</Edge>"]
         return [*lines, "</Node>"]

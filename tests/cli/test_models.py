@@ -284,6 +284,16 @@ def test_policies_are_told_of_by_info_and_not_shown(mdm):
     assert "holds a policy" in errors
 
 
+@pytest.mark.parametrize(("name", "text"), [("vectors.txt", "0 -1\n1 2\n\n1 -1\n2 1\n"), ("plan", "[3](0,1,0)\n")])
+def test_policies_are_known_by_what_they_hold(mdm, tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    for verb in ("check", "info"):
+        status, output, errors = mdm(verb, tmp_path / name)
+        assert (status, errors) == (0, "")
+        assert any("policy" in line for line in output)
+    assert mdm("convert", tmp_path / name, tmp_path / "out.npz")[0] == 0
+
+
 def test_archives_of_models_and_policies_are_told_apart(mdm, tmp_path):
     save_model(load_model(TIGER), tmp_path / "model.npz")
     save_policy(load_policy(POLICIES / "tiger.vf"), tmp_path / "policy.npz")

@@ -1,13 +1,16 @@
 from __future__ import annotations
 
 import json
+import warnings
+from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from random_models import dense, flat_models
 
 from mdm import load_model
-from mdm.errors import ModelError
+from mdm.errors import ModelError, ModelWarning
 from mdm.models import POMDP, BeliefTracker, Factor, Space
 
 PROBLEMS = ("GridSmall", "broadcastChannel", "dectiger", "fireFighting_2_3_3", "recycling", "relay4")
@@ -144,3 +147,163 @@ def test_symbols_may_be_numbers_of_numpy_or_names():
     for observation in (np.int64(1), ("1",), (np.int32(1),)):
         assert tracker.update(np.int64(0), observation) == pytest.approx(same.update(0, 1))
         np.testing.assert_allclose(tracker.belief, same.belief, atol=1e-15)
+
+
+@pytest.mark.parametrize("problem", ["Access_Synch", "DTPGMX", "FFG343"])
+def test_agrees_with_madp_on_factored_models(corpus, problem):
+    oracle = json.loads((corpus / "oracles" / f"{problem}.pgmx.json").read_text())
+    tracker = BeliefTracker(load_model(corpus / "models" / "madp" / f"{problem}.pgmx"))
+    compared = 0
+    for sequence in oracle["belief_sequences_JointBelief"]:
+        tracker.reset()
+        for step in sequence["steps"]:
+            assert tracker.update(step["a"], step["o"]) == pytest.approx(step["eta"], abs=1e-9)
+            np.testing.assert_allclose(tracker.belief, step["b"], atol=1e-9)
+            compared += 1
+    assert compared >= 40
+
+
+def test_agrees_with_the_traces_of_quirky_files(corpus):
+    """P(o), and the belief by the sum of (i + 1) b[i], from the initial belief on."""
+    compared = []
+    for file, entry in json.loads((corpus / "edge" / "expected.json").read_text()).items():
+        trace = entry.get("expect", {}).get("belief_trace")
+        if not trace:
+            continue
+        for sparse in (False, True):
+            tracker = BeliefTracker(load_quietly(corpus / "edge" / file, sparse=sparse))
+            for step in trace:
+                probability = tracker.update(step["a"], step["o"])
+                assert probability == pytest.approx(step["p"], abs=1e-9), (file, step)
+                checksum = tracker.belief @ np.arange(1, len(tracker.belief) + 1)
+                assert checksum == pytest.approx(step["belief_checksum"], abs=1e-9), (file, step)
+        compared.append(file.split("/")[0])
+    assert {kind: compared.count(kind) for kind in set(compared)} == {"pomdp": 22, "dpomdp": 5, "pgmx": 2, "pomdpx": 3}
+
+
+def load_quietly(path, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        return load_model(path, **options)
+
+
+@pytest.mark.parametrize("folded", [4_000_000, 0])
+@given(model=flat_models(kinds=("POMDP",), events=True), data=st.data())
+def test_something_is_observed_unless_the_model_leaves_it_open(folded, model, data):
+    """P(o) sums to 1 over o, or over all ways to fill what is missing; for events to what they leave of it."""
+    action = data.draw(st.integers(0, len(model.action_space) - 1))
+    count, shape = len(model.observation_space), model.observation_space.shape
+    size = len(model.state_space)
+    expected = sum(
+        model.initial_belief[s] * model.transition(action, s, t) * model.observation(action, t, state=s).sum()
+        for s, t in np.ndindex(size, size)
+        if model.transition(action, s, t) > 0
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mdm.models.belief._FOLDED", folded)
+        tracker = BeliefTracker(model)
+
+    def probability(observation):
+        tracker.reset()
+        return tracker.update(action, observation)
+
+    assert sum(map(probability, range(count))) == pytest.approx(expected, abs=1e-9)
+    assert sum(probability((first, *[None] * (len(shape) - 1))) for first in range(shape[0])) == pytest.approx(expected)
+    assert probability((None,) * len(shape)) == pytest.approx(expected)
+    assert probability(None) == pytest.approx(1)
+
+
+def solved(matrix, right):
+    """Solve x (I - matrix) = right by elimination with fractions, exactly."""
+    size = len(right)
+    rows = [
+        [Fraction(int(s == t)) - Fraction(matrix[t][s]) for t in range(size)] + [Fraction(right[s])]
+        for s in range(size)
+    ]
+    for pivot in range(size):
+        best = next(row for row in range(pivot, size) if rows[row][pivot] != 0)
+        rows[pivot], rows[best] = rows[best], rows[pivot]
+        rows[pivot] = [value / rows[pivot][pivot] for value in rows[pivot]]
+        for row in range(size):
+            if row != pivot:
+                rows[row] = [a - rows[row][pivot] * b for a, b in zip(rows[row], rows[pivot], strict=True)]
+    return [float(row[-1]) for row in rows]
+
+
+@pytest.mark.parametrize("folded", [4_000_000, 0])
+@given(model=flat_models(kinds=("POMDP",), events=True), data=st.data())
+def test_false_negatives_are_what_the_equations_say(folded, model, data):
+    """b (I - H)^-1 H_o, over states from which something may be heard; also where observations tell of states."""
+    size, count = len(model.state_space), len(model.observation_space)
+    action = data.draw(st.integers(0, len(model.action_space) - 1))
+    unnoticed = data.draw(st.integers(0, count - 1))
+    joints = [dense(model.joint_matrix(action, o)) for o in range(count)]
+    noticed = [o for o in range(count) if o != unnoticed]
+    # States from which something else than the unnoticed may come, or nothing at all: found by walking back.
+    heard = {s for s in range(size) if 1 - joints[unnoticed][s].sum() > 1e-9}
+    while True:
+        wider = heard | {s for s in range(size) if any(joints[unnoticed][s, t] > 0 for t in heard)}
+        if wider == heard:
+            break
+        heard = wider
+    inner = [[joints[unnoticed][s, t] if s in heard else 0.0 for t in range(size)] for s in range(size)]
+    reached = np.array(solved(inner, model.initial_belief))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mdm.models.belief._FOLDED", folded)
+        tracker = BeliefTracker(model, false_negative=unnoticed)
+    total = 0.0
+    for o in noticed:
+        tracker.reset()
+        expected = reached @ joints[o]
+        assert tracker.update(action, o) == pytest.approx(expected.sum(), abs=1e-9)
+        if expected.sum() > 1e-9:
+            np.testing.assert_allclose(tracker.belief, expected / expected.sum(), atol=1e-9)
+        total += expected.sum()
+    assert total <= 1 + 1e-9
+    tracker.reset()
+    assert tracker.update(action, unnoticed) == pytest.approx((model.initial_belief @ joints[unnoticed]).sum())
+    if noticed:
+        # Which of the noticed ones it was is not known: their sum, without the unnoticed.
+        tracker.reset()
+        missing = (None,) * len(model.observation_space.factors)
+        assert tracker.update(action, missing) == pytest.approx(total, abs=1e-9)
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_false_negatives_by_hand(sparse):
+    """Each step one in four is noticed, and the state moves on: P(noticed in state s) is a geometric series."""
+    moves = np.roll(np.eye(3), 1, axis=1)
+    model = POMDP(
+        [moves],
+        [np.tile([0.75, 0.25], (3, 1))],
+        np.zeros((3, 1)),
+        discount=0.9,
+        observation_names=["nothing", "something"],
+        initial_belief=[1, 0, 0],
+        sparse=sparse,
+    )
+    tracker = BeliefTracker(model, false_negative="nothing")
+    assert tracker.update(0, 1) == pytest.approx(1)
+    first = 0.25 / (1 - 0.75**3)
+    np.testing.assert_allclose(tracker.belief, [first * 0.75**2, first, first * 0.75], atol=1e-12)
+    assert tracker.update(0, 0) == pytest.approx(0.75)
+    np.testing.assert_allclose(tracker.belief, [first * 0.75, first * 0.75**2, first], atol=1e-12)
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_what_is_heard_of_many_unnoticed_steps_later_counts(sparse):
+    """Five states in a row, of which only the step out of the last makes a sound; it leads back to the first."""
+    told = np.zeros((1, 2, 5, 5))
+    told[0, 0] = 1
+    told[0, :, 4, 0] = [0, 1]
+    model = POMDP(
+        [np.roll(np.eye(5), 1, axis=1)],
+        told,
+        np.zeros((5, 1)),
+        discount=0.9,
+        event_observations=True,
+        sparse=sparse,
+    )
+    tracker = BeliefTracker(model, false_negative=0)
+    assert tracker.update(0, 1) == pytest.approx(1)
+    np.testing.assert_allclose(tracker.belief, [1, 0, 0, 0, 0], atol=1e-12)

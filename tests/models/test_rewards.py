@@ -62,3 +62,25 @@ def test_rewards_over_observations_need_some():
 def test_other_shapes_are_refused(rewards):
     with pytest.raises(ModelError):
         MDP([np.eye(2)], rewards, discount=0.9)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_is_refused_with_its_place(wrong):
+    options = {"discount": 0.9, "states": ["low", "high"], "actions": ["wait"]}
+    message = f"action 'wait' in state 'high' is {wrong}, not a finite number"
+    finer = np.zeros((1, 2, 2, 2))
+    for rewards in ([0, wrong], [[0], [wrong]], [[[0, 0], [0, wrong]]]):
+        with pytest.raises(ModelError, match=message):
+            MDP([np.eye(2)], rewards, **options)
+    finer[0, 1, 1, 1] = wrong
+    with pytest.raises(ModelError, match=message):
+        POMDP([np.eye(2)], [np.full((2, 2), 0.5)], finer, **options)
+    finer[0, 1, 1, 1], finer[0, 1, 0, 0] = 1, wrong  # from high, low is never reached
+    assert POMDP([np.eye(2)], [np.full((2, 2), 0.5)], finer, **options).rewards.tolist() == [[0], [0.5]]
+
+
+def test_arrays_of_outcomes_are_given_back_unless_too_large():
+    values = np.arange(4.0).reshape(1, 2, 2)
+    kept = MDP([np.eye(2)], values, discount=0.9).outcome_rewards
+    assert kept.array(4).tolist() == values.tolist()
+    assert kept.array(3) is None

@@ -103,7 +103,8 @@ class _Reader:
         """Whether a section or a statement begins at a word: a keyword is one only where a colon follows."""
         words = self._words.words
         if words[at] in _KEYS:
-            return words[at + 1 : at + 2] == [":"] or (words[at] == "start" and words[at + 2 : at + 3] == [":"])
+            listed = words[at] == "start" and words[at + 1 : at + 2] in (["include"], ["exclude"])
+            return words[at + 1 : at + 2] == [":"] or (listed and words[at + 2 : at + 3] == [":"])
         return self._begins_statement(at)
 
     def _begins_statement(self, at: int) -> bool:

@@ -282,3 +282,15 @@ def test_mutated_files_give_a_model_or_a_format_error(tmp_path_factory, data):
         assert isinstance(load(path), MDP)
     except FormatError as error:
         assert path.name in str(error)
+
+
+def test_keywords_may_be_names(tmp_path):
+    path = tmp_path / "names.pomdp"
+    path.write_text(
+        "discount: 0.9\nvalues: reward\nstates: T O\nactions: R\nobservations: start\n"
+        "T: R : T : O 1\nT: R : O : T 1\nO: R\n1\n1\nR: R : T : * : * 5\n"
+    )
+    model = load(path)
+    assert (model.state_space.names, model.observation_space.names) == (("T", "O"), ("start",))
+    assert model.transition("R", "T", "O") == 1
+    assert model.reward("R", "T") == 5

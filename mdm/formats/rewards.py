@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Rewards"]
 
 _BLOCK = 5_000_000
+_MANY = 1_000_000
 _Statement = tuple["Places", "Places", "Places", Any]
 
 
@@ -67,12 +68,17 @@ class Rewards:
 
     @property
     def finer(self) -> bool:
-        """Whether a statement tells next states or observations apart."""
-        return any(
+        """Whether rewards depend on next states or observations; of very many, whether a statement names any."""
+        named = any(
             n is not None or o is not None or (_is_row(s, n, o, value) and np.ptp(value) != 0)
             for statements in self._by_action
             for s, n, o, value in statements
         )
+        array = self.array(_MANY) if named else None
+        if array is None:
+            return named
+        outcomes = array.reshape(*array.shape[:2], -1)
+        return bool((outcomes != outcomes[..., :1]).any())
 
     def at(self, action: int, state: int, next_state: int, observation: int | None) -> float:
         """Return R(a, s, s', o): what the last statement says that covers it.

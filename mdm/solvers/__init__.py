@@ -1,0 +1,7 @@
+"""Solvers: models in, policies out, with bounds that certify them."""
+
+from mdm.solvers.solution import Progress, Solution
+from mdm.solvers.solve import SOLVERS, solve
+from mdm.solvers.watch import Watch
+
+__all__ = ["SOLVERS", "Progress", "Solution", "Watch", "solve"]

@@ -1,0 +1,72 @@
+"""What a solver returns: a policy, the bounds that certify it, and how they came about."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import msgspec
+
+__all__ = ["Progress", "Reason", "Solution"]
+
+Reason = Literal["gap", "time", "iterations", "memory", "interrupted", "exact"]
+
+
+class Progress(msgspec.Struct, frozen=True):
+    """How far a solver has come.
+
+    Attributes:
+        seconds: Since it began.
+        lower: What the policy found so far is worth at the initial belief, at least; -inf while nothing is known.
+        upper: What any policy is worth there, at most; inf while nothing is known.
+        iterations: Sweeps, trials or rounds, as the solver counts them.
+        size: How large the policy is: vectors, nodes or states.
+        memory: Bytes that the process holds.
+    """
+
+    seconds: float
+    lower: float
+    upper: float
+    iterations: int
+    size: int
+    memory: int
+
+    @property
+    def gap(self) -> float:
+        """How far the bounds are apart."""
+        return self.upper - self.lower
+
+
+class Solution(msgspec.Struct, frozen=True):
+    """A policy with its certificate.
+
+    Attributes:
+        policy: The policy.
+        solver: Which solver made it.
+        lower: The policy is worth at least this at the initial belief; -inf where the solver proves nothing.
+        upper: No policy is worth more; inf where the solver proves nothing.
+        reason: Why the solver stopped: the ``gap`` asked for was reached, the ``time``, the ``iterations`` or the
+            ``memory`` allowed were used up, it was ``interrupted``, or the result is ``exact``.
+        history: The progress, in order of time; the last entry is the result.
+    """
+
+    policy: Any
+    solver: str
+    lower: float
+    upper: float
+    reason: Reason
+    history: tuple[Progress, ...]
+
+    @property
+    def gap(self) -> float:
+        """How far the bounds are apart."""
+        return self.upper - self.lower
+
+    @property
+    def seconds(self) -> float:
+        """How long it took."""
+        return self.history[-1].seconds
+
+    @property
+    def iterations(self) -> int:
+        """How many sweeps, trials or rounds it took."""
+        return self.history[-1].iterations

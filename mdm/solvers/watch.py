@@ -1,0 +1,155 @@
+"""The watch over a solver: it tells it when to stop, and others how far it has come."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from mdm.errors import ConfigError, ModelError
+from mdm.solvers.solution import Progress, Reason, Solution
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import FrameType, TracebackType
+
+__all__ = ["Watch"]
+
+_KEPT = 0.05
+"""Seconds between entries of the history, as a share of the time so far."""
+
+
+class Watch:
+    """Limits of a solver's run, and where it reports.
+
+    It is a context: inside it the first Ctrl-C stops the solver, which returns the best policy that it has, and the
+    second is a `KeyboardInterrupt` as ever (in the main thread; elsewhere call `interrupt`).
+
+    Args:
+        gap: Stop when the bounds at the initial belief are no further apart.
+        seconds: Stop after so long; None sets no limit.
+        iterations: Stop after so many sweeps, trials or rounds.
+        memory: Stop when the process holds so many bytes; by default 80 % of the machine's memory.
+        progress: Called with each `Progress` that is reported.
+        clock: Returns seconds; for tests.
+
+    Raises:
+        ConfigError: If a limit is not positive.
+    """
+
+    def __init__(
+        self,
+        *,
+        gap: float = 1e-3,
+        seconds: float | None = None,
+        iterations: int | None = None,
+        memory: int | None = None,
+        progress: Callable[[Progress], object] | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        for name, limit in (("gap", gap), ("seconds", seconds), ("iterations", iterations), ("memory", memory)):
+            if limit is not None and not limit >= 0:
+                raise ConfigError(f"{name} is a number from 0 on, not {limit}", key=name)
+        self.gap = gap
+        self.reason: Reason | None = None
+        self._seconds = float("inf") if seconds is None else seconds
+        self._iterations = sys.maxsize if iterations is None else iterations
+        self._memory = int(0.8 * _machine_memory()) if memory is None else memory
+        self._progress = progress
+        self._clock = clock
+        self._began = clock()
+        self._history: list[Progress] = []
+        self._interrupted = False
+        self._previous: Any = None
+
+    def __enter__(self) -> Self:
+        self._began = self._clock()
+        if threading.current_thread() is threading.main_thread():
+            self._previous = signal.signal(signal.SIGINT, self._on_signal)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._previous is not None:
+            signal.signal(signal.SIGINT, self._previous)
+            self._previous = None
+
+    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
+        if self._interrupted:
+            raise KeyboardInterrupt
+        self._interrupted = True
+
+    def interrupt(self) -> None:
+        """Stop the solver at its next report; from any thread."""
+        self._interrupted = True
+
+    @property
+    def seconds(self) -> float:
+        """How long the solver has run."""
+        return self._clock() - self._began
+
+    @property
+    def remaining(self) -> float:
+        """How many seconds it has left; below 0 where they are used up or it was interrupted."""
+        return -1.0 if self._interrupted else self._seconds - self.seconds
+
+    def ends(self, lower: float, upper: float, *, iterations: int, size: int) -> bool:
+        """Report how far the solver has come; return whether it must stop, and keep why in ``reason``.
+
+        Args:
+            lower: The bound below, at the initial belief.
+            upper: The bound above.
+            iterations: Sweeps, trials or rounds so far.
+            size: Vectors, nodes or states of the policy so far.
+
+        Raises:
+            ModelError: If the bounds are no numbers.
+        """
+        if lower != lower or upper != upper:  # noqa: PLR0124 - NaN
+            raise ModelError(
+                "the value of the initial belief is no number: the model's rewards or numbers are too large"
+            )
+        report = Progress(self.seconds, lower, upper, iterations, size, _held())
+        last = self._history[-1] if self._history else None
+        if last is None or report.seconds - last.seconds >= _KEPT * last.seconds:
+            self._history.append(report)
+        if self._progress is not None:
+            self._progress(report)
+        if upper - lower <= self.gap:
+            self.reason = "gap"
+        elif self._interrupted:
+            self.reason = "interrupted"
+        elif report.seconds >= self._seconds:
+            self.reason = "time"
+        elif iterations >= self._iterations:
+            self.reason = "iterations"
+        elif report.memory >= self._memory:
+            self.reason = "memory"
+        return self.reason is not None
+
+    def solution(
+        self, policy: Any, solver: str, lower: float, upper: float, *, iterations: int, size: int, exact: bool = False
+    ) -> Solution:
+        """Return a solver's result; where nothing stopped it, it is exact."""
+        last = Progress(self.seconds, lower, upper, iterations, size, _held())
+        reason: Reason = "exact" if exact or self.reason is None else self.reason
+        return Solution(policy, solver, lower, upper, reason, (*self._history, last))
+
+
+def _held() -> int:
+    """Return how many bytes the process holds now; where the system does not tell, the most it ever held."""
+    try:
+        pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
+    except OSError:
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return int(pages) * resource.getpagesize()
+
+
+def _machine_memory() -> int:
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

@@ -3,6 +3,7 @@
 from mdm.models.belief import BeliefTracker, Tracker
 from mdm.models.factored import FactoredMDP, FactoredPOMDP
 from mdm.models.mdp import MDP
+from mdm.models.mixed import MixedPOMDP
 from mdm.models.pomdp import POMDP
 from mdm.models.potential import Node, Potential, Table, Tree
 from mdm.models.space import Factor, Space
@@ -15,6 +16,7 @@ __all__ = [
     "Factor",
     "FactoredMDP",
     "FactoredPOMDP",
+    "MixedPOMDP",
     "Node",
     "Potential",
     "Space",

@@ -14,6 +14,7 @@ from mdm.models.compressed import is_compressed
 from mdm.models.event_observations import DenseEvents, EventObservations, TransitionEvents
 from mdm.models.matrices import Checked, Matrix, Vector, distribution, stochastic_matrices
 from mdm.models.mdp import MDP, checked_discount
+from mdm.models.mixed import MixedPOMDP
 from mdm.models.pomdp import POMDP
 from mdm.models.potential import Node
 
@@ -145,6 +146,11 @@ class FactoredPOMDP(_Factored, POMDP):
     def flatten(self) -> POMDP:
         """Return the same model as matrices; they are made once and kept."""
         return _with_discount(self._flat, self.discount)
+
+    def revealed(self) -> POMDP:
+        """Return the model as its agent sees it, a `MixedPOMDP`, where factors of the state are fully observed."""
+        seen = [place for place, observed in enumerate(self.network.fully_observed) if observed]
+        return MixedPOMDP(self.flatten(), seen) if seen else self
 
     @property
     def events(self) -> EventObservations | None:

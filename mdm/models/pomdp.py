@@ -180,6 +180,17 @@ class POMDP(MDP):
         """Return the model as matrices: itself, where it is not factored."""
         return self
 
+    def revealed(self) -> POMDP:
+        """Return the model as its agent sees it, a `MixedPOMDP`, where factors of the state are fully observed.
+
+        Any other model is returned as it is.
+        """
+        return self
+
+    def belief_at_start(self, state: int) -> Vector:  # noqa: ARG002 - a model that shows some of it needs it
+        """Return the belief of an agent before its first action, in an episode that begins in some state."""
+        return self.initial_belief
+
     def marginalize(self, factor: str) -> POMDP:
         """Return the model without a state factor, where nothing else depends on that factor's present value.
 

@@ -1,0 +1,226 @@
+"""What SARSOP knows: beliefs and how actions and observations lead from one to the other, vectors, and points.
+
+Everything lies in arrays that compiled code can fill; when they are full, they are copied to larger ones.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from mdm.solvers.sarsop.layout import Layout
+
+__all__ = [
+    "EDGES",
+    "NODES",
+    "OUTCOMES",
+    "POINTS",
+    "VALUES",
+    "VECTORS",
+    "WEIGHTS",
+    "Graph",
+    "Scratch",
+    "grown",
+    "new_graph",
+]
+
+NODES, EDGES, OUTCOMES, WEIGHTS, VECTORS, VALUES, POINTS = range(7)
+"""Places in ``counts``."""
+
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int32]
+Long = npt.NDArray[np.int64]
+
+
+class Graph(NamedTuple):
+    """Beliefs (nodes), a node's actions (edges), an edge's observations (outcomes), vectors and points.
+
+    Links to nothing are -1.
+    """
+
+    counts: Long
+
+    block: Integers
+    first_weight: Long
+    num_weights: Integers
+    lower: Floats
+    upper: Floats
+    entropy: Floats
+    best: Integers
+    seen_vectors: Integers
+    seen_points: Integers
+    first_edge: Long
+    informed: Floats
+    code: Long
+    bin: Integers
+    binned: Floats
+
+    first_outcome: Long
+    num_outcomes: Integers
+    reward: Floats
+    edge_upper: Floats
+
+    symbol: Integers
+    chance: Floats
+    child: Integers
+
+    place: Integers
+    weight: Floats
+
+    vector_action: Integers
+    vector_block: Integers
+    first_value: Long
+    next_vector: Integers
+    values: Floats
+
+    point_node: Integers
+    point_value: Floats
+    next_point: Integers
+
+    head_vector: Integers
+    head_point: Integers
+    default_vector: Integers
+    table: Integers
+    bin_sum: Floats
+    bin_count: Long
+
+
+_SIZED: dict[str, int] = {
+    **dict.fromkeys(
+        (
+            "block", "first_weight", "num_weights", "lower", "upper", "entropy", "best", "seen_vectors",
+            "seen_points", "first_edge", "code", "bin", "binned",
+        ),
+        NODES,
+    ),
+    **dict.fromkeys(("first_outcome", "num_outcomes", "reward", "edge_upper"), EDGES),
+    **dict.fromkeys(("symbol", "chance", "child"), OUTCOMES),
+    **dict.fromkeys(("place", "weight"), WEIGHTS),
+    **dict.fromkeys(("vector_action", "vector_block", "first_value", "next_vector"), VECTORS),
+    "values": VALUES,
+    **dict.fromkeys(("point_node", "point_value", "next_point"), POINTS),
+}  # fmt: skip
+"""Which count the length of an array must exceed; ``informed`` has a row per node."""
+
+_FLOATS = {
+    "lower", "upper", "entropy", "binned", "reward", "edge_upper", "chance", "weight", "values", "point_value",
+}  # fmt: skip
+_LONG = {"first_weight", "first_edge", "code", "first_outcome", "first_value"}
+
+
+class Scratch(NamedTuple):
+    """Room for what one step works out; all of it is as before when the step ends."""
+
+    predicted: Floats
+    touched: Long
+    dense: Floats
+    tally: Integers
+    offset: Long
+    found: Integers
+    entry_place: Integers
+    entry_weight: Floats
+    choice: Integers
+    backed: Floats
+    stamp: Long
+    path: Integers
+    path_action: Integers
+
+
+def new_graph(layout: Layout, bins: int) -> Graph:
+    """Return a graph without anything in it."""
+    num_actions, num_states = layout.rewards.shape
+    num_blocks = len(layout.first_state) - 1
+    room = room_for(layout)
+    sized = {
+        name: np.zeros(
+            2 * room[count] + 64, dtype=np.float64 if name in _FLOATS else np.int64 if name in _LONG else np.int32
+        )
+        for name, count in _SIZED.items()
+    }
+    return Graph(
+        counts=np.zeros(7, dtype=np.int64),
+        **sized,
+        informed=np.zeros((len(sized["block"]), num_actions)),
+        head_vector=np.full(num_blocks, -1, dtype=np.int32),
+        head_point=np.full(num_blocks, -1, dtype=np.int32),
+        default_vector=np.full(num_blocks, -1, dtype=np.int32),
+        table=np.full(1 << 12, -1, dtype=np.int32),
+        bin_sum=np.zeros(bins * bins),
+        bin_count=np.zeros(bins * bins, dtype=np.int64),
+    )
+
+
+def room_for(layout: Layout) -> dict[int, int]:
+    """Return what expanding one node and one backup take at most."""
+    num_actions, num_states = layout.rewards.shape
+    num_symbols = int(layout.symbols.max()) + 1
+    entries = int((layout.seen_rows[num_states::num_states] - layout.seen_rows[:-1:num_states]).max())
+    outcomes = min(num_symbols, entries)
+    widest = int(np.diff(layout.first_state).max())
+    return {
+        NODES: outcomes + 1,
+        EDGES: num_actions,
+        OUTCOMES: outcomes,
+        WEIGHTS: entries + widest,
+        VECTORS: 1,
+        VALUES: widest,
+        POINTS: 1,
+    }
+
+
+def new_scratch(layout: Layout, depth: int) -> Scratch:
+    """Return room for the steps on a layout."""
+    num_states = layout.rewards.shape[1]
+    num_symbols = int(layout.symbols.max()) + 1
+    entries = room_for(layout)[WEIGHTS]
+    return Scratch(
+        predicted=np.zeros(num_states),
+        touched=np.zeros(num_states, dtype=np.int64),
+        dense=np.zeros(int(np.diff(layout.first_state).max())),
+        tally=np.zeros(num_symbols, dtype=np.int32),
+        offset=np.zeros(num_symbols, dtype=np.int64),
+        found=np.zeros(num_symbols, dtype=np.int32),
+        entry_place=np.zeros(entries, dtype=np.int32),
+        entry_weight=np.zeros(entries),
+        choice=np.full(num_symbols, -1, dtype=np.int32),
+        backed=np.zeros(num_states),
+        stamp=np.zeros(num_states + 1, dtype=np.int64),
+        path=np.zeros(depth, dtype=np.int32),
+        path_action=np.zeros(depth, dtype=np.int32),
+    )
+
+
+def grown(graph: Graph, layout: Layout) -> Graph:
+    """Return the graph with room for at least another step in every array."""
+    room = room_for(layout)
+    changed = {}
+    for name, count in _SIZED.items():
+        array = getattr(graph, name)
+        needed = int(graph.counts[count]) + room[count]
+        if needed > len(array):
+            changed[name] = np.concatenate((array, np.zeros(needed + len(array), dtype=array.dtype)))
+    if "block" in changed:
+        informed = np.zeros((len(changed["block"]), graph.informed.shape[1]))
+        informed[: len(graph.informed)] = graph.informed
+        changed["informed"] = informed
+    if 2 * (int(graph.counts[NODES]) + room[NODES]) > len(graph.table):
+        changed["table"] = hashed(graph.code[: graph.counts[NODES]], 4 * (int(graph.counts[NODES]) + room[NODES]))
+    return graph._replace(**changed)
+
+
+def hashed(codes: Long, size: int) -> Integers:
+    """Return a hash table of nodes by their codes, with open addressing."""
+    length = 1 << max(12, (size - 1).bit_length())
+    table = np.full(length, -1, dtype=np.int32)
+    waiting = np.arange(len(codes))
+    slots = codes & (length - 1)
+    while len(waiting):
+        # Of those that want one free slot the last to be written has it.
+        free = table[slots] < 0
+        table[slots[free]] = waiting[free]
+        settled = table[slots] == waiting
+        waiting, slots = waiting[~settled], (slots[~settled] + 1) & (length - 1)
+    return table

@@ -1,0 +1,227 @@
+"""Pruning: vectors that no visited belief needs, points that are out of date, beliefs that no good action leads to.
+
+A vector stays where it is the best, or nearly so, at a belief that was backed up (H. Kurniawati, D. Hsu and W. S. Lee,
+RSS 2008, section III.D); an action whose upper bound is below the belief's lower bound is never taken again, and what
+only it leads to is forgotten.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from mdm.solvers.sarsop.graph import EDGES, NODES, OUTCOMES, POINTS, VALUES, VECTORS, WEIGHTS, Graph, hashed
+
+if TYPE_CHECKING:
+    from mdm.models.matrices import Vector
+    from mdm.solvers.sarsop.layout import Layout
+
+__all__ = ["forget_nodes", "needed_vectors", "prune_points", "prune_vectors"]
+
+Indices = npt.NDArray[np.intp]
+
+
+def needed_vectors(graph: Graph, layout: Layout, roots: npt.NDArray[np.int64], slack: float) -> npt.NDArray[np.bool_]:
+    """Return few vectors, one of them within a slack of the best at each belief that matters.
+
+    These are the roots, beliefs that were backed up, and what the best actions there lead to.
+    """
+    count = int(graph.counts[VECTORS])
+    kept = np.zeros(count, dtype=np.bool_)
+    visited = np.flatnonzero(graph.first_edge[: graph.counts[NODES]] >= 0)
+    visited = np.unique(np.concatenate((visited, roots, _followers(graph, layout, visited))))
+    of_vector = graph.vector_block[:count]
+    by_block = np.argsort(of_vector, kind="stable")
+    starts = np.searchsorted(of_vector[by_block], np.arange(len(layout.first_state)))
+    nodes = visited[np.argsort(graph.block[visited], kind="stable")]
+    of_node = np.searchsorted(graph.block[nodes], np.arange(len(layout.first_state)))
+    for block in range(len(layout.first_state) - 1):
+        vectors = by_block[starts[block] : starts[block + 1]]
+        beliefs = nodes[of_node[block] : of_node[block + 1]]
+        width = int(layout.first_state[block + 1] - layout.first_state[block])
+        if len(beliefs):
+            chosen = _cover(_values(graph, vectors, width), _dense(graph, beliefs, width), slack)
+            kept[vectors[chosen]] = True
+    kept[graph.default_vector] = True
+    return kept
+
+
+def _followers(graph: Graph, layout: Layout, nodes: Indices) -> Indices:
+    """Return the beliefs that the actions which are best by their lower bounds lead to."""
+    num_actions = graph.informed.shape[1]
+    edges = (graph.first_edge[nodes][:, None] + np.arange(num_actions)).ravel()
+    sizes = np.maximum(graph.num_outcomes[edges], 0)
+    outcomes, of = _stretches(graph.first_outcome[edges], sizes)
+    future = np.bincount(of, graph.chance[outcomes] * graph.lower[graph.child[outcomes]], minlength=len(edges))
+    worth = np.where(sizes > 0, graph.reward[edges] + layout.discount * future, -np.inf).reshape(-1, num_actions)
+    best = worth.argmax(axis=1) + num_actions * np.arange(len(nodes))
+    chosen, _ = _stretches(graph.first_outcome[edges[best]], sizes[best])
+    return graph.child[chosen]
+
+
+def _values(graph: Graph, vectors: Indices, width: int) -> Vector:
+    return graph.values[graph.first_value[vectors][:, None] + np.arange(width)]
+
+
+def _dense(graph: Graph, nodes: Indices, width: int) -> Vector:
+    """Return beliefs as the columns of an array."""
+    sizes = graph.num_weights[nodes]
+    entries, of = _stretches(graph.first_weight[nodes], sizes)
+    result = np.zeros((width, len(nodes)))
+    result[graph.place[entries], of] = graph.weight[entries]
+    return result
+
+
+def _stretches(starts: npt.NDArray[np.int64], sizes: npt.NDArray[np.int32]) -> tuple[Indices, Indices]:
+    """Return the indices of stretches one after the other, and which stretch each is of."""
+    of = np.repeat(np.arange(len(starts)), sizes)
+    ends = np.cumsum(sizes)
+    return np.arange(len(of)) - np.repeat(ends - sizes, sizes) + np.repeat(starts, sizes), of
+
+
+def _cover(vectors: Vector, beliefs: Vector, slack: float) -> Indices:
+    """Return vectors of which each belief has one that is nearly its best."""
+    worth = vectors @ beliefs
+    near = worth >= worth.max(axis=0) - slack
+    open_ = np.ones(beliefs.shape[1], dtype=np.bool_)
+    chosen = []
+    for vector in np.argsort(-near.sum(axis=1), kind="stable"):
+        if (near[vector] & open_).any():
+            chosen.append(vector)
+            open_ &= ~near[vector]
+            if not open_.any():
+                break
+    return np.array(chosen, dtype=np.intp)
+
+
+def prune_vectors(graph: Graph, layout: Layout, kept: npt.NDArray[np.bool_]) -> None:
+    """Take vectors out; beliefs whose best is gone look for another when they are next asked."""
+    count = len(kept)
+    old = np.flatnonzero(kept)
+    place = np.cumsum(kept) - 1
+    widths = np.diff(layout.first_state)[graph.vector_block[old]]
+    entries, _ = _stretches(graph.first_value[old], widths.astype(np.int32))
+    graph.values[: len(entries)] = graph.values[entries]
+    graph.first_value[: len(old)] = np.cumsum(widths) - widths
+    graph.vector_action[: len(old)] = graph.vector_action[old]
+    graph.vector_block[: len(old)] = graph.vector_block[old]
+    graph.default_vector[:] = place[graph.default_vector]
+    graph.counts[VECTORS] = len(old)
+    graph.counts[VALUES] = len(entries)
+    _link(graph.head_vector, graph.next_vector, graph.vector_block[: len(old)])
+    nodes = slice(0, int(graph.counts[NODES]))
+    best, seen = graph.best[nodes], graph.seen_vectors[nodes]
+    lost = (best < 0) | ~kept[np.maximum(best, 0)]
+    graph.best[nodes] = np.where(lost, -1, place[np.maximum(best, 0)])
+    graph.lower[nodes] = np.where(lost, -np.inf, graph.lower[nodes])
+    before = np.concatenate(([0], np.cumsum(kept)))
+    graph.seen_vectors[nodes] = np.where(lost, 0, before[np.minimum(seen, count)])
+
+
+def prune_points(graph: Graph) -> None:
+    """Take out points whose belief has a newer one."""
+    count = int(graph.counts[POINTS])
+    nodes = graph.point_node[:count]
+    kept = graph.point_value[:count] <= graph.upper[nodes]
+    # Of several at one belief the last.
+    _, first = np.unique(nodes[::-1], return_index=True)
+    last = np.zeros(count, dtype=np.bool_)
+    last[count - 1 - first] = True
+    kept &= last
+    _keep_points(graph, kept)
+
+
+def _keep_points(graph: Graph, kept: npt.NDArray[np.bool_]) -> None:
+    count = int(kept.sum())
+    graph.point_node[:count] = graph.point_node[: len(kept)][kept]
+    graph.point_value[:count] = graph.point_value[: len(kept)][kept]
+    graph.counts[POINTS] = count
+    _link(graph.head_point, graph.next_point, graph.block[graph.point_node[:count]])
+    before = np.concatenate(([0], np.cumsum(kept)))
+    nodes = slice(0, int(graph.counts[NODES]))
+    graph.seen_points[nodes] = before[graph.seen_points[nodes]]
+
+
+def _link(heads: npt.NDArray[np.int32], after: npt.NDArray[np.int32], blocks: npt.NDArray[np.int32]) -> None:
+    """Chain the entries of each block, the newest first."""
+    heads[:] = -1
+    order = np.argsort(blocks, kind="stable")
+    after[order] = np.concatenate(([-1], order[:-1]))
+    first = np.concatenate(([True], blocks[order][1:] != blocks[order][:-1])) if len(order) else np.zeros(0, np.bool_)
+    after[order[first]] = -1
+    last = np.concatenate((first[1:], [True])) if len(order) else first
+    heads[blocks[order[last]]] = order[last]
+
+
+def forget_nodes(graph: Graph, roots: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Take out beliefs that only bad actions lead to; return the roots' new nodes."""
+    num_nodes = int(graph.counts[NODES])
+    num_actions = graph.informed.shape[1]
+    reached = np.zeros(num_nodes, dtype=np.bool_)
+    reached[roots] = True
+    front = np.unique(roots)
+    while len(front):
+        edges = _good_edges(graph, front, num_actions)
+        outcomes, _ = _stretches(graph.first_outcome[edges], graph.num_outcomes[edges])
+        front = np.unique(graph.child[outcomes])
+        front = front[~reached[front]]
+        reached[front] = True
+    return _keep_nodes(graph, reached, roots, num_actions)
+
+
+def _good_edges(graph: Graph, nodes: Indices, num_actions: int) -> Indices:
+    """Return the edges of nodes that have outcomes and may still be the best."""
+    opened = nodes[graph.first_edge[nodes] >= 0]
+    edges = (graph.first_edge[opened][:, None] + np.arange(num_actions)).ravel()
+    lower = np.repeat(graph.lower[opened], num_actions)
+    return edges[(graph.num_outcomes[edges] >= 0) & (graph.edge_upper[edges] >= lower)]
+
+
+def _keep_nodes(
+    graph: Graph, reached: npt.NDArray[np.bool_], roots: npt.NDArray[np.int64], num_actions: int
+) -> npt.NDArray[np.int64]:
+    nodes = np.flatnonzero(reached)
+    place = np.cumsum(reached) - 1
+    # Edges of the nodes that stay; what a bad one leads to is gone, as if it had never been looked at.
+    opened = nodes[graph.first_edge[nodes] >= 0]
+    edges = (graph.first_edge[opened][:, None] + np.arange(num_actions)).ravel()
+    good = np.zeros(int(graph.counts[EDGES]), dtype=np.bool_)
+    good[_good_edges(graph, nodes, num_actions)] = True
+    sizes = np.where(good[edges], graph.num_outcomes[edges], 0)
+    outcomes, _ = _stretches(graph.first_outcome[edges], sizes)
+    weights, _ = _stretches(graph.first_weight[nodes], graph.num_weights[nodes])
+
+    graph.symbol[: len(outcomes)] = graph.symbol[outcomes]
+    graph.chance[: len(outcomes)] = graph.chance[outcomes]
+    graph.child[: len(outcomes)] = place[graph.child[outcomes]]
+    graph.reward[: len(edges)] = graph.reward[edges]
+    graph.edge_upper[: len(edges)] = graph.edge_upper[edges]
+    graph.num_outcomes[: len(edges)] = np.where(good[edges], graph.num_outcomes[edges], -1)
+    graph.first_outcome[: len(edges)] = np.cumsum(sizes) - sizes
+    graph.place[: len(weights)] = graph.place[weights]
+    graph.weight[: len(weights)] = graph.weight[weights]
+    first_edge = np.full(len(reached), -1, dtype=np.int64)
+    first_edge[opened] = np.arange(len(opened)) * num_actions
+    num_weights = graph.num_weights[nodes].astype(np.int64)
+
+    count = int(graph.counts[POINTS])
+    kept_points = reached[graph.point_node[:count]]
+    graph.point_node[:count] = place[graph.point_node[:count]]
+
+    for name in (
+        "block", "num_weights", "lower", "upper", "entropy", "best", "seen_vectors", "seen_points", "informed", "code",
+        "bin", "binned",
+    ):  # fmt: skip
+        array = getattr(graph, name)
+        array[: len(nodes)] = array[nodes]
+    graph.first_edge[: len(nodes)] = first_edge[nodes]
+    graph.first_weight[: len(nodes)] = np.cumsum(num_weights) - num_weights
+    graph.counts[NODES] = len(nodes)
+    graph.counts[EDGES] = len(edges)
+    graph.counts[OUTCOMES] = len(outcomes)
+    graph.counts[WEIGHTS] = len(weights)
+    _keep_points(graph, kept_points)
+    graph.table[:] = hashed(graph.code[: len(nodes)], len(graph.table))
+    return place[roots]

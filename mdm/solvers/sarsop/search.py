@@ -1,0 +1,493 @@
+"""SARSOP's steps, compiled where numba is at hand: expansion, bounds, backups, and the sampling of trials."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mdm.models.compilation import compiled
+from mdm.solvers.sarsop.graph import EDGES, NODES, OUTCOMES, POINTS, VALUES, VECTORS, WEIGHTS, Graph, Scratch
+from mdm.solvers.sarsop.layout import Layout
+
+__all__ = ["add_node", "add_vector", "backup", "explore", "refresh"]
+
+_GRID = 1e9
+"""Beliefs that agree to so many parts are one."""
+_TRIAL = 0.5
+
+
+@compiled
+def refresh(graph: Graph, scratch: Scratch, node: int) -> None:
+    """Compare the bounds of a belief with the vectors and points that are new to it."""
+    block = graph.block[node]
+    first = graph.first_weight[node]
+    last = first + graph.num_weights[node]
+    vector = graph.head_vector[block]
+    seen = graph.seen_vectors[node]
+    while vector >= seen:
+        value = 0.0
+        at = graph.first_value[vector]
+        for k in range(first, last):
+            value += graph.values[at + graph.place[k]] * graph.weight[k]
+        if value > graph.lower[node]:
+            graph.lower[node] = value
+            graph.best[node] = vector
+        vector = graph.next_vector[vector]
+    graph.seen_vectors[node] = graph.counts[VECTORS]
+    point = graph.head_point[block]
+    seen = graph.seen_points[node]
+    if point >= seen:
+        num_actions = graph.informed.shape[1]
+        dense = scratch.dense
+        for k in range(first, last):
+            dense[graph.place[k]] = graph.weight[k]
+        upper = graph.upper[node]
+        while point >= seen:
+            other = graph.point_node[point]
+            if graph.num_weights[other] <= last - first and graph.point_value[point] <= graph.upper[other]:
+                ratio = np.inf
+                begin = graph.first_weight[other]
+                for k in range(begin, begin + graph.num_weights[other]):
+                    share = dense[graph.place[k]] / graph.weight[k]
+                    if share < ratio:
+                        ratio = share
+                        if share == 0.0:
+                            break
+                if ratio > 0.0:
+                    rest = -np.inf
+                    for action in range(num_actions):
+                        value = graph.informed[node, action] - ratio * graph.informed[other, action]
+                        rest = max(rest, value)
+                    upper = min(upper, ratio * graph.point_value[point] + rest)
+            point = graph.next_point[point]
+        graph.upper[node] = upper
+        for k in range(first, last):
+            dense[graph.place[k]] = 0.0
+    graph.seen_points[node] = graph.counts[POINTS]
+
+
+@compiled
+def add_node(
+    layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray, block: int, begin: int, end: int, total: float
+) -> int:
+    """Return the node of the belief that stands in a stretch of the scratch entries; make it where it is new."""
+    code = np.int64(block + 1)
+    for k in range(begin, end):
+        scratch.entry_weight[k] /= total
+        part = np.int64(scratch.entry_weight[k] * _GRID + 0.5)
+        code = (code ^ (np.int64(scratch.entry_place[k]) * 1000003 + part)) * 1099511628211
+        code ^= (code >> 29) & 0x7FFFFFFFF
+    code &= 0x7FFFFFFFFFFFFFFF
+    size = end - begin
+    mask = len(graph.table) - 1
+    slot = code & mask
+    while graph.table[slot] >= 0:
+        other = graph.table[slot]
+        if graph.code[other] == code and graph.block[other] == block and graph.num_weights[other] == size:
+            at = graph.first_weight[other] - begin
+            same = True
+            for k in range(begin, end):
+                if (
+                    graph.place[at + k] != scratch.entry_place[k]
+                    or abs(graph.weight[at + k] - scratch.entry_weight[k]) * _GRID > 2.0
+                ):
+                    same = False
+                    break
+            if same:
+                return int(other)
+        slot = (slot + 1) & mask
+    node = graph.counts[NODES]
+    graph.counts[NODES] += 1
+    graph.table[slot] = node
+    at = graph.counts[WEIGHTS]
+    graph.counts[WEIGHTS] += size
+    graph.code[node] = code
+    graph.block[node] = block
+    graph.first_weight[node] = at
+    graph.num_weights[node] = size
+    graph.first_edge[node] = -1
+    graph.bin[node] = -1
+    graph.binned[node] = np.nan
+    base = layout.first_state[block]
+    entropy = 0.0
+    for k in range(size):
+        graph.place[at + k] = scratch.entry_place[begin + k]
+        weight = scratch.entry_weight[begin + k]
+        graph.weight[at + k] = weight
+        if weight > 0:
+            entropy -= weight * math.log(weight)
+    upper = -np.inf
+    for action in range(graph.informed.shape[1]):
+        value = 0.0
+        for k in range(at, at + size):
+            value += informed[action, base + graph.place[k]] * graph.weight[k]
+        graph.informed[node, action] = value
+        upper = max(upper, value)
+    graph.upper[node] = upper
+    graph.entropy[node] = entropy
+    graph.lower[node] = -np.inf
+    graph.best[node] = -1
+    graph.seen_vectors[node] = 0
+    graph.seen_points[node] = 0
+    refresh(graph, scratch, node)
+    return int(node)
+
+
+@compiled
+def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray, node: int, action: int) -> None:
+    """Find what an action may lead to from a belief."""
+    num_states = layout.rewards.shape[1]
+    edge = graph.first_edge[node] + action
+    base = layout.first_state[graph.block[node]]
+    predicted, touched = scratch.predicted, scratch.touched
+    count = 0
+    reward = 0.0
+    first = graph.first_weight[node]
+    for k in range(first, first + graph.num_weights[node]):
+        state = base + graph.place[k]
+        weight = graph.weight[k]
+        reward += weight * layout.rewards[action, state]
+        row = action * num_states + state
+        for j in range(layout.rows[row], layout.rows[row + 1]):
+            after = layout.next_states[j]
+            if predicted[after] == 0.0:
+                touched[count] = after
+                count += 1
+            predicted[after] += weight * layout.chances[j]
+    touched[:count].sort()
+    tally, offset, found = scratch.tally, scratch.offset, scratch.found
+    num_found = 0
+    for i in range(count):
+        row = action * num_states + touched[i]
+        for j in range(layout.seen_rows[row], layout.seen_rows[row + 1]):
+            symbol = layout.symbols[j]
+            if tally[symbol] == 0:
+                found[num_found] = symbol
+                num_found += 1
+            tally[symbol] += 1
+    end = 0
+    for i in range(num_found):
+        offset[found[i]] = end
+        end += tally[found[i]]
+    for i in range(count):
+        after = touched[i]
+        place = after - layout.first_state[layout.block[after]]
+        row = action * num_states + after
+        for j in range(layout.seen_rows[row], layout.seen_rows[row + 1]):
+            symbol = layout.symbols[j]
+            at = offset[symbol]
+            scratch.entry_place[at] = place
+            scratch.entry_weight[at] = predicted[after] * layout.likelihoods[j]
+            offset[symbol] = at + 1
+        # The block that a symbol tells of: that of any state in which it is seen.
+        for j in range(layout.seen_rows[row], layout.seen_rows[row + 1]):
+            scratch.choice[layout.symbols[j]] = layout.block[after]
+        predicted[after] = 0.0
+    outcome = graph.counts[OUTCOMES]
+    graph.first_outcome[edge] = outcome
+    graph.reward[edge] = reward
+    for i in range(num_found):
+        symbol = found[i]
+        begin = offset[symbol] - tally[symbol]
+        total = 0.0
+        for k in range(begin, offset[symbol]):
+            total += scratch.entry_weight[k]
+        if total > 0.0:
+            child = add_node(layout, graph, scratch, informed, scratch.choice[symbol], begin, offset[symbol], total)
+            graph.symbol[outcome] = symbol
+            graph.chance[outcome] = total
+            graph.child[outcome] = child
+            outcome += 1
+        tally[symbol] = 0
+        scratch.choice[symbol] = -1
+    graph.num_outcomes[edge] = outcome - graph.counts[OUTCOMES]
+    graph.counts[OUTCOMES] = outcome
+
+
+@compiled
+def _open(graph: Graph, node: int) -> None:
+    """Give a node its edges; what they lead to is found when it is asked for."""
+    edge = graph.counts[EDGES]
+    num_actions = graph.informed.shape[1]
+    graph.counts[EDGES] += num_actions
+    graph.first_edge[node] = edge
+    for action in range(num_actions):
+        graph.num_outcomes[edge + action] = -1
+        graph.edge_upper[edge + action] = graph.informed[node, action]
+
+
+@compiled
+def _edge_upper(layout: Layout, graph: Graph, scratch: Scratch, edge: int) -> float:
+    """Work out again what an action is worth at most."""
+    first = graph.first_outcome[edge]
+    value = 0.0
+    for k in range(first, first + graph.num_outcomes[edge]):
+        child = graph.child[k]
+        refresh(graph, scratch, child)
+        value += graph.chance[k] * graph.upper[child]
+    value = min(graph.edge_upper[edge], graph.reward[edge] + layout.discount * value)
+    graph.edge_upper[edge] = value
+    return value
+
+
+@compiled
+def _edge_lower(layout: Layout, graph: Graph, scratch: Scratch, edge: int) -> float:
+    first = graph.first_outcome[edge]
+    value = 0.0
+    for k in range(first, first + graph.num_outcomes[edge]):
+        child = graph.child[k]
+        refresh(graph, scratch, child)
+        value += graph.chance[k] * graph.lower[child]
+    return float(graph.reward[edge] + layout.discount * value)
+
+
+@compiled
+def add_vector(layout: Layout, graph: Graph, block: int, action: int) -> int:
+    """Return a new vector of a block, whose values are still to be written."""
+    vector = graph.counts[VECTORS]
+    at = graph.counts[VALUES]
+    graph.counts[VECTORS] += 1
+    graph.counts[VALUES] += layout.first_state[block + 1] - layout.first_state[block]
+    graph.vector_action[vector] = action
+    graph.vector_block[vector] = block
+    graph.first_value[vector] = at
+    graph.next_vector[vector] = graph.head_vector[block]
+    graph.head_vector[block] = vector
+    return int(vector)
+
+
+@compiled
+def _back_up_vector(layout: Layout, graph: Graph, scratch: Scratch, node: int, action: int) -> None:
+    """Add the vector of doing an action at a belief and then what is best after each observation."""
+    num_states = layout.rewards.shape[1]
+    edge = graph.first_edge[node] + action
+    block = graph.block[node]
+    first = graph.first_outcome[edge]
+    last = first + graph.num_outcomes[edge]
+    for k in range(first, last):
+        scratch.choice[graph.symbol[k]] = graph.best[graph.child[k]]
+    scratch.stamp[num_states] += 1
+    now = scratch.stamp[num_states]
+    base, end = layout.first_state[block], layout.first_state[block + 1]
+    vector = add_vector(layout, graph, block, action)
+    at = graph.first_value[vector]
+    for state in range(base, end):
+        row = action * num_states + state
+        total = 0.0
+        for j in range(layout.rows[row], layout.rows[row + 1]):
+            after = layout.next_states[j]
+            if scratch.stamp[after] != now:
+                scratch.stamp[after] = now
+                of = layout.block[after]
+                place = after - layout.first_state[of]
+                seen = action * num_states + after
+                value = 0.0
+                for i in range(layout.seen_rows[seen], layout.seen_rows[seen + 1]):
+                    chosen = scratch.choice[layout.symbols[i]]
+                    if chosen < 0:
+                        chosen = graph.default_vector[of]
+                    value += layout.likelihoods[i] * graph.values[graph.first_value[chosen] + place]
+                scratch.backed[after] = value
+            total += layout.chances[j] * scratch.backed[after]
+        graph.values[at + state - base] = layout.rewards[action, state] + layout.discount * total
+    for k in range(first, last):
+        scratch.choice[graph.symbol[k]] = -1
+
+
+@compiled
+def backup(layout: Layout, graph: Graph, scratch: Scratch, node: int, step: float) -> None:
+    """Back up both bounds at a belief; improvements up to a step add no vector and no point."""
+    edge = graph.first_edge[node]
+    upper = -np.inf
+    best = -np.inf
+    chosen = -1
+    refresh(graph, scratch, node)
+    for action in range(graph.informed.shape[1]):
+        if graph.num_outcomes[edge + action] >= 0 and graph.edge_upper[edge + action] >= graph.lower[node]:
+            _edge_upper(layout, graph, scratch, edge + action)
+            value = _edge_lower(layout, graph, scratch, edge + action)
+            if value > best:
+                best = value
+                chosen = action
+        upper = max(upper, graph.edge_upper[edge + action])
+    if upper < graph.upper[node]:
+        if upper < graph.upper[node] - step:
+            block = graph.block[node]
+            point = graph.counts[POINTS]
+            graph.counts[POINTS] += 1
+            graph.point_node[point] = node
+            graph.point_value[point] = upper
+            graph.next_point[point] = graph.head_point[block]
+            graph.head_point[block] = point
+        graph.upper[node] = upper
+    if best > graph.lower[node] + step and chosen >= 0:
+        _back_up_vector(layout, graph, scratch, node, chosen)
+        refresh(graph, scratch, node)
+
+
+@compiled
+def _has_room(graph: Graph, room: np.ndarray) -> bool:
+    counts = graph.counts
+    return bool(
+        counts[NODES] + room[NODES] <= len(graph.block)
+        and counts[EDGES] + room[EDGES] <= len(graph.reward)
+        and counts[OUTCOMES] + room[OUTCOMES] <= len(graph.child)
+        and counts[WEIGHTS] + room[WEIGHTS] <= len(graph.place)
+        and counts[VECTORS] + room[VECTORS] <= len(graph.next_vector)
+        and counts[VALUES] + room[VALUES] <= len(graph.values)
+        and counts[POINTS] + room[POINTS] <= len(graph.next_point)
+        and 2 * (counts[NODES] + room[NODES]) <= len(graph.table)
+    )
+
+
+@compiled
+def _predicted(graph: Graph, node: int, low: float, width: float, entropy: float, bins: int) -> float:
+    """Return what a belief's value may come to: the mean of those like it, or its upper bound where there are none."""
+    if graph.bin[node] < 0:
+        best = -np.inf
+        for action in range(graph.informed.shape[1]):
+            best = max(best, graph.informed[node, action])
+        row = min(bins - 1, max(0, int((best - low) / width * bins)))
+        column = min(bins - 1, max(0, int(graph.entropy[node] / entropy * bins)))
+        graph.bin[node] = row * bins + column
+    place = graph.bin[node]
+    if graph.bin_count[place] == 0:
+        return float(graph.upper[node])
+    return float(graph.bin_sum[place] / graph.bin_count[place])
+
+
+@compiled
+def _learn(graph: Graph, node: int) -> None:
+    """Let a belief's lower bound count in the mean of those like it."""
+    place = graph.bin[node]
+    if math.isnan(graph.binned[node]):
+        graph.bin_count[place] += 1
+        graph.bin_sum[place] += graph.lower[node]
+    else:
+        graph.bin_sum[place] += graph.lower[node] - graph.binned[node]
+    graph.binned[node] = graph.lower[node]
+
+
+@compiled
+def explore(
+    layout: Layout,
+    graph: Graph,
+    scratch: Scratch,
+    informed: np.ndarray,
+    roots: np.ndarray,
+    shares: np.ndarray,
+    room: np.ndarray,
+    scale: np.ndarray,
+    goal: float,
+    budget: int,
+) -> int:
+    """Sample trials and back them up until bounds meet or a budget is used up; return how many backups there were.
+
+    Where room is lacking it is ``-1 - backups``. ``scale`` is the least informed value, the width of their range, the
+    greatest entropy and the number of bins.
+    """
+    discount = layout.discount
+    num_actions = graph.informed.shape[1]
+    bins = int(scale[3])
+    deepest = len(scratch.path)
+    done = 0
+    while done < budget:
+        node = roots[0]
+        most = -np.inf
+        total = 0.0
+        for i in range(len(roots)):
+            refresh(graph, scratch, roots[i])
+            width = shares[i] * (graph.upper[roots[i]] - graph.lower[roots[i]])
+            total += width
+            if width > most:
+                most = width
+                node = roots[i]
+        if total <= goal:
+            break
+        # Half of what is open now is enough for one trial.
+        gap = max(goal, _TRIAL * total)
+        step = max(1e-4 * total, 1e-3 * goal)
+        least = graph.lower[node]
+        target = least + gap
+        depth = 0
+        spread = gap
+        enough = True
+        while depth < deepest:
+            enough = _has_room(graph, room)
+            if not enough:
+                break
+            if depth > 0:
+                if spread > 10 * scale[1]:  # so far ahead nothing matters
+                    break
+                refresh(graph, scratch, node)
+                guess = _predicted(graph, node, scale[0], scale[1], scale[2], bins)
+                if guess <= least and graph.upper[node] <= max(target, graph.lower[node] + spread):
+                    break
+                if graph.upper[node] - graph.lower[node] <= gap * 1e-3:
+                    break
+            if graph.first_edge[node] < 0:
+                _open(graph, node)
+            edge = graph.first_edge[node]
+            # The action of the greatest upper bound, found anew as often as looking closer makes it less.
+            action = -1
+            while True:
+                best = 0
+                for other in range(1, num_actions):
+                    if graph.edge_upper[edge + other] > graph.edge_upper[edge + best]:
+                        best = other
+                if best == action:
+                    break
+                action = best
+                if graph.num_outcomes[edge + action] < 0:
+                    enough = _has_room(graph, room)
+                    if not enough:
+                        break
+                    _expand(layout, graph, scratch, informed, node, action)
+                _edge_upper(layout, graph, scratch, edge + action)
+            if not enough:
+                break
+            scratch.path[depth] = node
+            scratch.path_action[depth] = action
+            depth += 1
+            low = -np.inf
+            for other in range(num_actions):
+                if graph.num_outcomes[edge + other] >= 0:
+                    low = max(low, _edge_lower(layout, graph, scratch, edge + other))
+            least = max(least, low)
+            target = max(target, low + spread)
+            spread /= discount
+            edge += action
+            first = graph.first_outcome[edge]
+            most = -np.inf
+            pick = -1
+            sum_lower = 0.0
+            sum_upper = 0.0
+            for k in range(first, first + graph.num_outcomes[edge]):
+                child = graph.child[k]
+                sum_lower += graph.chance[k] * graph.lower[child]
+                sum_upper += graph.chance[k] * graph.upper[child]
+                excess = graph.chance[k] * (graph.upper[child] - graph.lower[child] - spread)
+                if excess > most:
+                    most = excess
+                    pick = k
+            if pick < 0:
+                break
+            child = graph.child[pick]
+            chance = graph.chance[pick]
+            least = ((least - graph.reward[edge]) / discount - (sum_lower - chance * graph.lower[child])) / chance
+            target = ((target - graph.reward[edge]) / discount - (sum_upper - chance * graph.upper[child])) / chance
+            node = child
+        for i in range(depth - 1, -1, -1):
+            if not _has_room(graph, room):
+                enough = False
+                break
+            node = scratch.path[i]
+            backup(layout, graph, scratch, node, step)
+            _predicted(graph, node, scale[0], scale[1], scale[2], bins)
+            _learn(graph, node)
+            done += 1
+        if not enough:
+            return -1 - done
+        done += 1
+    return done

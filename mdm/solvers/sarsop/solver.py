@@ -1,0 +1,192 @@
+"""SARSOP: point-based value iteration on the beliefs that optimal policies reach.
+
+Trials go from the initial belief down to beliefs that are likely under the best policy, by the action of the greatest
+upper bound and the observation of the greatest uncertainty, as deep as promises to improve the initial belief's value
+(selective deep sampling), and bounds are backed up along them: alpha vectors below, points over the fast informed bound
+above (H. Kurniawati, D. Hsu and W. S. Lee, *SARSOP: efficient point-based POMDP planning by approximating optimally
+reachable belief spaces*, RSS 2008; with mixed observability S. C. W. Ong, S. W. Png, D. Hsu and W. S. Lee, IJRR 29,
+2010). Beliefs are sparse, equal ones are one, and an action's outcomes are found only when its bound is the greatest.
+
+Cost of a backup: the entries of one action's T and O in one block, plus, for each outcome, its weights times the
+vectors and points that are new to it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.models.mixed import MixedPOMDP
+from mdm.policies import AlphaVectors, MixedAlphaVectors
+from mdm.solvers.sarsop.graph import NODES, POINTS, VECTORS, grown, new_graph, new_scratch, room_for
+from mdm.solvers.sarsop.initial import blind_values, informed_values
+from mdm.solvers.sarsop.layout import layout_of
+from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, prune_points, prune_vectors
+from mdm.solvers.sarsop.search import add_node, add_vector, explore, refresh
+from mdm.solvers.watch import Watch
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from mdm.models import POMDP
+    from mdm.models.matrices import Vector
+    from mdm.solvers.sarsop.layout import Layout
+    from mdm.solvers.solution import Solution
+
+__all__ = ["sarsop"]
+
+_BINS = 50
+_DEPTH = 1000
+_LEAST_VECTORS = 200
+_LEAST_NODES = 50_000
+
+
+def sarsop(model: POMDP, *, watch: Watch | None = None) -> Solution:
+    """Solve a POMDP.
+
+    Where factors of the state are fully observed, it is the model `POMDP.revealed` that is solved, and the bounds are
+    for an agent that sees them from the start.
+
+    Args:
+        model: The model; its observations tell of states.
+        watch: Limits, and where to report.
+
+    Raises:
+        ModelError: If the discount is 1, or observations are events.
+    """
+    model = model.revealed()
+    if model.event_observations:
+        raise ModelError("SARSOP is for observations of states, P(o | a, s'); these are events: take perseus")
+    if model.discount >= 1:
+        raise ModelError("SARSOP needs a discount below 1: bounds without end never meet; give one (--discount)")
+    with Watch() if watch is None else watch as guard:
+        search = _Search(model)
+        lower, upper = search.bounds()
+        while not guard.ends(lower, upper, iterations=search.backups, size=search.size):
+            search.run(guard)
+            lower, upper = search.bounds()
+        policy = search.policy()
+        return guard.solution(policy, "sarsop", lower, upper, iterations=search.backups, size=search.size)
+
+
+class _Search:
+    def __init__(self, model: POMDP) -> None:
+        self._model = model
+        self._layout, self._order = layout_of(model)
+        self._graph = new_graph(self._layout, _BINS)
+        self._scratch = new_scratch(self._layout, _DEPTH)
+        room = room_for(self._layout)
+        self._room = np.array([room[count] for count in range(7)], dtype=np.int64)
+        self._informed = informed_values(self._layout, 1e-3)
+        self.backups = 0
+        self._budget = 16
+        self._start()
+        self._kept_vectors = self.size
+        self._kept_points = 0
+        self._kept_nodes = 0
+
+    def _start(self) -> None:
+        layout = self._layout
+        for action, values in enumerate(blind_values(layout)):
+            for block in range(len(layout.first_state) - 1):
+                self._grow()
+                vector = add_vector(layout, self._graph, block, action)
+                at = self._graph.first_value[vector]
+                part = values[layout.first_state[block] : layout.first_state[block + 1]]
+                self._graph.values[at : at + len(part)] = part
+                default = self._graph.default_vector[block]
+                if default < 0 or part.mean() > self._values(default).mean():
+                    self._graph.default_vector[block] = vector
+        belief = self._model.initial_belief[self._order]
+        roots, shares = [], []
+        for block in np.unique(layout.block[belief > 0]):
+            begin, end = layout.first_state[block : block + 2]
+            places = np.flatnonzero(belief[begin:end])
+            self._scratch.entry_place[: len(places)] = places
+            self._scratch.entry_weight[: len(places)] = belief[begin:end][places]
+            share = float(belief[begin:end].sum())
+            self._grow()
+            roots.append(
+                add_node(layout, self._graph, self._scratch, self._informed, int(block), 0, len(places), share)
+            )
+            shares.append(share)
+        self._roots, self._shares = np.array(roots), np.array(shares)
+        values = self._informed.max(axis=0)
+        low, high = float(blind_values(layout).min()), float(values.max())
+        self._scale = np.array([low, max(high - low, 1e-12), max(np.log(len(belief)), 1.0), _BINS])
+
+    def _values(self, vector: int) -> Vector:
+        block = self._graph.vector_block[vector]
+        width = self._layout.first_state[block + 1] - self._layout.first_state[block]
+        at = self._graph.first_value[vector]
+        return self._graph.values[at : at + width]
+
+    def _grow(self) -> None:
+        self._graph = grown(self._graph, self._layout)
+
+    @property
+    def size(self) -> int:
+        """How many vectors there are."""
+        return int(self._graph.counts[VECTORS])
+
+    def bounds(self) -> tuple[float, float]:
+        """Return the bounds at the initial belief."""
+        for root in self._roots:
+            refresh(self._graph, self._scratch, root)
+        return (
+            float(self._shares @ self._graph.lower[self._roots]),
+            float(self._shares @ self._graph.upper[self._roots]),
+        )
+
+    def run(self, watch: Watch) -> None:
+        """Run some trials, for about a twentieth of a second."""
+        began = watch.seconds
+        self._prune(watch.gap)
+        self._grow()
+        done = explore(
+            self._layout,
+            self._graph,
+            self._scratch,
+            self._informed,
+            self._roots,
+            self._shares,
+            self._room,
+            self._scale,
+            watch.gap,
+            self._budget,
+        )
+        self.backups += done if done >= 0 else -1 - done
+        if done >= 0:
+            share = 0.05 / max(watch.seconds - began, 1e-4)
+            self._budget = int(min(max(16, self._budget * min(share, 4.0)), 1e6))
+
+    def _prune(self, goal: float) -> None:
+        """Prune what has grown by half since it was last pruned."""
+        counts = self._graph.counts
+        if counts[NODES] > 2 * self._kept_nodes + _LEAST_NODES:
+            self._roots = forget_nodes(self._graph, self._roots)
+            self._kept_nodes = int(counts[NODES])
+        if counts[VECTORS] > 1.5 * self._kept_vectors + _LEAST_VECTORS:
+            lower, upper = self.bounds()
+            slack = min(1e-2 * goal, 1e-5 * (upper - lower))
+            kept = needed_vectors(self._graph, self._layout, self._roots, slack)
+            prune_vectors(self._graph, self._layout, kept)
+            self._kept_vectors = self.size
+        if counts[POINTS] > 1.5 * self._kept_points + _LEAST_VECTORS:
+            prune_points(self._graph)
+            self._kept_points = int(counts[POINTS])
+
+    def policy(self) -> AlphaVectors | MixedAlphaVectors:
+        """Return the vectors as a policy."""
+        graph, layout = self._graph, self._layout
+        kept = np.arange(self.size)
+        vectors = np.stack([self._values(vector) for vector in kept])
+        actions = graph.vector_action[kept].tolist()
+        num_actions = len(self._model.action_space)
+        if isinstance(self._model, MixedPOMDP):
+            return MixedAlphaVectors(
+                vectors, actions, graph.vector_block[kept].tolist(), num_actions, states=self._model.layout
+            )
+        return AlphaVectors(vectors, actions, num_actions)

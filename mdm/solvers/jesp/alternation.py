@@ -1,0 +1,154 @@
+"""JESP: joint plans of a finite horizon for teams without communication, by alternating best responses.
+
+From random plans, one agent after the other takes its best response to the others' plans, until none can improve alone:
+a Nash equilibrium, hence a local optimum (R. Nair, M. Tambe, M. Yokoo, D. Pynadath and S. Marsella, *Taming
+decentralized POMDPs*, IJCAI 2003). Restarts look for better ones; then a search proves the best plan to be optimal, or
+finds the optimum, as far as its effort goes (see `search`). The certificate below is the exact value of the plan at the
+initial belief; above, it is what a team that shares all observations (MPOMDP), or knows the state, would get.
+
+A best response costs up to (A_i O_i)^t beliefs of S times the others' histories numbers at step t, see `response`; the
+search is doubly exponential in the horizon at worst. For one agent alone the first response is optimal already, yet
+point-based solvers reach horizons that this one does not.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.errors import ConfigError
+from mdm.solvers.jesp.joint_plan import as_controller, plan_size, plan_value, random_plan
+from mdm.solvers.jesp.response import best_response, solve_as_one
+from mdm.solvers.jesp.search import PlanSearch
+from mdm.solvers.jesp.team import Team
+from mdm.solvers.watch import Watch
+
+if TYPE_CHECKING:
+    from mdm.models import POMDP
+    from mdm.solvers.jesp.joint_plan import JointPlan
+    from mdm.solvers.jesp.response import Stage
+    from mdm.solvers.solution import Solution
+
+__all__ = ["jesp"]
+
+_BETTER = 1e-10
+
+
+def jesp(
+    model: POMDP,
+    *,
+    watch: Watch | None = None,
+    horizon: int = 3,
+    restarts: int = 20,
+    seed: int | None = 0,
+    search: int = 200_000,
+) -> Solution:
+    """Return a joint plan of a finite horizon for a team whose members see only their own observations.
+
+    Args:
+        model: The team's POMDP, with a factor of observations per agent. Its discount applies; it may be 1.
+        watch: Limits, and where to report; an iteration is a best response.
+        horizon: How many decisions the plan is for.
+        restarts: From how many random plans to begin.
+        seed: For these.
+        search: How many partial decision rules the exact search may look at after them; 0 leaves it out.
+
+    Returns:
+        A `JointController` with a tree per agent: a node for each history of its observations.
+
+    Raises:
+        ConfigError: If there is nothing to do.
+        ModelError: If observations are not one per agent, an event may go unobserved, or the horizon is too long.
+    """
+    if restarts < 1:
+        raise ConfigError(f"at least 1 random plan is needed to begin with, not {restarts}", key="restarts")
+    team = Team(model)
+    return _Alternation(team, Watch() if watch is None else watch, horizon).run(
+        Team(model, as_one=True), np.random.default_rng(seed), restarts, search
+    )
+
+
+class _Alternation:
+    def __init__(self, team: Team, watch: Watch, horizon: int) -> None:
+        self._team = team
+        self._watch = watch
+        self._horizon = horizon
+        self._size = plan_size(team, horizon)
+        self._responses = 0
+        self.upper = float("inf")
+        self.lower = -float("inf")
+        self.best: JointPlan = []
+
+    def run(self, one: Team, random: np.random.Generator, restarts: int, effort: int) -> Solution:
+        """Solve; ``one`` is the team taken as one agent."""
+        team, watch = self._team, self._watch
+        with watch:
+            self.upper = team.known_states_value(self._horizon)
+            self._take(random_plan(team, self._horizon, random))
+            stages = None if self._ends() else solve_as_one(one, self._horizon, self._goes_on)
+            if stages is not None:
+                self.upper = min(self.upper, float(stages[0].values.max()))
+            plan = self.best
+            for restart in range(restarts):
+                if restart:
+                    plan = random_plan(team, self._horizon, random)
+                if self._ends() or not self._climb(plan):
+                    break
+            exact = self._search(stages, effort) if stages is not None and effort and not self._ends() else False
+            if not exact and watch.reason is None and not self._ends():
+                watch.reason = "iterations"  # the restarts and the effort are used up
+            # What rounding put above the bound is no contradiction.
+            self.upper = max(self.lower, self.upper)
+            return watch.solution(
+                as_controller(team, self.best),
+                "jesp",
+                self.lower,
+                self.upper,
+                iterations=self._responses,
+                size=self._size,
+                exact=exact,
+            )
+
+    def _goes_on(self) -> bool:
+        return self._watch.remaining > 0
+
+    def _ends(self) -> bool:
+        return self._watch.ends(self.lower, self.upper, iterations=self._responses, size=self._size)
+
+    def _take(self, plan: JointPlan) -> None:
+        value = plan_value(self._team, plan)
+        if value > self.lower:
+            self.lower, self.best = value, plan
+
+    def _climb(self, plan: JointPlan) -> bool:
+        """Respond in turn until no agent improves; return whether to go on."""
+        team = self._team
+        value, unchanged, agent = -float("inf"), 0, 0
+        while unchanged < team.num_agents:
+            response = best_response(team, plan, agent, self._goes_on)
+            if response is None:
+                return not self._ends()
+            self._responses += 1
+            reached, tree = response
+            if reached > value + _BETTER * (1 + abs(value) if value > -float("inf") else 0):
+                value, unchanged = reached, 1
+                plan = [*plan[:agent], tree, *plan[agent + 1 :]]
+                if value > self.lower:
+                    self._take(plan)
+            else:
+                unchanged += 1
+            if self._ends():
+                return False
+            agent = (agent + 1) % team.num_agents
+        return True
+
+    def _search(self, stages: list[Stage], effort: int) -> bool:
+        """Look for what is better still; return whether the best plan is proven to be so."""
+        search = PlanSearch(self._team, stages, self.lower, effort, self._goes_on)
+        while not search.done and search.effort > 0 and not self._ends():
+            search.expand()
+            if search.plan is not None:
+                self._take(search.plan)
+            self.upper = min(self.upper, search.upper)
+        return search.done

@@ -1,0 +1,290 @@
+"""Exact values of policies that need no belief: tables over states, and finite-state controllers.
+
+A policy turns its model into a Markov chain with rewards, whose discounted total solves x = r + g P x: over the states
+for a table (R. A. Howard, *Dynamic programming and Markov processes*, 1960), over pairs of a node and a state for a
+controller (E. A. Hansen, *Solving POMDPs by searching in policy space*, UAI 1998, equation 2). Small systems are solved
+by elimination, O(n^3); large ones, in CSR, by BiCGSTAB or by repetition, until what is left proves an error below
+1e-9 of the values. For a number of decisions the equation is applied as often, from the last one back.
+
+A policy over beliefs has no such chain: simulate it, with `mdm.evaluate`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.models import POMDP
+from mdm.models.compressed import csr, is_compressed
+from mdm.policies import DeterministicPolicy, FiniteStateController, JointController, QTable, StochasticPolicy
+
+if TYPE_CHECKING:
+    from mdm.models import MDP
+    from mdm.models.matrices import Matrix, Vector
+    from mdm.models.space import Symbol
+
+__all__ = ["controller_values", "exact_values", "joined", "state_values"]
+
+_DENSE = 1_000
+_EXACT = 1e-9
+_MOST = 20_000
+"""Nodes of a team's controllers, joined."""
+_SIZE = 500_000
+"""Pairs of a node and a state up to which a controller is evaluated."""
+
+
+def exact_values(
+    model: MDP, policy: Any, *, steps: int | None = None, false_negative: Symbol | None = None
+) -> Vector | None:
+    """Return what a policy is worth from each state, exactly; None where only simulation can tell.
+
+    A controller begins in its start node or, if it has values of its nodes, in that which is best at the model's
+    initial belief.
+
+    Args:
+        model: The model.
+        policy: The policy.
+        steps: Decisions; by default there is no end.
+        false_negative: The observation that stands for an event that nobody noticed.
+
+    Raises:
+        ModelError: If the values have no bound.
+    """
+    if isinstance(policy, DeterministicPolicy | QTable | StochasticPolicy):
+        return state_values(model, policy, steps=steps)
+    if not isinstance(model, POMDP) or not isinstance(policy, FiniteStateController | JointController):
+        return None
+    controller = joined(policy) if isinstance(policy, JointController) else policy
+    if controller is None or controller.num_nodes * len(model.state_space) > _SIZE:
+        return None
+    values = controller_values(model, controller, steps=steps, false_negative=false_negative)
+    start = controller.start if controller.values is None else controller.start_node(model.initial_belief)
+    from_start: Vector = values[start]
+    return from_start
+
+
+def state_values(
+    model: MDP, policy: DeterministicPolicy | QTable | StochasticPolicy, *, steps: int | None = None
+) -> Vector:
+    """Return what a table is worth from each state: S numbers.
+
+    Args:
+        model: The model; the states of a POMDP are taken to be seen.
+        policy: The table.
+        steps: Decisions; by default there is no end.
+
+    Raises:
+        ModelError: If the policy is of other sizes, or, with a discount of 1, goes on for ever.
+    """
+    size, count = model.rewards.shape
+    if (policy.num_states, policy.num_actions) != (size, count):
+        raise ModelError(
+            f"the policy is for {policy.num_states} states and {policy.num_actions} actions, but the model has {size} "
+            f"and {count}"
+        )
+    if isinstance(policy, StochasticPolicy):
+        weights = policy.probabilities
+    else:
+        weights = np.zeros((count, size))
+        weights[[policy.action(state) for state in range(size)], np.arange(size)] = 1
+    moves: Any = 0
+    for action, weight in enumerate(weights):
+        if weight.any():
+            moves = moves + _scaled(model.transition_matrix(action), weight)
+    return _total(moves, None, np.einsum("as,sa->s", weights, model.rewards), model.discount, steps)
+
+
+def controller_values(
+    model: POMDP, controller: FiniteStateController, *, steps: int | None = None, false_negative: Symbol | None = None
+) -> Vector:
+    """Return what each node of a controller is worth from each state: N x S.
+
+    Where a node has no successor the plan ends, and nothing more is earned. Events that go unnoticed leave the node as
+    it is and count for no decision.
+
+    Args:
+        model: The model.
+        controller: The controller.
+        steps: Decisions; by default there is no end but the plan's own.
+        false_negative: The observation that stands for an event that nobody noticed.
+
+    Raises:
+        ModelError: If the controller is of other sizes, or, with a discount of 1, goes on for ever.
+    """
+    sizes = len(model.action_space), len(model.observation_space)
+    if (controller.num_actions, controller.num_observations) != sizes:
+        raise ModelError(
+            f"the controller is for {controller.num_actions} actions and {controller.num_observations} observations, "
+            f"but the model has {sizes[0]} and {sizes[1]}"
+        )
+    unnoticed = None if false_negative is None else model.observation_space.index(false_negative)
+    size, nodes = len(model.state_space), controller.num_nodes
+    moves, stays = _Pairs(size, nodes), _Pairs(size, nodes)
+    waits = model.event_observations or unnoticed is not None
+    for action in set(controller.actions):
+        at = [node for node in range(nodes) if controller.actions[node] == action]
+        left: Any = csr(model.transition_matrix(action))
+        for observation in range(sizes[1]):
+            if observation == unnoticed:
+                continue
+            joint = csr(model.joint_matrix(action, observation))
+            left = left - joint
+            for node in at:
+                moves.add(node, controller.successors[node][observation], joint)
+        if waits:
+            left.data[left.data < _EXACT] = 0
+            left.eliminate_zeros()
+            for node in at:
+                stays.add(node, node, left)
+    rewards = model.rewards[:, list(controller.actions)].T.ravel()
+    total = _total(moves.matrix(), stays.matrix() if waits else None, rewards, model.discount, steps)
+    return total.reshape(nodes, size)
+
+
+def joined(team: JointController) -> FiniteStateController | None:
+    """Return a team's controllers as one, over joint actions and observations; None where it has too many nodes.
+
+    Its nodes are those combinations of the agents' nodes that can be reached from their first ones.
+    """
+    agents = team.controllers
+    actions = [controller.num_actions for controller in agents]
+    seen = list(itertools.product(*(range(controller.num_observations) for controller in agents)))
+    index = {team.start: 0}
+    pending = [team.start]
+    found: list[int] = []
+    successors: list[list[int | None]] = []
+    for nodes in pending:
+        found.append(int(np.ravel_multi_index(team.actions_at(nodes), actions)))
+        row: list[int | None] = []
+        for observations in seen:
+            after = team.next_nodes(nodes, observations)
+            together = tuple(node for node in after if node is not None)
+            if len(together) < len(after):
+                row.append(None)
+                continue
+            if together not in index:
+                if len(index) == _MOST:
+                    return None
+                index[together] = len(index)
+                pending.append(together)
+            row.append(index[together])
+        successors.append(row)
+    return FiniteStateController(found, successors, team.num_actions)
+
+
+class _Pairs:
+    """A matrix over pairs of a node and a state, from its blocks."""
+
+    def __init__(self, size: int, nodes: int) -> None:
+        self._size = size
+        self._shape = (nodes * size, nodes * size)
+        self._rows: list[Any] = [np.empty(0, dtype=np.intp)]
+        self._columns: list[Any] = [np.empty(0, dtype=np.intp)]
+        self._data: list[Any] = [np.empty(0)]
+
+    def add(self, node: int, after: int | None, block: Matrix) -> None:
+        """Add what leads from one node to another."""
+        if after is not None:
+            entries = block.tocoo()
+            self._rows.append(entries.row + node * self._size)
+            self._columns.append(entries.col + after * self._size)
+            self._data.append(entries.data)
+
+    def matrix(self) -> Matrix:
+        """Return the whole."""
+        from scipy.sparse import coo_array  # noqa: PLC0415 - as long to import as all the rest
+
+        parts = (np.concatenate(each) for each in (self._data, self._rows, self._columns))
+        data, rows, columns = parts
+        return csr(coo_array((data, (rows, columns)), shape=self._shape))
+
+
+def _scaled(matrix: Matrix, weights: Vector) -> Matrix:
+    """Return a matrix with each row times a weight."""
+    if not is_compressed(matrix):
+        return weights[:, None] * matrix
+    rows = np.repeat(weights, np.diff(matrix.indptr))
+    result = csr((matrix.data * rows, matrix.indices, matrix.indptr), matrix.shape)
+    result.eliminate_zeros()
+    return result
+
+
+def _total(moves: Matrix, stays: Matrix | None, rewards: Vector, discount: float, steps: int | None) -> Vector:
+    """Return the discounted total of a chain's rewards.
+
+    Args:
+        moves: The probabilities of what a decision follows on.
+        stays: Those of what no decision follows on.
+        rewards: Of each state of the chain, in each step of time.
+        discount: Of each step of time.
+        steps: Decisions.
+    """
+    if steps is None:
+        return _solved(moves if stays is None else csr(moves + stays), rewards, discount)
+    values = rewards
+    for _ in range(steps - 1):
+        values = rewards + discount * (moves @ values)
+        if stays is not None:
+            values = _solved(stays, values, discount)
+    return values
+
+
+def _solved(moves: Matrix, rewards: Vector, discount: float) -> Vector:
+    """Return x = r + g P x."""
+    if discount == 1:
+        endless = _endless(moves)
+        if (rewards[endless] != 0).any():
+            raise ModelError(
+                "with a discount of 1 the policy goes on for ever, and earns without bound: give a discount or a "
+                "number of steps"
+            )
+        if endless.any():
+            values = np.zeros(len(rewards))
+            going = np.flatnonzero(~endless)
+            if len(going):
+                values[going] = _solved(moves[np.ix_(going, going)], rewards[going], discount)
+            return values
+    if len(rewards) <= _DENSE:
+        dense = moves.toarray() if is_compressed(moves) else moves
+        return np.asarray(np.linalg.solve(np.eye(len(rewards)) - discount * dense, rewards))
+    return _repeated(csr(moves), rewards, discount)
+
+
+def _repeated(moves: Matrix, rewards: Vector, discount: float) -> Vector:
+    """Return x = r + g P x for a large P."""
+    from scipy.sparse.linalg import LinearOperator, bicgstab, splu  # noqa: PLC0415
+
+    size = len(rewards)
+
+    def close(values: Vector) -> bool:
+        error = np.abs(rewards + discount * (moves @ values) - values).max() / (1 - discount)
+        return bool(error <= _EXACT * max(1.0, np.abs(values).max()))
+
+    if discount == 1:
+        from scipy.sparse import eye_array  # noqa: PLC0415
+
+        return np.asarray(splu((eye_array(size) - moves).tocsc()).solve(rewards))
+    system = LinearOperator((size, size), matvec=lambda x: x - discount * (moves @ x), dtype=np.float64)
+    values, _ = bicgstab(system, rewards, rtol=_EXACT * (1 - discount) / 10, maxiter=1_000)
+    if not np.isfinite(values).all():
+        values = rewards
+    while not close(values):
+        for _ in range(10):
+            values = rewards + discount * (moves @ values)
+    return np.asarray(values)
+
+
+def _endless(moves: Matrix) -> Any:
+    """Return from which states of a chain nothing leads out of those that lead back: an array of truth values."""
+    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
+
+    chain = csr(moves)
+    count, labels = connected_components(chain, connection="strong")
+    closed = np.ones(count, dtype=bool)
+    rows = np.repeat(np.arange(chain.shape[0]), np.diff(chain.indptr))
+    closed[labels[rows][labels[rows] != labels[chain.indices]]] = False
+    closed[labels[np.asarray(chain.sum(axis=1)).ravel() < 1 - _EXACT]] = False
+    return closed[labels]

@@ -59,7 +59,7 @@ from mdm.runtime import (
     WallClock,
     run,
 )
-from mdm.simulation import SimulationResult, World, simulate
+from mdm.simulation import Evaluation, SimulationResult, World, evaluate, simulate
 
 __all__ = [
     "MDP",
@@ -79,6 +79,7 @@ __all__ = [
     "Drive",
     "Ensemble",
     "Error",
+    "Evaluation",
     "EventSource",
     "Factor",
     "FactoredMDP",
@@ -118,6 +119,7 @@ __all__ = [
     "WallClock",
     "World",
     "bind",
+    "evaluate",
     "load_model",
     "load_policy",
     "load_rewards",

@@ -37,6 +37,11 @@ class Sampler:
         self._transitions: dict[tuple[int, int], _Row] = {}
         self._observations: dict[tuple[int, ...], _Row] = {}
 
+    def seed(self, seed: int | np.random.SeedSequence | None) -> None:
+        """Begin the draws anew."""
+        self._generator = np.random.default_rng(seed)
+        self._numbers = []
+
     def _draw(self, row: _Row) -> int:
         if not self._numbers:
             self._numbers = self._generator.random(4096).tolist()

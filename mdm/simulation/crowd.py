@@ -1,0 +1,94 @@
+"""The worlds of many episodes, moved together: states as an array, a step of all of them in a few array operations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.models import MDP, POMDP
+from mdm.models.compressed import csr
+from mdm.models.event_observations import DenseEvents, EventObservations, TransitionEvents
+from mdm.models.matrices import ROUNDING
+from mdm.simulation.draws import Draws
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from mdm.models.matrices import Matrix, Vector
+
+__all__ = ["Crowd", "Indices"]
+
+Indices = Any
+"""An array of whole numbers."""
+
+
+class Crowd:
+    """Draws first states, and next states with observations, for many episodes of a model at once.
+
+    Args:
+        model: The model.
+        observed: Whether observations are drawn; what decides by the state needs none.
+    """
+
+    def __init__(self, model: MDP, *, observed: bool = True) -> None:
+        actions = range(len(model.action_space))
+        self._first = Draws([model.initial_belief[None, :]])
+        matrices = [model.transition_matrix(a) for a in actions]
+        self._transitions = Draws(matrices)
+        self.rewards = model.rewards
+        self.ended: npt.NDArray[np.bool_] = (model.rewards == 0).all(axis=1)
+        """The states that are never left and earn nothing: an episode that is there is over."""
+        for matrix in {id(matrix): matrix for matrix in matrices}.values():
+            self.ended &= matrix.diagonal() >= 1
+        self._observations: Draws | None = None
+        self._by_transition = False
+        if observed and isinstance(model, POMDP):
+            self._by_transition = model.event_observations
+            if model.events is not None:
+                self._observations = Draws([_events(model.events, a, matrices[a]) for a in actions])
+            else:
+                self._observations = Draws([model.observation_matrix(a) for a in actions])
+        self.nothing: int = len(model.observation_space) if isinstance(model, POMDP) else 0
+        """What is drawn where nothing is observed: no observation's index."""
+
+    def first(self, numbers: Vector) -> Indices:
+        """Draw first states, one for each number from [0, 1)."""
+        zeros = np.zeros(len(numbers), dtype=np.intp)
+        return self._first.columns[self._first(zeros, zeros, numbers)]
+
+    def move(self, states: Indices, actions: Indices, numbers: Vector) -> tuple[Indices, Indices]:
+        """Draw what follows.
+
+        Args:
+            states: E of them.
+            actions: Of each episode.
+            numbers: From [0, 1), 2 x E: for the transitions, and for the observations.
+
+        Returns:
+            The next states, and what is observed; ``nothing`` where events leave it open.
+        """
+        entries = self._transitions(actions, states, numbers[0])
+        after = self._transitions.columns[entries]
+        draws = self._observations
+        if draws is None:
+            return after, np.zeros_like(after)
+        rows = entries - self._transitions.first_entry[actions] if self._by_transition else after
+        return after, draws.columns[draws(actions, rows, numbers[1])]
+
+
+def _events(events: EventObservations, action: int, transition: Matrix) -> Matrix:
+    """Return P(o | s, a, s') for each entry of T's, a row with one more column for what is left to no observation."""
+    if isinstance(events, TransitionEvents):
+        told = csr(events.events[action])
+    else:
+        assert isinstance(events, DenseEvents)
+        told = csr(events.events[action][:, *np.nonzero(transition)].T)
+    rest = 1 - np.asarray(told.sum(axis=1)).ravel()
+    rest[rest <= ROUNDING] = 0
+    from scipy.sparse import hstack  # noqa: PLC0415 - as long to import as all the rest
+
+    result = csr(hstack([told, csr(rest[:, None])]))
+    result.eliminate_zeros()
+    result.sort_indices()
+    return result

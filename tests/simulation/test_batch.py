@@ -1,0 +1,308 @@
+"""Simulation of many episodes at once, against values by plain recursion and against the real decision loop."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from random_models import dense, distributions, flat_models
+
+from mdm import (
+    MDP,
+    POMDP,
+    AlphaVectors,
+    ConfigError,
+    DeterministicPolicy,
+    FiniteStateController,
+    JointController,
+    ModelError,
+    ModelWarning,
+    QTable,
+    StochasticPolicy,
+    evaluate,
+    load_model,
+    load_policy,
+    simulate,
+)
+from mdm.simulation.crowd import Crowd
+from mdm.simulation.draws import Draws
+from mdm.simulation.episodes import Limits, one_by_one
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+SEEDS = st.integers(0, 2**32 - 1)
+FEW = settings(max_examples=25, derandomize=True)
+
+
+def vectors_for(model, random):
+    """Return a policy that has nothing to do with the model's values."""
+    count = len(model.action_space)
+    return AlphaVectors(random.normal(size=(count + 2, len(model.state_space))), [*range(count), 0, count - 1], count)
+
+
+def by_recursion(model, policy, steps, unnoticed=None):
+    """Return what a policy is worth: over all that may be noticed, with the true weights beside the agent's belief."""
+    size = len(model.state_space)
+    identity = np.eye(size)
+
+    def joint(action, observation):
+        return dense(model.joint_matrix(action, observation))
+
+    def worth(weights, belief, left):
+        action = policy.action(belief)
+        if left == 1:
+            return weights @ model.rewards[:, action]
+        noticed = [o for o in range(len(model.observation_space)) if o != unnoticed]
+        silent = dense(model.transition_matrix(action)) - sum(joint(action, o) for o in noticed)
+        lasting = np.linalg.solve((identity - model.discount * silent).T, weights)
+        total = lasting @ model.rewards[:, action]
+        before = belief
+        if unnoticed is not None:
+            before = np.linalg.solve((identity - joint(action, unnoticed)).T, belief)
+        for o in noticed:
+            after = before @ joint(action, o)
+            if after.sum() > 1e-12:
+                total += worth(model.discount * lasting @ joint(action, o), after / after.sum(), left - 1)
+        return total
+
+    return worth(model.initial_belief, model.initial_belief, steps)
+
+
+def assert_within(result, exact):
+    assert abs(result.mean - exact) < 5 * result.standard_error + 1e-9 * (1 + abs(exact))
+
+
+@FEW
+@given(flat_models(kinds=("POMDP",), events=True, finer=False), SEEDS)
+def test_beliefs_of_all_episodes_are_worth_what_recursion_says(model, seed):
+    model = model.with_discount(min(model.discount, 0.9))
+    policy = vectors_for(model, np.random.default_rng(seed))
+    assert_within(evaluate(model, policy, episodes=3000, steps=3, seed=seed), by_recursion(model, policy, 3))
+
+
+@FEW
+@given(SEEDS, st.booleans())
+def test_false_negatives_are_worth_what_recursion_says(seed, sparse):
+    random = np.random.default_rng(seed)
+    size, count, width = 4, 2, 3
+    told = random.dirichlet(np.ones(width) * 0.6, size=(count, size, size))
+    transitions = random.dirichlet(np.ones(size) * 0.5, size=(count, size))
+    told = np.moveaxis(told, -1, 1) * random.choice([1.0, 0.9])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = POMDP(
+            transitions,
+            told,
+            random.normal(size=(size, count)),
+            discount=0.8,
+            event_observations=True,
+            initial_belief=random.dirichlet(np.ones(size)),
+            sparse=sparse,
+        )
+    policy = vectors_for(model, random)
+    result = evaluate(model, policy, episodes=3000, steps=3, seed=seed, false_negative=1)
+    assert_within(result, by_recursion(model, policy, 3, unnoticed=1))
+
+
+@FEW
+@given(flat_models(finer=False), SEEDS)
+def test_tables_are_worth_what_recursion_says(model, seed):
+    random = np.random.default_rng(seed)
+    size, count = model.rewards.shape
+    weights = distributions(random, size, count).T
+    values = 0
+    for _ in range(4):
+        after = [
+            model.rewards[:, a] + model.discount * (dense(model.transition_matrix(a)) @ (values + np.zeros(size)))
+            for a in range(count)
+        ]
+        values = sum(weights[a] * after[a] for a in range(count))
+    result = evaluate(model, StochasticPolicy(weights), episodes=3000, steps=4, seed=seed)
+    assert_within(result, model.initial_belief @ values)
+
+
+@FEW
+@given(flat_models(kinds=("POMDP",), finer=False), SEEDS)
+def test_episodes_one_by_one_are_worth_the_same(model, seed):
+    model = model.with_discount(min(model.discount, 0.9))
+    policy = vectors_for(model, np.random.default_rng(seed))
+
+    class Own:
+        input, num_states, num_actions, action = "belief", policy.num_states, policy.num_actions, policy.action
+
+    result = evaluate(model, Own(), episodes=300, steps=3, seed=seed)
+    assert_within(result, by_recursion(model, policy, 3))
+    assert np.array_equal(result.returns[:50], evaluate(model, Own(), episodes=50, steps=3, seed=seed).returns)
+
+
+def test_one_by_one_with_false_negatives_and_by_state():
+    random = np.random.default_rng(4)
+    told = np.moveaxis(random.dirichlet(np.ones(3), size=(2, 3, 3)), -1, 1)
+    model = POMDP(
+        random.dirichlet(np.ones(3), size=(2, 3)),
+        told,
+        random.normal(size=(3, 2)),
+        discount=0.8,
+        event_observations=True,
+    )
+    policy = vectors_for(model, random)
+    exact = by_recursion(model, policy, 4, unnoticed=1)
+    returns, moves = one_by_one(model, policy, 1, Limits(4, np.inf), episodes=3000, seed=1)
+    assert abs(returns.mean() - exact) < 5 * returns.std() / np.sqrt(3000)
+    assert moves > 4 * 3000
+
+    class Own:
+        input, num_states, num_actions = "state", 3, 2
+
+        def action(self, state):
+            return state % 2
+
+    table = DeterministicPolicy([0, 1, 0])
+    ours, theirs = (evaluate(model, each, episodes=3000, seed=1) for each in (Own(), table))
+    assert abs(ours.mean - theirs.mean) < 5 * (ours.standard_error + theirs.standard_error)
+
+
+def test_tiger_is_worth_its_published_optimum_and_the_loop_agrees():
+    model = load_model(EXAMPLES / "tiger.pomdp")
+    policy = load_policy(EXAMPLES / "tiger.vf", model)
+    result = evaluate(model, policy, seed=3)
+    low, high = result.interval
+    assert abs(result.mean - 19.3713) < 4 * result.standard_error
+    assert (low + high) / 2 == pytest.approx(result.mean)
+    assert high - low == pytest.approx(2 * 1.96 * result.standard_error, rel=1e-4)
+    assert (result.episodes, result.seed, result.moves) == (10_000, 3, 270 * 10_000)
+    loop = simulate(model, policy, episodes=300, seed=1)
+    assert abs(result.mean - loop.mean) < 4 * np.hypot(result.standard_error, loop.standard_error)
+
+
+def test_the_patrol_of_madp_with_and_without_false_negatives(corpus):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = load_model(corpus / "models" / "madp" / "MAISS_Patrol_Single.pgmx").with_discount(0.9)
+        policy = load_policy(corpus / "values" / "MAISS_Patrol_Single.pgmx_0.9.vf", model)
+        for unnoticed in (None, 0):
+            result = evaluate(model, policy, episodes=2000, seed=1, false_negative=unnoticed)
+            loop = simulate(model, policy, episodes=150, seed=1, false_negative=unnoticed)
+            assert abs(result.mean - loop.mean) < 4 * np.hypot(result.standard_error, loop.standard_error)
+            assert abs(result.mean - 5.206) < 4 * result.standard_error
+
+
+def test_the_same_seed_gives_the_same_and_another_policy_the_same_luck():
+    model = load_model(EXAMPLES / "tiger.pomdp")
+    policy = load_policy(EXAMPLES / "tiger.vf", model)
+    first, again, other = (evaluate(model, policy, episodes=50, seed=seed) for seed in (1, 1, 2))
+    assert np.array_equal(first.returns, again.returns)
+    assert not np.array_equal(first.returns, other.returns)
+    drawn = evaluate(model, policy, episodes=50)
+    assert np.array_equal(drawn.returns, evaluate(model, policy, episodes=50, seed=drawn.seed).returns)
+    listening = FiniteStateController([0], [[0, 0]], 3)
+    vectors = AlphaVectors([[0.0, 0.0]], [0], 3)
+    assert np.array_equal(*(evaluate(model, each, episodes=50, seed=1).returns for each in (listening, vectors)))
+    # Episodes that end at different times leave each other's luck alone.
+    chain = MDP([[[0.5, 0.5], [0, 1]]] * 2, [[1, 1], [0, 0]], discount=0.9)
+    tables = (DeterministicPolicy([0, 1], 2), QTable([[0, 1], [0, 1]]))
+    assert np.array_equal(*(evaluate(chain, table, episodes=500, seed=1).returns for table in tables))
+
+
+def test_episodes_end_where_nothing_more_is_earned():
+    model = MDP([[[0.5, 0.5], [0, 1]]], [[1], [0]], discount=0.999, initial_belief=[1, 0])
+    result = evaluate(model, DeterministicPolicy([0, 0]), seed=1)
+    assert result.moves < 3 * 10_000
+    assert_within(result, 1 / (1 - 0.999 / 2))
+
+
+def test_a_team_goes_by_its_own_observations():
+
+    random = np.random.default_rng(1)
+    from mdm import Factor, Space
+
+    team = POMDP(
+        random.dirichlet(np.ones(3), size=(4, 3)),
+        random.dirichlet(np.ones(6), size=(4, 3)),
+        random.normal(size=(3, 4)),
+        discount=0.9,
+        actions=Space([Factor("a", 2), Factor("b", 2)]),
+        observation_names=Space([Factor("a", 2), Factor("b", 3)]),
+    )
+    controllers = [
+        FiniteStateController([0, 1], [[1, 0], [0, 0]]),
+        FiniteStateController([1, 0], [[1, 0, 1], [0, 1, 1]]),
+    ]
+    joint = JointController(controllers)
+
+    def worth(weights, nodes, left):
+        action = team.action_space.ravel(joint.actions_at(nodes))
+        total = weights @ team.rewards[:, action]
+        if left > 1:
+            for o in range(6):
+                after = 0.9 * weights @ team.joint_matrix(action, o)
+                total += worth(after, joint.next_nodes(nodes, divmod(o, 3)), left - 1)
+        return total
+
+    assert_within(evaluate(team, joint, steps=3, seed=1), worth(team.initial_belief, (0, 0), 3))
+
+
+def test_a_plan_that_ends_ends_an_episode():
+    model = load_model(EXAMPLES / "tiger.pomdp").with_discount(1)
+    tree = FiniteStateController([0, 0], [[1, 1], [None, None]], 3)
+    result = evaluate(model, tree, seed=1, episodes=100)
+    assert (result.mean, result.standard_error, result.steps) == (-2, 0, 2)
+    assert evaluate(model, JointController([tree]), seed=1, episodes=100).mean == -2
+    with pytest.raises(ConfigError, match="needs an end"):
+        evaluate(model, FiniteStateController([0], [[0, 0]], 3))
+
+
+def test_silence_ends_an_episode():
+    told = np.zeros((1, 2, 2, 2))
+    told[0, 0] = 1
+    model = POMDP([np.eye(2)], told, [[1.0], [1.0]], discount=1, event_observations=True)
+    result = evaluate(model, AlphaVectors([[0, 0]], [0]), episodes=3, steps=2, seed=1, false_negative=0)
+    assert list(result.returns) == [10_000] * 3
+
+
+def test_mistakes_are_told():
+    model = load_model(EXAMPLES / "tiger.pomdp")
+    policy = load_policy(EXAMPLES / "tiger.vf", model)
+    mdp = MDP([np.eye(2)], [[1.0], [1.0]], discount=0.9)
+    for arguments, words in (
+        ((model, policy, {"episodes": 0}), "at least 1 episode"),
+        ((model, policy, {"steps": 0}), "at least 1 step"),
+        ((mdp, policy, {}), "an MDP, which has no observations"),
+        ((model, DeterministicPolicy([0, 1, 2]), {}), "3 states"),
+        ((model.with_discount(1), policy, {}), "needs an end"),
+        ((mdp, DeterministicPolicy([0, 0]), {"false_negative": 0}), "false negative"),
+    ):
+        *given_, options = arguments
+        with pytest.raises(ConfigError, match=words):
+            evaluate(*given_, **options)
+    with pytest.raises(ModelError, match="no symbol"):
+        evaluate(model, policy, false_negative="nobody")
+
+
+@given(SEEDS, st.booleans())
+@settings(max_examples=30)
+def test_draws_follow_their_rows_and_never_leave_them(seed, shared):
+    from scipy import sparse
+
+    random = np.random.default_rng(seed)
+    matrices = [distributions(random, 3, 7), sparse.csr_array(distributions(random, 3, 7))]
+    if shared:
+        matrices.append(matrices[0])
+    draws = Draws(matrices)
+    for which, matrix in enumerate(matrices):
+        for row in range(3):
+            probabilities = dense(matrix)[row]
+            numbers = np.concatenate([(np.arange(2000) + 0.5) / 2000, [0.0, np.nextafter(1, 0)]])
+            at = np.full(len(numbers), which), np.full(len(numbers), row)
+            drawn = draws.columns[draws(*at, numbers)]
+            assert (probabilities[drawn] > 0).all()
+            assert (np.diff(drawn[:2000]) >= 0).all()
+            counts = np.bincount(drawn[:2000], minlength=7) / 2000
+            np.testing.assert_allclose(counts, probabilities, atol=1.1e-3)
+
+
+def test_a_crowd_knows_where_episodes_are_over():
+    model = MDP([np.eye(3), [[0, 1, 0], [0, 1, 0], [0, 0, 1]]], [[0, 0], [0, 0], [0, 1]], discount=0.9)
+    assert Crowd(model).ended.tolist() == [False, True, False]

@@ -1,6 +1,7 @@
 """Markov models as plain data: named spaces, MDPs, POMDPs, and the tracking of beliefs."""
 
 from mdm.models.belief import BeliefTracker, Tracker
+from mdm.models.belief_filter import Support
 from mdm.models.factored import FactoredMDP, FactoredPOMDP
 from mdm.models.mdp import MDP
 from mdm.models.mixed import MixedPOMDP
@@ -20,6 +21,7 @@ __all__ = [
     "Node",
     "Potential",
     "Space",
+    "Support",
     "Table",
     "Tracker",
     "Tree",

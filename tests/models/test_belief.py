@@ -11,7 +11,7 @@ from random_models import dense, flat_models
 
 from mdm import load_model
 from mdm.errors import ModelError, ModelWarning
-from mdm.models import POMDP, BeliefTracker, Factor, Space
+from mdm.models import POMDP, BeliefTracker, Factor, Space, Support
 
 PROBLEMS = ("GridSmall", "broadcastChannel", "dectiger", "fireFighting_2_3_3", "recycling", "relay4")
 
@@ -113,6 +113,76 @@ def test_a_belief_that_was_handed_out_never_changes():
         handed[0] = 1
 
 
+def test_the_support_says_what_the_belief_does():
+    tracker = BeliefTracker(tiger())
+    tracker.reset([0, 1])
+    states, probabilities = tracker.support
+    assert (states.tolist(), probabilities.tolist()) == ([1], [1.0])
+    np.testing.assert_array_equal(tracker.support.dense(2), tracker.belief)
+    with pytest.raises(ValueError, match="read-only"):
+        tracker.support.dense(2)[0] = 1
+    assert not tracker.is_sparse
+
+
+def test_begins_from_a_support():
+    tracker = BeliefTracker(tiger())
+    tracker.reset(Support(np.array([1, 0]), np.array([0.25, 0.75])))
+    np.testing.assert_array_equal(tracker.belief, [0.75, 0.25])
+    tracker.reset()
+    np.testing.assert_array_equal(tracker.belief, [0.5, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("states", "probabilities", "message"),
+    [
+        ([0, 2], [0.5, 0.5], "not among the 2 states"),
+        ([-1], [1.0], "not among the 2 states"),
+        ([], [], "not among the 2 states"),
+        ([1, 1], [0.5, 0.5], "a state twice"),
+        ([0, 1], [0.5, 0.6], "sums to 1.1"),
+        ([0, 1], [1.0], "needs 2 numbers"),
+        ([0, 1], [np.nan, 1.0], "no probability"),
+    ],
+)
+def test_a_support_that_is_none_is_refused_and_changes_nothing(states, probabilities, message):
+    tracker = BeliefTracker(tiger())
+    tracker.update(0, 0)
+    before = tracker.belief
+    with pytest.raises(ModelError, match=message):
+        tracker.reset(Support(np.array(states), np.array(probabilities)))
+    assert tracker.belief is before
+
+
+@given(models(), st.data())
+def test_several_steps_are_as_one_after_another(model, data):
+    shape = model.observation_space.shape
+    step = st.tuples(
+        st.integers(0, len(model.action_space) - 1),
+        st.none()
+        | st.integers(0, len(model.observation_space) - 1)
+        | st.tuples(*(st.none() | st.integers(0, size - 1) for size in shape)),
+    )
+    steps = data.draw(st.lists(step, max_size=5))
+    tracker, other = BeliefTracker(model), BeliefTracker(model)
+    probabilities = [other.update(*each) for each in steps]
+    product = np.prod(probabilities)
+    assert tracker.update_all(iter(steps)) == pytest.approx(product, abs=1e-15)
+    if product > 0:
+        np.testing.assert_allclose(tracker.belief, other.belief, atol=1e-15)
+    else:
+        np.testing.assert_array_equal(tracker.belief, model.initial_belief)
+
+
+def test_several_steps_of_which_one_is_none_change_nothing():
+    tracker = BeliefTracker(tiger())
+    tracker.update(0, 0)
+    before = tracker.belief
+    with pytest.raises(ModelError, match="no observation 5"):
+        tracker.update_all([(0, 0), (0, 5)])
+    assert tracker.belief is before
+    assert tracker.update(0, 0) == pytest.approx(0.85**2 + 0.15**2)
+
+
 def test_stays_normalised_through_many_updates():
     tracker = BeliefTracker(tiger())
     for step in range(20_000):
@@ -200,7 +270,7 @@ def test_something_is_observed_unless_the_model_leaves_it_open(folded, model, da
         if model.transition(action, s, t) > 0
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mdm.models.belief._FOLDED", folded)
+        patch.setattr("mdm.models.belief_choice._FOLDED", folded)
         tracker = BeliefTracker(model)
 
     def probability(observation):
@@ -249,7 +319,7 @@ def test_false_negatives_are_what_the_equations_say(folded, model, data):
     inner = [[joints[unnoticed][s, t] if s in heard else 0.0 for t in range(size)] for s in range(size)]
     reached = np.array(solved(inner, model.initial_belief))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mdm.models.belief._FOLDED", folded)
+        patch.setattr("mdm.models.belief_choice._FOLDED", folded)
         tracker = BeliefTracker(model, false_negative=unnoticed)
     total = 0.0
     for o in noticed:

@@ -1,0 +1,206 @@
+"""The inner loops of belief filters, for numba.
+
+They take unsigned indices: signed ones might be negative, and numba would look at each whether it counts from the end,
+which makes the loops twice as long.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.models.compilation import compiled
+
+if TYPE_CHECKING:
+    from mdm.models.matrices import Vector
+
+__all__ = ["arrange", "move", "move_likely", "pull", "push"]
+
+
+@compiled
+def move(matrix: Vector, beliefs: Vector, now: int) -> float:
+    """Write one of two beliefs, times a matrix, to the other; return the sum of what was written."""
+    before, after = beliefs[now], beliefs[1 - now]
+    size = before.size
+    for t in range(size):
+        after[t] = 0.0
+    s = 0
+    while s < size:
+        if before[s] == 0.0:
+            s += 1
+            continue
+        # Four rows at a time, so that the result is read and written a quarter as often.
+        if s + 4 <= size:
+            w0, w1, w2, w3 = before[s], before[s + 1], before[s + 2], before[s + 3]
+            r0, r1, r2, r3 = matrix[s], matrix[s + 1], matrix[s + 2], matrix[s + 3]
+            for t in range(size):
+                after[t] += (w0 * r0[t] + w1 * r1[t]) + (w2 * r2[t] + w3 * r3[t])
+            s += 4
+        else:
+            w0, r0 = before[s], matrix[s]
+            for t in range(size):
+                after[t] += w0 * r0[t]
+            s += 1
+    total = 0.0
+    for t in range(size):
+        total += after[t]
+    return total
+
+
+@compiled
+def move_likely(matrix: Vector, likelihood: Vector, beliefs: Vector, now: int) -> float:
+    """As `move`, each result times a likelihood."""
+    move(matrix, beliefs, now)
+    after = beliefs[1 - now]
+    total = 0.0
+    for t in range(after.size):
+        after[t] *= likelihood[t]
+        total += after[t]
+    return total
+
+
+@compiled
+def arrange(starts: Any, columns: Any, data: Vector, cursors: Any, sources: Any, weights: Vector) -> None:
+    """Transpose a CSR matrix: write each column's rows and entries from the column's cursor on."""
+    for s in range(starts.size - 1):
+        for entry in range(starts[s], starts[s + 1]):
+            column = columns[entry]
+            at = cursors[column]
+            sources[at] = s
+            weights[at] = data[entry]
+            cursors[column] = at + np.uint64(1)
+
+
+@compiled
+def pull(
+    first: Any,
+    lengths: Any,
+    offsets: Any,
+    targets: Any,
+    sources: Any,
+    weights: Vector,
+    cuts: Any,
+    places: Any,
+    likelihood: Vector,
+    before: Vector,
+    after: Vector,
+) -> tuple[float, int]:
+    """Multiply a transposed matrix, rows grouped by length, with a belief, and its rows with a likelihood.
+
+    Within a group the length is known before a row begins, so that the processor guesses every loop's end right.
+
+    Args:
+        first: Of G groups the place of the first row; S at the end.
+        lengths: Entries of each row of a group.
+        offsets: Where the entries of a group begin.
+        targets: The state of the row at each place.
+        sources: Entries' columns.
+        weights: Entries.
+        cuts: Where in ``places`` each group begins, and the end.
+        places: The rows whose likelihood is not 0, by place, ascending.
+        likelihood: Their likelihood.
+        before: The belief.
+        after: The result; its other rows become 0.
+
+    Returns:
+        The sum of the result, and how many states of it are not 0.
+    """
+    total = 0.0
+    count = 0
+    if places.size < after.size:
+        for t in range(after.size):
+            after[t] = 0.0
+    for group in range(lengths.size):
+        length = np.uint64(lengths[group])
+        origin = np.uint64(first[group])
+        whole = cuts[group + 1] - cuts[group] == first[group + 1] - first[group]
+        at = np.uint64(offsets[group])
+        for chosen in range(np.uint64(cuts[group]), np.uint64(cuts[group + 1])):
+            if whole:
+                place = origin + (chosen - np.uint64(cuts[group]))
+            else:
+                place = np.uint64(places[chosen])
+                at = np.uint64(offsets[group]) + (place - origin) * length
+            value = 0.0
+            for entry in range(at, at + length):
+                value += weights[entry] * before[sources[entry]]
+            at += length
+            value *= likelihood[chosen]
+            after[targets[place]] = value
+            total += value
+            count += value != 0.0
+    return total, count
+
+
+@compiled
+def push(
+    starts: Any,
+    columns: Any,
+    data: Vector,
+    rows: Any,
+    symbols: Any,
+    chances: Vector,
+    observation: int,
+    states: Any,
+    values: Vector,
+    count: int,
+    sums: Vector,
+    next_states: Any,
+    next_values: Vector,
+) -> tuple[float, int]:
+    """Move a belief of few states along the rows of a CSR matrix.
+
+    Args:
+        starts: Where the matrix's rows begin.
+        columns: Entries' columns.
+        data: Entries.
+        rows: Where the rows of P(o | s') begin, S' x O in CSR.
+        symbols: Their entries' columns, ascending in each row.
+        chances: Their entries.
+        observation: Which one was made; a negative number where nothing is to be multiplied.
+        states: The states of the belief.
+        values: Their weights.
+        count: How many there are.
+        sums: S zeros, and again zeros at the end.
+        next_states: The states of the result.
+        next_values: Their weights.
+
+    Returns:
+        The sum of the result, and how many states it has.
+    """
+    reached = 0
+    for index in range(count):
+        state = np.uint64(states[index])
+        weight = values[index]
+        for entry in range(starts[state], starts[state + np.uint64(1)]):
+            target = columns[entry]
+            if sums[target] == 0.0:
+                next_states[reached] = target
+                reached += 1
+            sums[target] += weight * data[entry]
+            if sums[target] == 0.0:  # so little that it is none: not to be reached twice
+                reached -= 1
+    total = 0.0
+    kept = 0
+    for index in range(reached):
+        target = np.uint64(next_states[index])
+        value = sums[target]
+        sums[target] = 0.0
+        if observation >= 0:
+            symbol = np.uint32(observation)
+            low, end = rows[target], rows[target + np.uint64(1)]
+            high = end
+            while low < high:
+                middle = (low + high) >> np.uint64(1)
+                if symbols[middle] < symbol:
+                    low = middle + np.uint64(1)
+                else:
+                    high = middle
+            value = value * chances[low] if low < end and symbols[low] == symbol else 0.0
+        if value != 0.0:
+            next_states[kept] = next_states[index]
+            next_values[kept] = value
+            total += value
+            kept += 1
+    return total, kept

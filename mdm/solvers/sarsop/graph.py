@@ -5,7 +5,7 @@ Everything lies in arrays that compiled code can fill; when they are full, they 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -131,10 +131,10 @@ class Scratch(NamedTuple):
 
 def new_graph(layout: Layout, bins: int) -> Graph:
     """Return a graph without anything in it."""
-    num_actions, num_states = layout.rewards.shape
+    num_actions = len(layout.rewards)
     num_blocks = len(layout.first_state) - 1
     room = room_for(layout)
-    sized = {
+    sized: dict[str, Any] = {
         name: np.zeros(
             2 * room[count] + 64, dtype=np.float64 if name in _FLOATS else np.int64 if name in _LONG else np.int32
         )

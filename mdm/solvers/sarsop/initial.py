@@ -14,10 +14,10 @@ import numpy as np
 
 from mdm.models.compilation import compiled
 from mdm.models.compressed import csr
-from mdm.solvers.sarsop.layout import Layout
 
 if TYPE_CHECKING:
-    from mdm.models.matrices import Vector
+    from mdm.models.matrices import Matrix, Vector
+    from mdm.solvers.sarsop.layout import Layout
 
 __all__ = ["blind_values", "informed_values"]
 
@@ -71,10 +71,10 @@ def informed_values(layout: Layout, precision: float) -> Vector:
     for _ in range(_SWEEPS):
         if _informed_sweep(layout, worth, gathered, fresh, found) <= precision * max(1e-12, np.ptp(worth)):
             break
-    return worth + 1e-12 * np.abs(worth).max()
+    return np.asarray(worth + 1e-12 * np.abs(worth).max())
 
 
-def _transitions(layout: Layout) -> list[object]:
+def _transitions(layout: Layout) -> list[Matrix]:
     num_actions, num_states = layout.rewards.shape
     matrices = []
     for action in range(num_actions):

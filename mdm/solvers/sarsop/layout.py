@@ -54,10 +54,7 @@ class Layout(NamedTuple):
 
 def layout_of(model: POMDP) -> tuple[Layout, npt.NDArray[np.intp]]:
     """Return a model's layout, and the model's states in the layout's order."""
-    if isinstance(model, MixedPOMDP):
-        blocks = model.layout
-    else:
-        blocks = np.arange(len(model.state_space))[None, :]
+    blocks = model.layout if isinstance(model, MixedPOMDP) else np.arange(len(model.state_space))[None, :]
     order = blocks.ravel()
     place = np.empty_like(order)
     place[order] = np.arange(len(order))

@@ -58,11 +58,11 @@ def _followers(graph: Graph, layout: Layout, nodes: Indices) -> Indices:
     worth = np.where(sizes > 0, graph.reward[edges] + layout.discount * future, -np.inf).reshape(-1, num_actions)
     best = worth.argmax(axis=1) + num_actions * np.arange(len(nodes))
     chosen, _ = _stretches(graph.first_outcome[edges[best]], sizes[best])
-    return graph.child[chosen]
+    return np.asarray(graph.child[chosen])
 
 
 def _values(graph: Graph, vectors: Indices, width: int) -> Vector:
-    return graph.values[graph.first_value[vectors][:, None] + np.arange(width)]
+    return np.asarray(graph.values[graph.first_value[vectors][:, None] + np.arange(width)])
 
 
 def _dense(graph: Graph, nodes: Indices, width: int) -> Vector:
@@ -176,7 +176,7 @@ def _good_edges(graph: Graph, nodes: Indices, num_actions: int) -> Indices:
     opened = nodes[graph.first_edge[nodes] >= 0]
     edges = (graph.first_edge[opened][:, None] + np.arange(num_actions)).ravel()
     lower = np.repeat(graph.lower[opened], num_actions)
-    return edges[(graph.num_outcomes[edges] >= 0) & (graph.edge_upper[edges] >= lower)]
+    return np.asarray(edges[(graph.num_outcomes[edges] >= 0) & (graph.edge_upper[edges] >= lower)])
 
 
 def _keep_nodes(
@@ -224,4 +224,4 @@ def _keep_nodes(
     graph.counts[WEIGHTS] = len(weights)
     _keep_points(graph, kept_points)
     graph.table[:] = hashed(graph.code[: len(nodes)], len(graph.table))
-    return place[roots]
+    return np.asarray(place[roots])

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mdm.models.compilation import compiled
 from mdm.solvers.sarsop.graph import EDGES, NODES, OUTCOMES, POINTS, VALUES, VECTORS, WEIGHTS, Graph, Scratch
-from mdm.solvers.sarsop.layout import Layout
+
+if TYPE_CHECKING:
+    from mdm.solvers.sarsop.layout import Layout
 
 __all__ = ["add_node", "add_vector", "backup", "explore", "refresh"]
 
 _GRID = 1e9
 """Beliefs that agree to so many parts are one."""
-_TRIAL = 0.5
+_DEEP, _SHALLOW = 0.3, 0.6
 
 
 @compiled
-def refresh(graph: Graph, scratch: Scratch, node: int) -> None:
+def refresh(graph: Graph, scratch: Scratch, node: int) -> None:  # noqa: C901 - one pass, no calls
     """Compare the bounds of a belief with the vectors and points that are new to it."""
     block = graph.block[node]
     first = graph.first_weight[node]
@@ -68,7 +71,7 @@ def refresh(graph: Graph, scratch: Scratch, node: int) -> None:
 
 
 @compiled
-def add_node(
+def add_node(  # noqa: C901 - one pass, no calls
     layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray, block: int, begin: int, end: int, total: float
 ) -> int:
     """Return the node of the belief that stands in a stretch of the scratch entries; make it where it is new."""
@@ -76,9 +79,9 @@ def add_node(
     for k in range(begin, end):
         scratch.entry_weight[k] /= total
         part = np.int64(scratch.entry_weight[k] * _GRID + 0.5)
-        code = (code ^ (np.int64(scratch.entry_place[k]) * 1000003 + part)) * 1099511628211
-        code ^= (code >> 29) & 0x7FFFFFFFF
-    code &= 0x7FFFFFFFFFFFFFFF
+        # 42 bits, so that no product overflows.
+        code = ((code * 1000003) ^ (np.int64(scratch.entry_place[k]) * 2654435 + part)) & 0x3FFFFFFFFFF
+    code ^= code >> 21
     size = end - begin
     mask = len(graph.table) - 1
     slot = code & mask
@@ -135,7 +138,7 @@ def add_node(
 
 
 @compiled
-def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray, node: int, action: int) -> None:
+def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray, node: int, action: int) -> None:  # noqa: C901 - one pass, no calls
     """Find what an action may lead to from a belief."""
     num_states = layout.rewards.shape[1]
     edge = graph.first_edge[node] + action
@@ -228,7 +231,7 @@ def _edge_upper(layout: Layout, graph: Graph, scratch: Scratch, edge: int) -> fl
         value += graph.chance[k] * graph.upper[child]
     value = min(graph.edge_upper[edge], graph.reward[edge] + layout.discount * value)
     graph.edge_upper[edge] = value
-    return value
+    return float(value)
 
 
 @compiled
@@ -370,7 +373,7 @@ def _learn(graph: Graph, node: int) -> None:
 
 
 @compiled
-def explore(
+def explore(  # noqa: C901 - one pass, no calls
     layout: Layout,
     graph: Graph,
     scratch: Scratch,
@@ -392,6 +395,7 @@ def explore(
     bins = int(scale[3])
     deepest = len(scratch.path)
     done = 0
+    trial = 0
     while done < budget:
         node = roots[0]
         most = -np.inf
@@ -405,8 +409,9 @@ def explore(
                 node = roots[i]
         if total <= goal:
             break
-        # Half of what is open now is enough for one trial.
-        gap = max(goal, _TRIAL * total)
+        # What a trial may leave open: deep ones find good vectors, shallow ones lower the upper bound sooner.
+        gap = max(0.5 * goal, (_DEEP if trial % 2 else _SHALLOW) * total)
+        trial += 1
         step = max(1e-4 * total, 1e-3 * goal)
         least = graph.lower[node]
         target = least + gap

@@ -13,11 +13,13 @@ vectors and points that are new to it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mdm.errors import ModelError
+from mdm.models import POMDP
 from mdm.models.mixed import MixedPOMDP
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 from mdm.solvers.sarsop.graph import NODES, POINTS, VECTORS, grown, new_graph, new_scratch, room_for
@@ -28,11 +30,7 @@ from mdm.solvers.sarsop.search import add_node, add_vector, explore, refresh
 from mdm.solvers.watch import Watch
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from mdm.models import POMDP
     from mdm.models.matrices import Vector
-    from mdm.solvers.sarsop.layout import Layout
     from mdm.solvers.solution import Solution
 
 __all__ = ["sarsop"]
@@ -61,6 +59,7 @@ def sarsop(model: POMDP, *, watch: Watch | None = None) -> Solution:
         raise ModelError("SARSOP is for observations of states, P(o | a, s'); these are events: take perseus")
     if model.discount >= 1:
         raise ModelError("SARSOP needs a discount below 1: bounds without end never meet; give one (--discount)")
+    _warm_up()
     with Watch() if watch is None else watch as guard:
         search = _Search(model)
         lower, upper = search.bounds()
@@ -71,7 +70,16 @@ def sarsop(model: POMDP, *, watch: Watch | None = None) -> Solution:
         return guard.solution(policy, "sarsop", lower, upper, iterations=search.backups, size=search.size)
 
 
+@cache
+def _warm_up() -> None:
+    """Have the steps compiled, or found compiled, before anybody's time is counted."""
+    tiny = POMDP([np.eye(2)] * 2, [np.eye(2)] * 2, np.eye(2), discount=0.5)
+    _Search(tiny).run(Watch(gap=0.0))
+
+
 class _Search:
+    """The state of a run."""
+
     def __init__(self, model: POMDP) -> None:
         self._model = model
         self._layout, self._order = layout_of(model)
@@ -180,13 +188,12 @@ class _Search:
 
     def policy(self) -> AlphaVectors | MixedAlphaVectors:
         """Return the vectors as a policy."""
-        graph, layout = self._graph, self._layout
-        kept = np.arange(self.size)
-        vectors = np.stack([self._values(vector) for vector in kept])
-        actions = graph.vector_action[kept].tolist()
+        graph = self._graph
+        vectors = np.stack([self._values(vector) for vector in range(self.size)])
+        actions = graph.vector_action[: self.size].tolist()
         num_actions = len(self._model.action_space)
         if isinstance(self._model, MixedPOMDP):
             return MixedAlphaVectors(
-                vectors, actions, graph.vector_block[kept].tolist(), num_actions, states=self._model.layout
+                vectors, actions, graph.vector_block[: self.size].tolist(), num_actions, states=self._model.layout
             )
         return AlphaVectors(vectors, actions, num_actions)

@@ -6,25 +6,28 @@ Event-driven and fixed-rate control share one path from a stimulus to a decision
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from mdm.actors.controller_run import ControllerRun
 from mdm.actors.drive import Drive, FixedRate, OnEvent
 from mdm.actors.layer import Layer
+from mdm.actors.scope import Scope
 from mdm.errors import ConfigError, Error, ModelError
 from mdm.messages import Action, Belief, Control, Decision, Fault, Observation, Reward, State, Tick
 from mdm.models import POMDP, BeliefTracker, Tracker
+from mdm.policies import FiniteStateController, JointController
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from mdm.models import MDP
     from mdm.models.space import Symbol
-    from mdm.policies import Policy
+    from mdm.policies import Controller, Policy
     from mdm.runtime import Ticker
 
 __all__ = ["ControlLayer", "ControlStatistics", "OnImpossible"]
@@ -46,13 +49,19 @@ class ControlStatistics(ActorStatistics, frozen=True):
 
 
 class ControlLayer(Layer):
-    """Decides on states (MDP) or on the belief that observations lead to (POMDP).
+    """Decides on states (MDP), on the belief that observations lead to (POMDP), or by the nodes of a controller.
 
     Reads ``state``, ``observation``, ``external_belief``, ``initial_belief`` and ``control``; publishes ``action``,
     ``reward`` and ``belief`` under its ensemble's name, and a `Decision` on the runtime's ``decisions``.
 
+    A controller begins at its start, or at the node that is best for the initial belief where its nodes' values are
+    known, and moves by each observation; no belief is tracked. It stays at its node where nothing is observed, and at
+    an observation that has no edge, which is an impossible one. The last node of a plan ends the episode as a horizon
+    does. A `JointController` takes joint observations to joint actions or, under the scope of an ``agent``, that
+    agent's own.
+
     Args:
-        policy: From a state index or a belief to a joint action.
+        policy: From a state index or a belief to a joint action; or a controller.
         model: Needed by a policy over beliefs, and for rewards.
         drive: When to decide.
         horizon: Decisions in an episode; the next stimulus after them starts a new one.
@@ -66,11 +75,13 @@ class ControlLayer(Layer):
         tracker: A belief tracker of your own, in place of the model's.
         false_negative: The observation, by name or index, that stands for an event which nobody noticed; see
             `BeliefTracker`.
+        agent: Whose own controller of a `JointController` it runs, by index or name, on that agent's observations
+            alone; by default the whole team's, on joint ones.
     """
 
     def __init__(
         self,
-        policy: Policy,
+        policy: Policy | Controller,
         model: MDP | POMDP | None = None,
         *,
         drive: Drive | None = None,
@@ -82,9 +93,11 @@ class ControlLayer(Layer):
         initial_belief: npt.ArrayLike | None = None,
         tracker: Tracker | None = None,
         false_negative: Symbol | None = None,
+        agent: int | str | None = None,
         name: str = "control",
     ) -> None:
         super().__init__(name)
+        policy, self.action_space, self.observation_space = Scope.of(policy, model, agent)
         self.policy = policy
         self.model = model
         self.drive = OnEvent() if drive is None else drive
@@ -98,14 +111,27 @@ class ControlLayer(Layer):
         self.impossible = 0
         self.superseded = 0
         self.undecided = 0
-        self.action_names: Sequence[str] = () if model is None else model.action_space.names
-        self._rewards = _rewards(rewards, model)
+        self.action_names: Sequence[str] = () if self.action_space is None else self.action_space.names
         self.false_negative = self._unnoticed_symbol(false_negative, tracker)
-        if tracker is None and policy.input == "belief" and isinstance(model, POMDP):
-            tracker = BeliefTracker(model, false_negative=self.false_negative)
-        self._tracker = tracker
+        self._controller: ControllerRun | None = None
+        self._tracker: Tracker | ControllerRun | None = tracker
+        self._choose: Callable[[Any], int]
+        if isinstance(policy, FiniteStateController | JointController):
+            if rewards is not None or tracker is not None:
+                raise ConfigError(
+                    "a controller knows of no state or belief: give neither rewards nor a tracker", key="policy"
+                )
+            self._tracker = self._controller = run = ControllerRun(policy, model)
+            self._choose = lambda _: run.action
+            self._rewards = None
+        else:
+            if tracker is None and policy.input == "belief" and isinstance(model, POMDP):
+                self._tracker = BeliefTracker(model, false_negative=self.false_negative)
+            self._choose = policy.action
+            self._rewards = _rewards(rewards, model)
         self._initial = None if initial_belief is None else np.asarray(initial_belief, dtype=np.float64)
         self._check()
+        self._check_start()
         self._no_observation = self._no_observation_symbol()
         self._deadline_ns = None if deadline is None else round(deadline * 1e9)
         self._horizon = sys.maxsize if horizon is None else horizon
@@ -137,7 +163,7 @@ class ControlLayer(Layer):
             raise ConfigError(
                 f"a policy over beliefs needs the POMDP by which to track the belief, but {why}", key="model"
             )
-        if model is not None:
+        if model is not None and self._controller is None:  # a controller was compared with its model before
             for what, ours, theirs in (
                 ("states", policy.num_states, len(model.state_space)),
                 ("actions", policy.num_actions, len(model.action_space)),
@@ -151,8 +177,13 @@ class ControlLayer(Layer):
                 f"{policy.num_states} and {policy.num_actions}",
                 key="rewards",
             )
-        if self._initial is not None and self._tracker is not None:
-            self._tracker.reset(self._initial)
+
+    def _check_start(self) -> None:
+        if self._tracker is not None and (self._initial is not None or self._controller is not None):
+            try:
+                self._tracker.reset(self._initial)
+            except ModelError as error:
+                raise ConfigError(str(error), key="initial_belief") from None
 
     def _unnoticed_symbol(self, symbol: Symbol | None, tracker: Tracker | None) -> int | None:
         if symbol is None:
@@ -172,7 +203,7 @@ class ControlLayer(Layer):
             return "predict"
         if self.on_no_observation == "repeat":
             return "repeat"
-        space = getattr(self.model, "observation_space", None)
+        space = self.observation_space
         if space is None:
             raise ConfigError(
                 f"on_no_observation names {self.on_no_observation!r}, but there is no model with observations",
@@ -212,8 +243,20 @@ class ControlLayer(Layer):
 
     @property
     def belief(self) -> npt.NDArray[np.float64] | None:
-        """The present belief (S numbers, read-only), or None for a policy over states."""
+        """The present belief (S numbers, read-only), or None for a policy over states or a controller."""
         return None if self._tracker is None else self._tracker.belief
+
+    @property
+    def nodes(self) -> tuple[int, ...] | None:
+        """The present node of each controller that it runs, or None for a policy of another kind."""
+        return None if self._controller is None else self._controller.nodes
+
+    @property
+    def over(self) -> bool:
+        """Whether the episode has had its last decision: by the horizon, or by the end of a controller's plan."""
+        if self._controller is None or self._given:  # a belief from outside has put it at a node not yet decided on
+            return self.epoch >= self._horizon
+        return self.epoch >= self._horizon or (self.epoch > 0 and self._controller.ended)
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
@@ -254,7 +297,8 @@ class ControlLayer(Layer):
         elif self.running:
             return
         else:
-            self._begin_episode(keep_belief=command == "resume")
+            ended = self._controller is not None and self._controller.ended
+            self._begin_episode(keep_belief=command == "resume" and not ended)
             self.running = True
             if isinstance(self.drive, FixedRate):
                 self._ticker = self.every(self.drive.rate, self._on_tick)
@@ -294,7 +338,7 @@ class ControlLayer(Layer):
             if self._observation is not None:
                 self.superseded += 1
             self._observation = observation
-        elif self.epoch >= self._horizon:
+        elif self.over:
             self._begin_episode()
             self._decide(observation.time, "episode")
         else:
@@ -304,7 +348,7 @@ class ControlLayer(Layer):
 
     def _on_tick(self, tick: Tick) -> None:
         time = tick.time
-        if self.epoch >= self._horizon:
+        if self.over:
             self._begin_episode()
             self._decide_at_tick(time, "episode")
             return
@@ -328,23 +372,26 @@ class ControlLayer(Layer):
             self._decide(time, cause, symbol)
 
     def _on_external_belief(self, belief: Belief) -> None:
+        over = self.over
         if not self.running or not self._accept(belief, "external_belief"):
             return
         if not self._event_driven:
             self._given = True
             self._observation = None
-        elif self.epoch >= self._horizon:
+        elif over:
             self._begin_episode(keep_belief=True)
             self._decide(belief.time, "episode")
         else:
             self._decide(belief.time, "belief")
 
     def _on_initial_belief(self, belief: Belief) -> None:
-        present = self.belief
+        present, nodes = self.belief, self.nodes
         if self._accept(belief, "initial_belief") and self._tracker is not None:
             self._initial = np.array(belief.probabilities, dtype=np.float64)
             if present is not None:
                 self._tracker.reset(present)
+        if self._controller is not None and nodes is not None:
+            self._controller.nodes = nodes
 
     def _accept(self, belief: Belief, channel: str) -> bool:
         """Take a belief from outside; one that is no distribution is reported, and changes nothing."""
@@ -376,13 +423,11 @@ class ControlLayer(Layer):
         self.impossible += 1
         assert self._tracker is not None
         policy = self.on_impossible
-        fault = Fault(
-            time,
-            self.path,
-            "impossible_observation",
-            f"observation {observation} after action {action} has probability 0 under the model and the belief; "
-            f"on_impossible is {policy!r}",
-        )
+        why = "has probability 0 under the model and the belief"
+        if self._controller is not None:
+            why = f"has no edge at the nodes {self._controller.nodes}"
+        text = f"observation {observation} after action {action} {why}; on_impossible is {policy!r}"
+        fault = Fault(time, self.path, "impossible_observation", text)
         (self._safety if policy == "safe_action" else self.runtime.faults).publish(fault)
         if policy == "reset":
             self._tracker.reset(self._initial)
@@ -396,7 +441,7 @@ class ControlLayer(Layer):
             state = self._state
             assert state is not None
             try:
-                action = self.policy.action(state)
+                action = self._choose(state)
             except ModelError as error:
                 self._safety.publish(Fault(time, self.path, "state", str(error)))
                 return
@@ -405,7 +450,7 @@ class ControlLayer(Layer):
         else:
             state = None
             belief = tracker.belief
-            action = self.policy.action(belief)
+            action = self._choose(belief)
             reward = None if self._rewards is None else self._rewards[action].dot(belief).item()
         epoch = self.epoch
         self.epoch = epoch + 1

@@ -12,9 +12,11 @@ from mdm.actors.control_layer import ControlLayer, OnImpossible
 from mdm.actors.drive import FixedRate
 from mdm.actors.layer import Layer
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
+from mdm.actors.scope import agent_index
 from mdm.actors.state_layer import StateFactor, StateLayer
 from mdm.errors import ConfigError
 from mdm.messages import Belief, Control, Fault, Observation, PredicateUpdate, State
+from mdm.policies import FiniteStateController, JointController
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,9 +26,9 @@ if TYPE_CHECKING:
     from mdm.actors.binding import Binding, Callback
     from mdm.actors.drive import Drive
     from mdm.actors.predicate_manager import PredicateManager
-    from mdm.models import MDP, POMDP, Space, Tracker
+    from mdm.models import MDP, POMDP, Tracker
     from mdm.models.space import Symbol
-    from mdm.policies import Policy
+    from mdm.policies import Controller, Policy
     from mdm.runtime import Supervision
 
 __all__ = ["Ensemble"]
@@ -40,7 +42,7 @@ class Ensemble(Layer):
 
     Args:
         name: Its name, which prefixes its channels: ``patrol/state``, ``patrol/action``.
-        policy: From a state index or a belief to a joint action.
+        policy: From a state index or a belief to a joint action; or a controller, see `ControlLayer`.
         actions: Code for every action, by name or by index, not both: functions, async functions, ensembles, or any
             of them with options (`bind`). Without a model that has names, names here stand in the policy's order.
         model: Needed by a policy over beliefs, for rewards, and to check names and sizes.
@@ -48,6 +50,8 @@ class Ensemble(Layer):
         states: Factors of the state layer; without them, publish `State` messages on ``states``.
         observations: Factors of the observation layer; without them, publish `Observation` on ``observation``.
         agent: Of a team, the agent under whose scope this ensemble acts, by index or name.
+        local: Run that agent's own controller of a `JointController`, on its own observations alone; otherwise the
+            policy decides for the whole team, on all that the team observes.
         safe_action: What leaves the robot safe: an action's name or a function. It runs on a failure that nobody
             could help, on a missed deadline, on input that grew too old, and when the runtime ends.
         supervision: What its failure means.
@@ -63,13 +67,14 @@ class Ensemble(Layer):
         self,
         name: str,
         *,
-        policy: Policy,
+        policy: Policy | Controller,
         actions: Mapping[str, Callback | Ensemble | Binding] | Mapping[int, Callback | Ensemble | Binding],
         model: MDP | POMDP | None = None,
         predicates: PredicateManager | None = None,
         states: Sequence[StateFactor] = (),
         observations: Sequence[ObservationFactor] = (),
         agent: int | str = 0,
+        local: bool = False,
         safe_action: str | Callback | None = None,
         supervision: Supervision = "escalate",
         drive: Drive | None = None,
@@ -100,12 +105,13 @@ class Ensemble(Layer):
                 initial_belief=initial_belief,
                 tracker=tracker,
                 false_negative=false_negative,
+                agent=agent if local else None,
             )
-            names, component = _agent_actions(policy, model, actions, agent)
+            names, component = _agent_actions(self.control, actions, 0 if local else agent)
             self.action = ActionLayer(
                 names, actions, component=component, predicates=predicates, safe_action=safe_action
             )
-            if model is None:
+            if self.control.action_space is None:
                 self.control.action_names = names
             self.control.has_safe_action = self.action.safe is not None
             if on_impossible == "safe_action" and self.action.safe is None:
@@ -118,7 +124,7 @@ class Ensemble(Layer):
             self.state = StateLayer(states, self._manager("states"), space=getattr(model, "state_space", None))
         if observations:
             self.observation = ObservationLayer(
-                observations, self._manager("observations"), space=getattr(model, "observation_space", None)
+                observations, self._manager("observations"), space=self.control.observation_space
             )
         self.subensembles = tuple(
             {id(b.ensemble): b.ensemble for b in self.action.bindings if b.ensemble is not None}.values()
@@ -148,7 +154,11 @@ class Ensemble(Layer):
             for factor in self.state.factors:
                 product *= factor.size
             expected = self.control.policy.num_states
-            if product != expected and (space is None or len(self.state.factors) == len(space.factors)):
+            if (
+                expected is not None
+                and product != expected
+                and (space is None or len(self.state.factors) == len(space.factors))
+            ):
                 yield ConfigError(
                     f"the state factors of {self.name!r} make {product} states, but the policy is for {expected}",
                     key=f"ensembles.{self.name}.states",
@@ -170,6 +180,10 @@ class Ensemble(Layer):
         policy, drive = self.control.policy, self.control.drive
         kind = "POMDP" if policy.input == "belief" else "MDP"
         when = f"{drive.rate:g} Hz" if isinstance(drive, FixedRate) else "event-driven"
+        if isinstance(policy, FiniteStateController):
+            return f"controller, {policy.num_nodes} nodes, {policy.num_actions} actions, {when}"
+        if isinstance(policy, JointController):
+            return f"controllers of {policy.num_agents} agents, {policy.num_actions} actions, {when}"
         return f"{kind}, {policy.num_states} states, {policy.num_actions} actions, {when}"
 
     # -- Channels that users publish on --------------------------------------------------------------------------
@@ -307,27 +321,19 @@ def _belief(time: int, probabilities: npt.ArrayLike) -> Belief:
 
 
 def _agent_actions(
-    policy: Policy, model: MDP | POMDP | None, actions: Mapping[Any, Any], agent: int | str
+    control: ControlLayer, actions: Mapping[Any, Any], agent: int | str
 ) -> tuple[tuple[str, ...], Callable[[int], int] | None]:
-    """Return the names of one agent's actions, and how to find its component of a joint action."""
-    if model is None:
+    """Return the names of one agent's actions, and how to find its component of what is decided."""
+    space, count = control.action_space, control.policy.num_actions
+    if space is None:
         if actions and all(isinstance(key, str) for key in actions):
-            if len(actions) != policy.num_actions:
-                raise ConfigError(
-                    f"the policy has {policy.num_actions} actions, but {len(actions)} are bound", key="actions"
-                )
+            if len(actions) != count:
+                raise ConfigError(f"the policy has {count} actions, but {len(actions)} are bound", key="actions")
             return tuple(actions), None
-        return tuple(str(index) for index in range(policy.num_actions)), None
-    space: Space = model.action_space
+        return tuple(str(index) for index in range(count)), None
     agents = space.factors
-    if isinstance(agent, str):
-        names = [factor.name for factor in agents]
-        if agent not in names:
-            raise ConfigError(f"there is no agent {agent!r}; the agents are {', '.join(names)}", key="agent")
-        agent = names.index(agent)
-    if not 0 <= agent < len(agents):
-        raise ConfigError(f"there is no agent {agent}; the model has {len(agents)}, from 0 on", key="agent")
+    own = agent_index(agent, [factor.name for factor in agents], len(agents))
     if len(agents) == 1:
         return tuple(space.names), None
-    components = [space.unravel(index)[agent] for index in range(len(space))]
-    return tuple(agents[agent].names), components.__getitem__
+    components = [space.unravel(index)[own] for index in range(len(space))]
+    return tuple(agents[own].names), components.__getitem__

@@ -65,7 +65,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
     from mdm.formats import load_model, load_policy  # noqa: PLC0415
-    from mdm.policies import as_policy  # noqa: PLC0415
 
     model = load_model(arguments.model)
     if arguments.discount is not None:
@@ -73,7 +72,7 @@ def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
     return {
         "model": model,
         "false_negative": arguments.false_negative,
-        "policy": as_policy(load_policy(arguments.policy, model, seed=arguments.seed)),
+        "policy": load_policy(arguments.policy, model, seed=arguments.seed),
         "steps": arguments.steps,
     }
 
@@ -89,6 +88,10 @@ def _from_file(arguments: argparse.Namespace) -> dict[str, Any]:
     control = system.ensembles[name].control
     if control.model is None:
         raise Error(f"{arguments.file}: ensemble {name!r} has no model that could be its world")
+    if control.policy.num_actions != len(control.model.action_space):
+        raise Error(
+            f"{arguments.file}: ensemble {name!r} runs one agent's part of a policy: give the team's --model and --policy"
+        )
     return {
         "model": control.model,
         "policy": control.policy,

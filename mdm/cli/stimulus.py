@@ -79,7 +79,10 @@ class Stimulus:
 def _state(ensemble: Ensemble, given: Any) -> tuple[int, tuple[int, ...]]:
     policy, model = ensemble.control.policy, ensemble.control.model
     if policy.input != "state":
-        raise Error("the policy decides on beliefs: give an observation or a belief, not a state")
+        how = "decides on beliefs: give an observation or a belief"
+        if policy.input == "observation":
+            how = "goes by observations: give an observation"
+        raise Error(f"the policy {how}, not a state")
     if model is not None:
         index = model.state_space.index(given)
         return index, model.state_space.unravel(index)
@@ -89,8 +92,8 @@ def _state(ensemble: Ensemble, given: Any) -> tuple[int, tuple[int, ...]]:
 
 
 def _observation(ensemble: Ensemble, given: Any) -> tuple[int | None, tuple[int | None, ...], tuple[bool, ...]]:
-    space = getattr(ensemble.control.model, "observation_space", None)
-    if space is None or ensemble.control.policy.input != "belief":
+    space = ensemble.control.observation_space
+    if space is None or ensemble.control.policy.input == "state":
         raise Error("the policy decides on states: give a state, not an observation")
     if isinstance(given, list) and None in given:
         if len(given) != len(space.factors):
@@ -105,8 +108,10 @@ def _observation(ensemble: Ensemble, given: Any) -> tuple[int | None, tuple[int 
 
 def _check_belief(ensemble: Ensemble, given: list[float]) -> None:
     policy = ensemble.control.policy
-    if policy.input != "belief":
+    if policy.input == "state":
         raise Error("the policy decides on states: give a state, not a belief")
+    if policy.num_states is None:
+        raise Error("the policy goes by observations, and its nodes have no known values: give no belief")
     distribution(given, what="the belief", size=policy.num_states)
 
 

@@ -110,7 +110,6 @@ def _system(arguments: argparse.Namespace) -> System:
     from mdm.config import System, load_system  # noqa: PLC0415
     from mdm.config.functions import nothing  # noqa: PLC0415
     from mdm.formats import load_model, load_policy  # noqa: PLC0415
-    from mdm.policies import as_policy  # noqa: PLC0415
 
     if arguments.file is not None:
         for name in _OPTIONS:
@@ -122,7 +121,7 @@ def _system(arguments: argparse.Namespace) -> System:
     model = None if arguments.model is None else load_model(arguments.model)
     if model is not None and arguments.discount is not None:
         model = model.with_discount(arguments.discount)
-    policy = as_policy(load_policy(arguments.policy, model, seed=arguments.seed))
+    policy = load_policy(arguments.policy, model, seed=arguments.seed)
     actions = policy.num_actions if model is None else len(model.action_space.factors[0])
     try:
         drive = OnEvent() if arguments.drive in {None, "event"} else FixedRate(float(arguments.drive))

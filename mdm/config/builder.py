@@ -26,7 +26,7 @@ from mdm.config.tables import (
 from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
 from mdm.logic import Formula, parse, similar
-from mdm.policies import DeterministicPolicy, Policy, as_policy
+from mdm.policies import DeterministicPolicy
 from mdm.runtime import Restart, Supervision
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     from mdm.actors import Drive
     from mdm.models import MDP, POMDP
+    from mdm.policies import Controller, Policy
 
 __all__ = ["load_system"]
 
@@ -207,6 +208,7 @@ class _Builder:
                 states=states,
                 observations=observations,
                 agent=table.agent,
+                local=table.local,
                 safe_action=safe,
                 supervision=supervision,
                 drive=drive,
@@ -243,13 +245,13 @@ class _Builder:
             return model if table.discount is None else model.with_discount(table.discount)
         return None
 
-    def _policy(self, table: EnsembleTable, model: MDP | POMDP | None, key: str) -> Policy | None:
+    def _policy(self, table: EnsembleTable, model: MDP | POMDP | None, key: str) -> Policy | Controller | None:
         with self._problems.collecting(f"{key}.policy"):
             if isinstance(table.policy, list):
                 count = len(table.actions) if model is None else len(model.action_space)
                 return DeterministicPolicy(table.policy, count)
             path = self._beside(table.policy)
-            return as_policy(load_policy(path, model, kind=table.policy_kind, seed=table.seed))
+            return load_policy(path, model, kind=table.policy_kind, seed=table.seed)
         return None
 
     def _factors(self, factor: Callable[..., T], kind: Any, tables: dict[str, Any], key: str) -> list[T] | None:

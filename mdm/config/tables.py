@@ -96,6 +96,7 @@ class EnsembleTable(_Table, frozen=True):
     false_negative: str | int | None = None
     deadline: Seconds | None = None
     agent: int | str = 0
+    local: bool = False
     safe_action: str | None = None
     supervision: Any = "escalate"
     states: dict[str, Any] = {}

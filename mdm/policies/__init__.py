@@ -5,11 +5,13 @@ from mdm.policies.finite_state_controller import FiniteStateController
 from mdm.policies.joint_controller import JointController
 from mdm.policies.masked_alpha_vectors import MaskedAlphaVectors
 from mdm.policies.mixed_alpha_vectors import MixedAlphaVectors
-from mdm.policies.policy import Policy, as_policy
+from mdm.policies.policy import Policy
 from mdm.policies.table import DeterministicPolicy, QTable, StochasticPolicy
+from mdm.policies.walk import Controller, Walk
 
 __all__ = [
     "AlphaVectors",
+    "Controller",
     "DeterministicPolicy",
     "FiniteStateController",
     "JointController",
@@ -18,5 +20,5 @@ __all__ = [
     "Policy",
     "QTable",
     "StochasticPolicy",
-    "as_policy",
+    "Walk",
 ]

@@ -7,6 +7,7 @@ space*, UAI 1998). A step costs one look-up.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal, SupportsIndex
 
 import numpy as np
@@ -85,6 +86,40 @@ class FiniteStateController:
                 f"there is no observation {observation}; the controller's {self.num_observations} count from 0"
             )
         return self.successors[node][observation]
+
+    def is_last(self, node: int) -> bool:
+        """Return whether a plan ends with this node: no observation leads on."""
+        self._check_node(node)
+        return node in self._last
+
+    @cached_property
+    def _last(self) -> frozenset[int]:
+        return frozenset(node for node, row in enumerate(self.successors) if all(after is None for after in row))
+
+    @cached_property
+    def horizon(self) -> int | None:
+        """How many decisions the longest way has; None where one goes in a circle.
+
+        Ways begin at ``start``, or where values let any node be the first, at any.
+        """
+        reached = dict.fromkeys([self.start] if self.values is None else range(self.num_nodes), 0)
+        nodes = list(reached)
+        for node in nodes:  # which grows meanwhile
+            for after in self._following(node):
+                if after not in reached:
+                    nodes.append(after)
+                reached[after] = reached.get(after, 0) + 1
+        decisions, ready = dict.fromkeys(nodes, 1), [node for node in nodes if not reached[node]]
+        for node in ready:  # which grows meanwhile: each node after all that lead to it
+            for after in self._following(node):
+                decisions[after] = max(decisions[after], decisions[node] + 1)
+                reached[after] -= 1
+                if not reached[after]:
+                    ready.append(after)
+        return max(decisions.values()) if len(ready) == len(nodes) else None
+
+    def _following(self, node: int) -> list[int]:
+        return [after for after in self.successors[node] if after is not None]
 
     def start_node(self, belief: npt.NDArray[np.float64]) -> int:
         """Return the node that is best to begin with at a belief: the first of the greatest value.

@@ -56,6 +56,11 @@ class JointController:
         """The agents' first nodes."""
         return tuple(controller.start for controller in self.controllers)
 
+    @property
+    def horizon(self) -> int | None:
+        """How many decisions the team's plan has, which is over with the first agent's; None where none ends."""
+        return min((each.horizon for each in self.controllers if each.horizon is not None), default=None)
+
     def actions_at(self, nodes: Sequence[int]) -> tuple[int, ...]:
         """Return each agent's own action at its node."""
         pairs = zip(self.controllers, self._per_agent(nodes, "nodes"), strict=True)

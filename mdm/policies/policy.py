@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Protocol, cast
+from typing import Any, Literal, Protocol
 
-from mdm.errors import ModelError
-
-__all__ = ["Policy", "as_policy"]
+__all__ = ["Policy"]
 
 
 class Policy(Protocol):
@@ -40,17 +38,3 @@ class Policy(Protocol):
     def value(self, x: Any, /) -> float:
         """Return the expected discounted return from a state index or a belief."""
         ...
-
-
-def as_policy(given: Any) -> Policy:
-    """Return what chooses by state or belief as it is.
-
-    Raises:
-        ModelError: If it is a controller, which goes from node to node by observations alone.
-    """
-    if given.input == "observation":
-        raise ModelError(
-            f"a {type(given).__name__} goes by observations, from node to node, and chooses for no state or belief; a "
-            f"control layer needs a table, a Q-table or alpha vectors"
-        )
-    return cast("Policy", given)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mdm.actors.control_layer import OnImpossible
     from mdm.models import MDP, POMDP
     from mdm.models.space import Symbol
-    from mdm.policies import Policy
+    from mdm.policies import Controller, Policy
 
 __all__ = ["SimulationResult", "simulate", "steps_for"]
 
@@ -56,7 +56,7 @@ def steps_for(discount: float) -> int:
 
 def simulate(
     model: MDP | POMDP,
-    policy: Policy,
+    policy: Policy | Controller,
     *,
     episodes: int,
     seed: int | None = None,
@@ -75,7 +75,8 @@ def simulate(
         policy: What decides.
         episodes: How many to run.
         seed: The same seed gives the same result.
-        steps: Decisions in each episode; by default as many as leave out less than 1e-4 of the discounted weight.
+        steps: Decisions in each episode; by default as many as the policy's plan has, or as leave out less than 1e-4
+            of the discounted weight.
         drive: When to decide; on events by default.
         on_impossible: See `ControlLayer`.
         on_no_observation: See `ControlLayer`.
@@ -86,7 +87,8 @@ def simulate(
     """
     if episodes < 1:
         raise ConfigError(f"a simulation needs at least 1 episode, not {episodes}")
-    count = steps_for(model.discount) if steps is None else steps
+    planned: int | None = getattr(policy, "horizon", None)
+    count = steps if steps is not None else planned or steps_for(model.discount)
     returns: list[float] = []
 
     async def main() -> None:

@@ -40,7 +40,7 @@ class World(Actor):
         seed: Makes a run reproducible.
         period: Seconds that an action takes until its outcome shows; 0 shows it in the same turn. A fixed-rate
             ensemble sees outcomes at its ticks, whatever the period.
-        steps: Decisions in an episode; by default the ensemble's horizon.
+        steps: Decisions in an episode; by default the ensemble's horizon. The end of a controller's plan ends it, too.
         finished: Called with each episode's discounted return.
     """
 
@@ -59,8 +59,13 @@ class World(Actor):
         given = ensemble.control.model if model is None else model
         if given is None:
             raise ConfigError(f"a world for ensemble {ensemble.name!r} needs a model, but the ensemble has none")
-        if ensemble.control.policy.input == "belief" and not isinstance(given, POMDP):
-            raise ConfigError(f"ensemble {ensemble.name!r} decides on beliefs: its world needs observations")
+        if ensemble.control.policy.input != "state" and not isinstance(given, POMDP):
+            raise ConfigError(f"ensemble {ensemble.name!r} decides by what is observed: its world needs observations")
+        if len(given.action_space) != ensemble.control.policy.num_actions:
+            raise ConfigError(
+                f"ensemble {ensemble.name!r} decides on {ensemble.control.policy.num_actions} actions, but its world "
+                f"has {len(given.action_space)}: one agent's part of a team is no world's whole"
+            )
         self.ensemble = ensemble
         self.model: MDP = given
         self.state = 0
@@ -95,7 +100,7 @@ class World(Actor):
         self._return += self._weight * self._rewards[self.state][action.index]
         self._weight *= self.model.discount
         self._step += 1
-        if self._step == self.steps:
+        if self._step == self.steps or self.ensemble.control.over:
             self._end_episode()
             # The next stimulus begins a new episode; what is observed in it does not count.
             self._later(lambda: self._show(observation=0, changed=True))

@@ -239,3 +239,96 @@ def test_trace_takes_false_negatives_into_account(mdm):
     )
     assert status == 1
     assert "'boom'" in errors
+
+
+PLAN = """
+Policy for agent 0 (index 0):
+Oempty,  --> listen
+hear-left,  --> open-right
+hear-right,  --> open-left
+Policy for agent 1 (index 0):
+Oempty,  --> listen
+hear-left,  --> listen
+hear-right,  --> open-left
+"""
+
+
+@pytest.fixture
+def plan(corpus, tmp_path):
+    """A joint policy of dectiger, its model's path, and a file of two robots that run it each by itself."""
+    model = corpus / "models/madp/dectiger.dpomdp"
+    (tmp_path / "plan.jpol").write_text(PLAN)
+    tables = [
+        f"""
+[ensembles.robot{agent}]
+model = '{model}'
+policy = 'plan.jpol'
+agent = {agent}
+local = true
+[ensembles.robot{agent}.actions]
+listen = "robot:act"
+open-left = "robot:act"
+open-right = "robot:act"
+"""
+        for agent in range(2)
+    ]
+    (tmp_path / "team.toml").write_text("".join(tables))
+    return model, tmp_path
+
+
+def test_trace_of_a_joint_policy_goes_by_joint_observations(mdm, plan):
+    model, folder = plan
+    stdin = '{"observation": ["hear-left", "hear-right"]}\n{"observation": 0}\n{"observation": [null, 1]}\n'
+    status, lines, _ = traced(mdm, "--model", model, "--policy", folder / "plan.jpol", stdin=stdin)
+    assert status == 0
+    actions = load_model(model).action_space.names
+    expected = [(0, 0), (2, 1), (0, 0), (0, 1)]
+    assert [line["action"] for line in lines] == [3 * a + b for a, b in expected]
+    assert [line["epoch"] for line in lines] == [0, 1, 0, 1]
+    assert [line["action_name"] for line in lines] == [actions[3 * a + b] for a, b in expected]
+    assert not any(key in line for line in lines for key in ("belief", "reward", "state"))
+
+
+def test_trace_of_robots_that_run_their_own_parts(mdm, plan):
+    _, folder = plan
+    stdin = '{"ensemble": "robot0", "observation": "hear-left"}\n{"ensemble": "robot1", "observation": "hear-left"}\n'
+    status, lines, _ = traced(mdm, folder / "team.toml", stdin=stdin)
+    assert status == 0
+    assert [(line["ensemble"], line["action_name"]) for line in lines] == [
+        ("robot0", "listen"),
+        ("robot1", "listen"),
+        ("robot0", "open-right"),
+        ("robot1", "listen"),
+    ]
+    assert "runs one agent's part of a policy" in mdm("simulate", folder / "team.toml")[2]
+
+
+def test_simulate_of_a_joint_policy_ends_with_its_plan(mdm, plan):
+    model, folder = plan
+    status, (line,), _ = mdm(
+        "simulate", "--model", model, "--policy", folder / "plan.jpol", "--episodes", "20", "--seed", "1", "--json"
+    )
+    assert status == 0
+    assert json.loads(line)["steps"] == 2
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ('{"state": 0}', "goes by observations: give an observation, not a state"),
+        ('{"belief": [0.5, 0.5]}', "its nodes have no known values: give no belief"),
+        ('{"observation": 4}', "no symbol 4"),
+    ],
+)
+def test_what_controllers_do_not_go_by_is_refused(mdm, plan, line, words):
+    model, folder = plan
+    status, _, errors = traced(mdm, "--model", model, "--policy", folder / "plan.jpol", stdin=line)
+    assert status == 1
+    assert words in errors
+
+
+def test_trace_of_a_controller_needs_no_model(mdm, tmp_path):
+    (tmp_path / "round.pg").write_text("0 1  0 1\n1 0  1 0\n")
+    status, lines, _ = traced(mdm, "--policy", tmp_path / "round.pg", stdin='{"observation": 1}\n{"observation": 0}\n')
+    assert status == 0
+    assert [(line["action"], line.get("observation")) for line in lines] == [(1, None), (0, 1), (0, 0)]

@@ -44,6 +44,36 @@ def test_arrays_and_sequences_give_the_same():
 
 
 @pytest.mark.parametrize(
+    ("successors", "start", "horizon"),
+    [
+        ([[None]], 0, 1),
+        ([[1], [None]], 0, 2),
+        ([[1], [None]], 1, 1),
+        ([[0]], 0, None),
+        ([[1], [1]], 0, None),
+        ([[1, 2], [2, None], [None, 3], [None, None]], 0, 4),
+        ([[None, None], [1, 0]], 0, 1),  # a circle that is never reached
+        ([[1, None], [None, 0]], 0, None),
+    ],
+)
+def test_the_longest_way_is_the_horizon(successors, start, horizon):
+    assert FiniteStateController([0] * len(successors), successors, start=start).horizon == horizon
+
+
+def test_where_any_node_may_be_the_first_every_way_counts():
+    successors = [[None, None], [1, 0]]
+    assert FiniteStateController([0, 0], successors, values=np.zeros((2, 3))).horizon is None
+    assert FiniteStateController([0, 0], [[None], [0]], values=np.zeros((2, 3))).horizon == 2
+
+
+def test_a_node_that_nothing_follows_is_the_last():
+    graph = FiniteStateController([0, 0], [[1, None], [None, None]])
+    assert [graph.is_last(node) for node in range(2)] == [False, True]
+    with pytest.raises(ModelError, match="no node 2"):
+        graph.is_last(2)
+
+
+@pytest.mark.parametrize(
     ("make", "words"),
     [
         (lambda: FiniteStateController([], []), "0 nodes' actions"),

@@ -20,6 +20,13 @@ def test_each_agent_goes_its_own_way():
     assert TEAM.next_nodes((1, 0), (1, 0)) == (None, 0)
 
 
+def test_a_teams_plan_is_over_with_the_first_agents():
+    endless, plan = FiniteStateController([0], [[0]]), FiniteStateController([0, 0], [[1], [None]])
+    assert JointController([endless, endless]).horizon is None
+    assert JointController([endless, plan]).horizon == 2
+    assert JointController([FiniteStateController([0], [[None]]), plan]).horizon == 1
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [

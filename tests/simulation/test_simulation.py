@@ -14,7 +14,9 @@ from mdm import (
     ConfigError,
     DeterministicPolicy,
     Ensemble,
+    FiniteStateController,
     FixedRate,
+    JointController,
     PredicateManager,
     StateFactor,
     World,
@@ -24,6 +26,7 @@ from mdm import (
 )
 from mdm.simulation import Sampler
 from mdm.simulation.simulate import steps_for
+from mdm.solvers import solve
 from mdm.testing import capture_decisions, run_virtual
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -140,3 +143,36 @@ def test_an_episode_in_which_nothing_is_noticed_any_more_ends_with_a_fault():
     assert {fault.kind for fault in faults} == {"silence"}
     assert "nothing is observed any more in state" in faults[0].detail
     assert [decision.cause for decision in decisions] == ["start", "reset", "reset", "reset"]
+
+
+@pytest.mark.parametrize("drive", [None, FixedRate(10)])
+def test_a_joint_plan_is_worth_what_its_solver_says(corpus, drive):
+    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+    solution = solve(model, "jesp", horizon=3)
+    result = simulate(model, solution.policy, episodes=4000, seed=1, drive=drive)
+    assert result.steps == 3
+    assert abs(result.mean - solution.lower) < 4 * result.standard_error
+    assert result.standard_error < 0.5
+
+
+def test_a_controller_is_worth_what_its_nodes_say(corpus):
+    model = load_model(corpus / "models/pomdp-solve/tiger.95.POMDP")
+    policy = load_policy(corpus / "policies/pomdp-solve/tiger.95.pg", model)
+    result = simulate(model, policy, episodes=600, seed=3)
+    assert abs(result.mean - policy.value(model.initial_belief)) < 4 * result.standard_error
+
+
+def test_an_episode_ends_with_the_plan_whichever_way_it_goes():
+    model = POMDP([[[1.0]]], [[[0.5, 0.5]]], [[1.0]], discount=1.0)
+    # after observation 0 the plan is over, after 1 it goes on once more
+    policy = FiniteStateController([0, 0, 0], [[1, 2], [None, None], [1, 1]])
+    result = simulate(model, policy, episodes=200, seed=1)
+    assert set(result.returns) == {2.0, 3.0}
+
+
+def test_a_part_of_a_team_is_no_worlds_whole(corpus):
+    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+    team = JointController([FiniteStateController([0], [[0, 0]], 3)] * 2)
+    robot = Ensemble("robot", policy=team, model=model, local=True, actions=dict.fromkeys(range(3), print))
+    with pytest.raises(ConfigError, match="decides on 3 actions, but its world has 9: one agent's part of a team"):
+        World(robot)

@@ -2,7 +2,8 @@
 
 V(b) = max over vectors of alpha . b, and the action is that of the maximal vector (R. D. Smallwood and E. J. Sondik,
 *The optimal control of partially observable Markov processes over a finite horizon*, Operations Research 21, 1973).
-A choice costs one product of the N x S matrix with the belief.
+A choice costs one product of the N x S matrix with the belief; of large ones only of the columns of the states that
+the belief gives weight to.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING, Literal, NoReturn, SupportsIndex
 import numpy as np
 
 from mdm.errors import ModelError
+from mdm.models.belief_filter import Support
+from mdm.models.compilation import can_compile
 from mdm.models.matrices import numbers
 
 if TYPE_CHECKING:
@@ -21,9 +24,14 @@ if TYPE_CHECKING:
 
 __all__ = ["AlphaVectors"]
 
+_LARGE = 20_000
+"""From so many numbers on it pays to look for the states that a belief gives weight to."""
+
 
 class AlphaVectors:
     """Chooses the action of the vector that is maximal at a belief; of equal ones, the lowest action.
+
+    A belief is an array of S numbers, or its `Support`, at a cost that does not grow with S.
 
     Args:
         vectors: N x S.
@@ -57,40 +65,89 @@ class AlphaVectors:
         self.num_states = matrix.shape[1]
         # In the order of their actions, so that the first maximum is that of the lowest action.
         order = np.argsort(np.asarray(actions), kind="stable")
-        self.vectors = np.ascontiguousarray(matrix[order])
-        self.vectors.setflags(write=False)
+        # A row for each state, so that those of few states lie side by side.
+        self._by_state = np.ascontiguousarray(matrix[order].T)
+        self._by_state.setflags(write=False)
+        self.vectors = self._by_state.T
+        self._is_large = matrix.size >= _LARGE
+        self._at_belief, self._at_support = _at_belief, _at_support
+        if self._is_large and can_compile():
+            from mdm.policies.alpha_kernels import at_belief, at_support  # noqa: PLC0415 - numba takes long to import
+
+            self._at_belief, self._at_support = at_belief, at_support
+            self._at(Support(np.zeros(1, np.intp), np.ones(1)))  # compiled now, not at the first choice
+            self._at(Support(np.zeros(1, np.intp), np.ones(1)).dense(self.num_states))
         self.actions: list[int] = [int(actions[index]) for index in order]
 
-    def action(self, belief: npt.NDArray[np.float64]) -> int:
+    def action(self, belief: npt.NDArray[np.float64] | Support) -> int:
         """Return the action for a belief.
 
         Raises:
             ModelError: If the belief is not over the policy's states.
         """
         # Hot path: methods of arrays, at half the cost of numpy's functions.
+        if self._is_large or belief.__class__ is Support:
+            return self.actions[self._at(belief).argmax()]
         try:
             best: int = self.vectors.dot(belief).argmax()
         except ValueError:
             self._refuse(belief)
         return self.actions[best]
 
-    def value(self, belief: npt.NDArray[np.float64]) -> float:
+    def value(self, belief: npt.NDArray[np.float64] | Support) -> float:
         """Return the expected discounted return from a belief.
 
         Raises:
             ModelError: If the belief is not over the policy's states.
         """
-        return float(self.q_values(belief).max())
+        return float(self._at(belief).max())
 
-    def q_values(self, belief: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return the value of each action at a belief; -inf for an action without vectors, which is never chosen."""
+    def q_values(self, belief: npt.NDArray[np.float64] | Support) -> npt.NDArray[np.float64]:
+        """Return the value of each action at a belief; -inf for an action without vectors, which is never chosen.
+
+        Raises:
+            ModelError: If the belief is not over the policy's states.
+        """
         values = np.full(self.num_actions, -np.inf)
+        np.maximum.at(values, self.actions, self._at(belief))
+        return values
+
+    def _at(self, belief: npt.NDArray[np.float64] | Support) -> npt.NDArray[np.float64]:
+        """Return the value of each vector at a belief."""
+        values: npt.NDArray[np.float64]
         try:
-            np.maximum.at(values, self.actions, self.vectors.dot(belief))
-        except ValueError:
+            if isinstance(belief, Support):
+                values = self._at_support(self._by_state, *belief)
+            elif self._is_large:
+                belief = np.ascontiguousarray(belief, np.float64)
+                if belief.shape != (self.num_states,):
+                    self._refuse(belief)
+                values = self._at_belief(self._by_state, belief)
+            else:
+                values = self.vectors.dot(belief)
+        except (ValueError, IndexError):
             self._refuse(belief)
         return values
 
-    def _refuse(self, belief: npt.NDArray[np.float64]) -> NoReturn:
+    def _refuse(self, belief: npt.NDArray[np.float64] | Support) -> NoReturn:
+        if isinstance(belief, Support):
+            raise ModelError(f"the policy is for beliefs over {self.num_states} states, not over others") from None
         shape = np.shape(belief)
         raise ModelError(f"the policy is for beliefs of {self.num_states} numbers, not of shape {shape}") from None
+
+
+def _at_belief(by_state: npt.NDArray[np.float64], belief: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the values of N vectors, given as S x N, at a belief."""
+    (states,) = belief.nonzero()
+    if len(states) * 4 < len(belief):  # beyond that, copying their rows costs more than it saves
+        return _at_support(by_state, states, belief[states])
+    values: npt.NDArray[np.float64] = belief.dot(by_state)
+    return values
+
+
+def _at_support(
+    by_state: npt.NDArray[np.float64], states: npt.NDArray[np.intp], weights: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Return the values of N vectors at a belief in a few states."""
+    values: npt.NDArray[np.float64] = weights.dot(by_state.take(states, 0))
+    return values

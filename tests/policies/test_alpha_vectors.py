@@ -8,6 +8,8 @@ from hypothesis import given, strategies as st
 
 from mdm import load_policy
 from mdm.errors import ModelError
+from mdm.models import Support
+from mdm.models.compilation import can_compile
 from mdm.policies import AlphaVectors
 
 TABLES = ["GridSmall.dpomdp_0.9", "broadcastChannel.dpomdp_0.9", "dectiger.dpomdp_0.9", "dectiger.dpomdp_0.95"]
@@ -34,6 +36,36 @@ def test_the_maximal_vector_decides_and_ties_go_to_the_lowest_action(seed, count
     assert by_action[policy.action(belief)] == pytest.approx(max(by_action))
     if seed % 2:  # at a corner sums are exact, so that ties are real
         assert policy.action(belief) == by_action.index(max(by_action))
+
+
+@pytest.mark.parametrize("fast", [True, False])
+@given(st.integers(0, 2**32 - 1), st.integers(1, 300), st.integers(1, 200), st.integers(1, 200))
+def test_the_support_of_a_belief_says_as_much_as_the_belief(fast, seed, count, states, weighty):
+    """Also where the vectors are so many that a dense belief is searched for its support."""
+    random = np.random.default_rng(seed)
+    vectors = random.normal(size=(count, states))
+    actions = random.integers(5, size=count).tolist()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mdm.policies.alpha_vectors.can_compile", lambda: fast and can_compile())
+        policy = AlphaVectors(vectors, actions, 5)
+    chosen = random.permutation(states)[:weighty]
+    support = Support(chosen, random.dirichlet(np.ones(len(chosen))))
+    belief = support.dense(states)
+    expected = np.full(5, -np.inf)
+    for vector, action in zip(vectors, actions, strict=True):
+        expected[action] = max(expected[action], sum(p * vector[s] for s, p in zip(*support, strict=True)))
+    for given_ in (belief, support):
+        np.testing.assert_allclose(policy.q_values(given_), expected, atol=1e-12)
+        assert policy.value(given_) == pytest.approx(expected.max(), abs=1e-12)
+        assert expected[policy.action(given_)] == pytest.approx(expected.max(), abs=1e-12)
+
+
+@pytest.mark.parametrize("count", [3, 9_000])
+def test_ties_go_to_the_lowest_action_however_the_belief_is_given(count):
+    policy = AlphaVectors(np.ones((count, 10)), [2, 1, *[4] * (count - 2)])
+    for states in ([3], [0, 9], range(10)):
+        support = Support(np.array(states), np.full(len(states), 1 / len(states)))
+        assert policy.action(support) == policy.action(support.dense(10)) == 1
 
 
 @pytest.mark.parametrize("name", TABLES)
@@ -71,5 +103,13 @@ def test_wrong_vectors_are_refused(arguments, message):
 def test_a_belief_over_other_states_is_refused():
     policy = AlphaVectors([[1.0, 2.0]], [0])
     for method in (policy.action, policy.value, policy.q_values):
+        with pytest.raises(ModelError, match=r"beliefs of 2 numbers, not of shape \(3,\)"):
+            method(np.full(3, 1 / 3))
+        with pytest.raises(ModelError, match=r"beliefs over 2 states, not over others"):
+            method(Support(np.array([1, 2]), np.array([0.5, 0.5])))
+    large = AlphaVectors(np.ones((10_000, 2)), [0] * 10_000)
+    for method in (large.action, large.value, large.q_values):
+        with pytest.raises(ModelError, match=r"beliefs over 2 states, not over others"):
+            method(Support(np.array([1, 2]), np.array([0.5, 0.5])))
         with pytest.raises(ModelError, match=r"beliefs of 2 numbers, not of shape \(3,\)"):
             method(np.full(3, 1 / 3))

@@ -24,6 +24,7 @@ from mdm import (
     load_policy,
     simulate,
 )
+from mdm.messages import Action
 from mdm.simulation import Sampler
 from mdm.simulation.simulate import steps_for
 from mdm.solvers import solve
@@ -176,3 +177,43 @@ def test_a_part_of_a_team_is_no_worlds_whole(corpus):
     robot = Ensemble("robot", policy=team, model=model, local=True, actions=dict.fromkeys(range(3), print))
     with pytest.raises(ConfigError, match="decides on 3 actions, but its world has 9: one agent's part of a team"):
         World(robot)
+
+
+def test_robots_that_run_their_own_parts_are_worth_what_the_team_is(corpus):
+    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+    solution = solve(model, "jesp", horizon=3)
+    sampler = Sampler(model, seed=5)
+    returns = []
+
+    async def main(runtime):
+        decided = [0, 0]
+        robots = [
+            Ensemble(
+                f"robot{agent}",
+                policy=solution.policy,
+                model=model,
+                agent=agent,
+                local=True,
+                actions=dict.fromkeys(range(3), lambda: None),
+            )
+            for agent in range(2)
+        ]
+        for agent, robot in enumerate(robots):
+            take = lambda action, agent=agent: decided.__setitem__(agent, action.index)
+            runtime.channel(f"{robot.name}/action", Action).subscribe(take)
+            await runtime.start(robot)
+        for _episode in range(2500):
+            state, total = sampler.first_state(), 0.0
+            for _ in range(3):
+                action = model.action_space.ravel(decided)
+                total += model.rewards[state, action]
+                before, state = state, sampler.next_state(state, action)
+                seen = model.observation_space.unravel(sampler.observation(action, before, state))
+                for robot, own in zip(robots, seen, strict=True):
+                    robot.publish_observation(own)  # the last one begins the next episode
+            assert [robot.control.epoch for robot in robots] == [1, 1]
+            returns.append(total)
+
+    run_virtual(main)
+    error = np.std(returns) / math.sqrt(len(returns))
+    assert abs(np.mean(returns) - solution.lower) < 4 * error

@@ -224,6 +224,11 @@ def test_time_that_is_up_at_once_still_gives_a_plan(corpus):
     assert solution.lower == pytest.approx(worth(model, 3, by_trees(solution.policy)), abs=1e-9)
 
 
+def test_memory_that_is_used_up_still_leaves_a_plan(corpus):
+    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+    assert jesp(model, horizon=3, watch=Watch(memory=1)).reason == "memory"
+
+
 def test_the_same_seed_gives_the_same_plan():
     model = team(8, states=3)
     first, second = (jesp(model, horizon=3, seed=4, search=0, restarts=2) for _ in range(2))

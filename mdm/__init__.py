@@ -45,6 +45,7 @@ from mdm.policies import (
     Policy,
     QTable,
     StochasticPolicy,
+    TreeSearch,
 )
 from mdm.runtime import (
     Actor,
@@ -113,6 +114,7 @@ __all__ = [
     "Table",
     "Tracker",
     "Tree",
+    "TreeSearch",
     "TwoSliceNetwork",
     "VirtualClock",
     "VirtualEventLoop",

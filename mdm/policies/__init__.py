@@ -7,6 +7,7 @@ from mdm.policies.masked_alpha_vectors import MaskedAlphaVectors
 from mdm.policies.mixed_alpha_vectors import MixedAlphaVectors
 from mdm.policies.policy import Policy
 from mdm.policies.table import DeterministicPolicy, QTable, StochasticPolicy
+from mdm.policies.tree_search import SearchResult, TreeSearch
 from mdm.policies.walk import Controller, Walk
 
 __all__ = [
@@ -19,6 +20,8 @@ __all__ = [
     "MixedAlphaVectors",
     "Policy",
     "QTable",
+    "SearchResult",
     "StochasticPolicy",
+    "TreeSearch",
     "Walk",
 ]

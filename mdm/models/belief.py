@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.belief_choice import chosen_filter
+from mdm.models.belief_choice import chosen_filter, is_vast
 from mdm.models.belief_filter import Support
+from mdm.models.factored import FactoredPOMDP
+from mdm.models.flattening import first_states
 from mdm.models.matrices import Vector, distribution
 
 if TYPE_CHECKING:
@@ -71,9 +73,7 @@ class BeliefTracker:
         self._num_actions = len(model.action_space)
         self._num_observations = len(model.observation_space)
         self._unnoticed = None if false_negative is None else model.observation_space.index(false_negative)
-        self._initial = model.initial_belief
-        (states,) = self._initial.nonzero()
-        self._start = Support(states, self._initial[states])
+        self._start = _first(model)
         self._filter = chosen_filter(model, self._unnoticed)
         self._step = self._filter.step
         self._belief: Vector | None = None
@@ -106,7 +106,7 @@ class BeliefTracker:
             ModelError: If it is no distribution over the states; the belief stays as it was.
         """
         if belief is None:
-            self._belief = self._initial
+            self._belief = None
             self._filter.load(self._start)
         elif isinstance(belief, Support):
             self._filter.load(_checked(belief, self._size))
@@ -202,6 +202,15 @@ class BeliefTracker:
         )
         symbols: list[int] = np.arange(self._num_observations).reshape(self._space.shape)[chosen].ravel().tolist()
         return symbols
+
+
+def _first(model: POMDP) -> Support:
+    """Return the initial belief by its support."""
+    if isinstance(model, FactoredPOMDP) and is_vast(model):
+        return Support(*first_states(model.network))
+    initial = model.initial_belief
+    (states,) = initial.nonzero()
+    return Support(states, initial[states])
 
 
 def _checked(belief: Support, size: int) -> Support:

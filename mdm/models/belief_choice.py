@@ -9,10 +9,12 @@ import numpy as np
 from mdm.models.belief_adaptive import AdaptiveFilter
 from mdm.models.belief_compressed import CompressedFilter, GroupedFilter
 from mdm.models.belief_dense import CompiledFoldedFilter, FoldedFilter, LikelyFilter
+from mdm.models.belief_network import NetworkFilter
 from mdm.models.belief_rows import Rows
 from mdm.models.belief_support import CompiledSupportFilter, SupportFilter
 from mdm.models.compilation import can_compile
 from mdm.models.compressed import csr, is_compressed
+from mdm.models.factored import FactoredPOMDP
 from mdm.models.false_negatives import Unnoticed
 
 if TYPE_CHECKING:
@@ -20,8 +22,10 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.pomdp import POMDP
 
-__all__ = ["chosen_filter"]
+__all__ = ["chosen_filter", "is_vast"]
 
+_ROWS = 10_000_000
+"""A factored model with more rows of T than these is asked for rows one by one."""
 _FOLDED = 4_000_000
 """So many numbers may be held as a dense matrix for each action and observation."""
 _SMALL = 128
@@ -45,6 +49,8 @@ def chosen_filter(model: POMDP, unnoticed: int | None = None, *, fast: bool | No
         fast: Whether to use numba; by default where it is there.
     """
     fast = can_compile() if fast is None else fast
+    if isinstance(model, FactoredPOMDP) and unnoticed is None and is_vast(model):
+        return NetworkFilter(model.network)
     model = model.flatten()
     actions, size = range(len(model.action_space)), len(model.state_space)
     fits = len(actions) * len(model.observation_space) * size**2 <= _FOLDED
@@ -66,6 +72,11 @@ def chosen_filter(model: POMDP, unnoticed: int | None = None, *, fast: bool | No
         return narrow
     most = size // (_NARROW if fast else _GATHERED[1])
     return AdaptiveFilter(narrow, wide(rows), most, most // 2)
+
+
+def is_vast(model: POMDP) -> bool:
+    """Whether a model has more rows of T than are to be made matrices of, for a belief's sake alone."""
+    return isinstance(model, FactoredPOMDP) and len(model.state_space) * len(model.action_space) > _ROWS
 
 
 def _filled(model: POMDP) -> float:

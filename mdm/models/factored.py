@@ -14,7 +14,6 @@ from mdm.models.compressed import is_compressed
 from mdm.models.event_observations import DenseEvents, EventObservations, TransitionEvents
 from mdm.models.matrices import Checked, Matrix, Vector, distribution, stochastic_matrices
 from mdm.models.mdp import MDP, checked_discount
-from mdm.models.mixed import MixedPOMDP
 from mdm.models.pomdp import POMDP
 from mdm.models.potential import Node
 
@@ -149,8 +148,10 @@ class FactoredPOMDP(_Factored, POMDP):
 
     def revealed(self) -> POMDP:
         """Return the model as its agent sees it, a `MixedPOMDP`, where factors of the state are fully observed."""
+        from mdm.models.mixed import MixedPOMDP  # noqa: PLC0415 - it is a model of this kind
+
         seen = [place for place, observed in enumerate(self.network.fully_observed) if observed]
-        return MixedPOMDP(self.flatten(), seen) if seen else self
+        return MixedPOMDP(self, seen) if seen else self
 
     @property
     def events(self) -> EventObservations | None:

@@ -16,7 +16,7 @@ from mdm.models.compressed import csr
 from mdm.models.potential import Node
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     import numpy.typing as npt
 
@@ -26,7 +26,16 @@ if TYPE_CHECKING:
 
     Indices = npt.NDArray[np.intp]
 
-__all__ = ["expected_rewards", "first_distribution", "observation_matrices", "transition_events", "transition_matrices"]
+__all__ = [
+    "expected_rewards",
+    "first_distribution",
+    "first_states",
+    "following",
+    "observation_matrices",
+    "observed_chances",
+    "transition_events",
+    "transition_matrices",
+]
 
 _BLOCK = 1 << 20
 
@@ -42,9 +51,34 @@ class _Joint(NamedTuple):
 def first_distribution(network: TwoSliceNetwork) -> Vector:
     """Return the initial belief, S numbers."""
     result = np.zeros(len(network.states))
-    joint = _grow(network, "state", 1, {})
-    result[joint.values] = joint.probabilities
+    states, probabilities = first_states(network)
+    result[states] = probabilities
     return result
+
+
+def first_states(network: TwoSliceNetwork) -> tuple[Indices, Vector]:
+    """Return the states that an episode may begin in, and their probabilities."""
+    joint = _grow(network, "state", 1, {})
+    return joint.values, joint.probabilities
+
+
+def following(network: TwoSliceNetwork, action: int, states: Indices) -> tuple[Indices, Indices, Vector]:
+    """Return what may follow some states: to which of them each belongs, the next state, and its probability."""
+    actions = _digits("action", np.array([action]), network.actions.shape)
+    return _grow(network, "next_state", len(states), _digits("state", states, network.states.shape) | actions)
+
+
+def observed_chances(
+    network: TwoSliceNetwork, action: int, states: Indices | None, next_states: Indices, observations: Sequence[int]
+) -> Vector:
+    """Return P(one of some observations | s, a, s') of some transitions; ``states`` are needed for events alone."""
+    digits = _digits("action", np.array([action]), network.actions.shape)
+    digits |= _digits("next_state", next_states, network.states.shape)
+    if states is not None:
+        digits |= _digits("state", states, network.states.shape)
+    joint = _grow(network, "observation", len(next_states), digits)
+    wanted = np.isin(joint.values, observations)
+    return np.bincount(joint.rows[wanted], joint.probabilities[wanted], minlength=len(next_states)).astype(np.float64)
 
 
 def transition_matrices(network: TwoSliceNetwork) -> list[Any]:

@@ -9,15 +9,19 @@ Robotics Research 29, 2010).
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models.compressed import csr, is_compressed
+from mdm.models.factored import FactoredPOMDP
 from mdm.models.matrices import Checked, Vector, read_only
 from mdm.models.pomdp import POMDP
+from mdm.models.potential import Node, Potential, Table, Tree
 from mdm.models.space import Space
+from mdm.models.two_slice import TwoSliceNetwork
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["MixedPOMDP"]
 
 
-class MixedPOMDP(POMDP):
+class MixedPOMDP(FactoredPOMDP):
     """A POMDP whose observations tell, first of all, the values of some state factors.
 
     Its observation space has those factors before the model's own; what is seen before the first action are their
@@ -41,30 +45,42 @@ class MixedPOMDP(POMDP):
         ModelError: If there is no such factor, or the observations are events.
     """
 
-    def __init__(self, model: POMDP, observed: Sequence[int]) -> None:
-        states, own = model.state_space, model.observation_space
+    def __init__(self, model: FactoredPOMDP, observed: Sequence[int]) -> None:
+        states = model.state_space
         if not observed or not set(observed) <= set(range(len(states.factors))):
             raise ModelError(
                 f"the observed factors {list(observed)} are not among the {len(states.factors)} of the states"
             )
         if model.event_observations:
             raise ModelError("observed factors and observations that are events do not go together")
+        super().__init__(_network(model.network, observed), discount=model.discount, sparse=True)
         self.observed = tuple(observed)
-        seen = Space(states.factors[place] for place in observed)
-        digits = np.unravel_index(np.arange(len(states)), states.shape)
-        self.seen_in: npt.NDArray[np.intp] = np.ravel_multi_index([digits[place] for place in observed], seen.shape)
-        """For each state what is seen in it, as one index over the observed factors."""
-        self.seen_in.setflags(write=False)
-        super().__init__(
+        self._model = model
+
+    @cached_property
+    def seen_in(self) -> npt.NDArray[np.intp]:
+        """For each state what is seen in it, as one index over the observed factors; read-only."""
+        shape = self.state_space.shape
+        digits = np.unravel_index(np.arange(len(self.state_space)), shape)
+        seen = np.ravel_multi_index(
+            [digits[place] for place in self.observed], [shape[place] for place in self.observed]
+        )
+        seen.flags.writeable = False
+        return seen
+
+    @cached_property
+    def _flat(self) -> POMDP:
+        model = self._model.flatten()
+        return POMDP(
             Checked(model.transition_matrix(a) for a in range(len(model.action_space))),
-            _observations(model, self.seen_in, len(seen)),
+            _observations(model, self.seen_in, len(self.observation_space)),
             model.rewards,
-            discount=model.discount,
-            states=states,
-            actions=model.action_space,
-            observation_names=Space([*seen.factors, *own.factors]),
+            discount=self.discount,
+            states=self.state_space,
+            actions=self.action_space,
+            observation_names=self.observation_space,
             initial_belief=model.initial_belief,
-            outcome_rewards=None,
+            outcome_rewards=self.outcome_rewards,
             sparse=True,
         )
 
@@ -75,6 +91,10 @@ class MixedPOMDP(POMDP):
         hidden = [place for place in range(len(states.factors)) if place not in self.observed]
         array = np.arange(len(states)).reshape(states.shape).transpose([*self.observed, *hidden])
         return np.ascontiguousarray(array.reshape(math.prod(array.shape[: len(self.observed)]), -1))
+
+    def revealed(self) -> POMDP:
+        """Return the model itself: what can be seen is seen."""
+        return self
 
     def belief_at_start(self, state: int) -> Vector:
         """Return the belief of who sees the observed factors of the first state."""
@@ -87,6 +107,37 @@ class MixedPOMDP(POMDP):
         return weights
 
 
+def _network(network: TwoSliceNetwork, observed: Sequence[int]) -> TwoSliceNetwork:
+    """Return a network with copies of some state factors before its observations."""
+    assert network.observations is not None
+    seen = [network.states.factors[place] for place in observed]
+    copies = [
+        Table([Node("next_state", place), Node("observation", index)], np.eye(len(seen[index])))
+        for index, place in enumerate(observed)
+    ]
+    return TwoSliceNetwork(
+        network.states,
+        network.actions,
+        Space([*seen, *network.observations.factors]),
+        initial=network.initial,
+        transitions=network.transitions,
+        observation=[*copies, *(_moved(potential, len(seen)) for potential in network.observation)],
+        utilities=[_moved(potential, len(seen)) for potential in network.utilities],
+        fully_observed=network.fully_observed,
+    )
+
+
+def _moved(potential: Potential, by: int) -> Potential:
+    """Return a potential over observations that have others before them."""
+
+    def moved(node: Node) -> Node:
+        return Node(node.role, node.place + by) if node.role == "observation" else node
+
+    if isinstance(potential, Table):
+        return Table([moved(node) for node in potential.scope], potential.values)
+    return Tree(moved(potential.node), potential.choice.tolist(), [_moved(branch, by) for branch in potential.branches])
+
+
 def _observations(model: POMDP, seen_in: npt.NDArray[np.intp], count: int) -> list[Any]:
     """Return P(x', o | a, s') per action, as CSR: each row of the model's own, moved to the columns of what is seen."""
     width = len(model.observation_space)
@@ -97,6 +148,6 @@ def _observations(model: POMDP, seen_in: npt.NDArray[np.intp], count: int) -> li
         if id(matrix) not in done:
             own = matrix if is_compressed(matrix) else csr(matrix)
             columns = own.indices + width * np.repeat(seen_in, np.diff(own.indptr))
-            done[id(matrix)] = read_only(csr((own.data, columns, own.indptr), (len(seen_in), count * width)))
+            done[id(matrix)] = read_only(csr((own.data, columns, own.indptr), (len(seen_in), count)))
         result.append(done[id(matrix)])
     return result

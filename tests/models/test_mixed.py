@@ -8,14 +8,15 @@ from hypothesis import given, settings, strategies as st
 from random_models import distributions
 
 from mdm import ModelError, load_model
-from mdm.models import POMDP, BeliefTracker, Factor, MixedPOMDP, Space
+from mdm.models import POMDP, BeliefTracker, Factor, FactoredPOMDP, MixedPOMDP, Space, flattening
+from mdm.models.factoring import as_network
 
 
 def model_of(seed, sizes):
     random = np.random.default_rng(seed)
     states = Space(Factor(f"f{place}", size) for place, size in enumerate(sizes))
     count = len(states)
-    return POMDP(
+    flat = POMDP(
         distributions(random, 2, count, count),
         distributions(random, 2, count, 2),
         random.normal(size=(count, 2)),
@@ -23,6 +24,7 @@ def model_of(seed, sizes):
         states=states,
         initial_belief=distributions(random, count),
     )
+    return FactoredPOMDP(as_network(flat), discount=0.9)
 
 
 @st.composite
@@ -47,6 +49,9 @@ def test_an_observation_is_what_is_seen_and_what_was_observed_before(given_):
             assert seen.observation(a, s) == pytest.approx(expected.ravel())
     assert seen.observation_space.shape == (*shape, 2)
     assert (seen.rewards == model.rewards).all()
+    again = flattening.observation_matrices(seen.network)
+    for a in range(2):
+        assert again[a].toarray() == pytest.approx(seen.observation_matrix(a).toarray())
 
 
 @settings(max_examples=60)
@@ -88,9 +93,8 @@ def test_what_goes_wrong_is_told():
     for s in never:
         with pytest.raises(ModelError, match="cannot begin in state"):
             MixedPOMDP(model, [0, 1]).belief_at_start(s)
-    events = POMDP(
-        np.full((1, 2, 2), 0.5), np.ones((1, 1, 2, 2)), np.ones((2, 1)), discount=0.5, event_observations=True
-    )
+    flat = POMDP(np.full((1, 2, 2), 0.5), np.ones((1, 1, 2, 2)), np.ones((2, 1)), discount=0.5, event_observations=True)
+    events = FactoredPOMDP(as_network(flat), discount=0.5)
     with pytest.raises(ModelError, match="events do not go together"):
         MixedPOMDP(events, [0])
 

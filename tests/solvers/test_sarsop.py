@@ -15,7 +15,8 @@ from hypothesis import given, settings, strategies as st
 from random_models import distributions
 
 from mdm import ConfigError, ModelError, ModelWarning, load_model, load_policy
-from mdm.models import POMDP, Factor, MixedPOMDP, Space
+from mdm.models import POMDP, Factor, FactoredPOMDP, MixedPOMDP, Space
+from mdm.models.factoring import as_network
 from mdm.policies import MixedAlphaVectors
 from mdm.solvers import Watch, solve
 from mdm.solvers.sarsop import sarsop
@@ -115,7 +116,7 @@ def mixed(seed):
         states=states,
         initial_belief=initial,
     )
-    return MixedPOMDP(model, [0])
+    return MixedPOMDP(FactoredPOMDP(as_network(model), discount=0.6), [0])
 
 
 @settings(max_examples=20)

@@ -99,6 +99,13 @@ class Watch:
         """How many seconds it has left; below 0 where they are used up or it was interrupted."""
         return -1.0 if self._interrupted else self._seconds - self.seconds
 
+    def allows(self, size: int) -> bool:
+        """Whether so many more bytes may be taken; where not, the run ends for lack of memory at its next report."""
+        if _held() + size < self._memory:
+            return True
+        self.reason = "memory"
+        return False
+
     def ends(self, lower: float, upper: float, *, iterations: int, size: int) -> bool:
         """Report how far the solver has come; return whether it must stop, and keep why in ``reason``.
 
@@ -123,6 +130,8 @@ class Watch:
             self._progress(report)
         if upper - lower <= self.gap:
             self.reason = "gap"
+        elif self.reason is not None:
+            return True
         elif self._interrupted:
             self.reason = "interrupted"
         elif report.seconds >= self._seconds:
@@ -152,4 +161,10 @@ def _held() -> int:
 
 
 def _machine_memory() -> int:
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    """Return how many bytes the machine has, or the control group that the process runs in."""
+    physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    try:
+        limit = Path("/sys/fs/cgroup/memory.max").read_text(encoding="ascii").strip()
+    except OSError:
+        return physical
+    return min(physical, int(limit)) if limit.isdecimal() else physical

@@ -193,22 +193,36 @@ def new_scratch(layout: Layout, depth: int) -> Scratch:
     )
 
 
-def grown(graph: Graph, layout: Layout) -> Graph:
-    """Return the graph with room for at least another step in every array."""
+def lacking(graph: Graph, layout: Layout) -> dict[str, int]:
+    """Return the arrays that have no room for another step, and the lengths that they need."""
     room = room_for(layout)
-    changed = {}
+    result = {}
     for name, count in _SIZED.items():
-        array = getattr(graph, name)
-        needed = int(graph.counts[count]) + room[count]
-        if needed > len(array):
-            changed[name] = np.concatenate((array, np.zeros(needed + len(array), dtype=array.dtype)))
-    if "block" in changed:
-        informed = np.zeros((len(changed["block"]), graph.informed.shape[1]))
-        informed[: len(graph.informed)] = graph.informed
-        changed["informed"] = informed
+        length, needed = len(getattr(graph, name)), int(graph.counts[count]) + room[count]
+        if needed > length:
+            result[name] = needed + length // 2
     if 2 * (int(graph.counts[NODES]) + room[NODES]) > len(graph.table):
-        changed["table"] = hashed(graph.code[: graph.counts[NODES]], 4 * (int(graph.counts[NODES]) + room[NODES]))
+        result["table"] = 4 * (int(graph.counts[NODES]) + room[NODES])
+    return result
+
+
+def grown(graph: Graph, lengths: dict[str, int]) -> Graph:
+    """Return the graph with some arrays made longer."""
+    changed: dict[str, Any] = {}
+    for name, length in lengths.items():
+        if name == "table":
+            changed[name] = hashed(graph.code[: graph.counts[NODES]], length)
+        else:
+            changed[name] = _longer(getattr(graph, name), length)
+    if "block" in lengths:
+        changed["informed"] = _longer(graph.informed, lengths["block"])
     return graph._replace(**changed)
+
+
+def _longer(array: Any, length: int) -> Any:
+    longer = np.zeros((length, *array.shape[1:]), dtype=array.dtype)
+    longer[: len(array)] = array
+    return longer
 
 
 def hashed(codes: Long, size: int) -> Integers:

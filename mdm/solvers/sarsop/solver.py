@@ -22,7 +22,7 @@ from mdm.errors import ModelError
 from mdm.models import POMDP
 from mdm.models.mixed import MixedPOMDP
 from mdm.policies import AlphaVectors, MixedAlphaVectors
-from mdm.solvers.sarsop.graph import NODES, POINTS, VECTORS, grown, new_graph, new_scratch, room_for
+from mdm.solvers.sarsop.graph import NODES, POINTS, VECTORS, grown, lacking, new_graph, new_scratch, room_for
 from mdm.solvers.sarsop.initial import blind_values, informed_values
 from mdm.solvers.sarsop.layout import layout_of
 from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, prune_points, prune_vectors
@@ -131,8 +131,14 @@ class _Search:
         at = self._graph.first_value[vector]
         return self._graph.values[at : at + width]
 
-    def _grow(self) -> None:
-        self._graph = grown(self._graph, self._layout)
+    def _grow(self, watch: Watch | None = None) -> bool:
+        """Make room for another step, if the watch allows it."""
+        lengths = lacking(self._graph, self._layout)
+        row = 8 * (1 + self._graph.informed.shape[1])
+        if lengths and watch is not None and not watch.allows(row * sum(lengths.values())):
+            return False
+        self._graph = grown(self._graph, lengths)
+        return True
 
     @property
     def size(self) -> int:
@@ -152,7 +158,8 @@ class _Search:
         """Run some trials, for about a twentieth of a second."""
         began = watch.seconds
         self._prune(watch.gap)
-        self._grow()
+        if not self._grow(watch):
+            return
         done = explore(
             self._layout,
             self._graph,

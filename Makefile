@@ -34,6 +34,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/ticks.py
 	$(BIN)/python benchmarks/startup.py
 	$(BIN)/python benchmarks/parse.py
+	$(BIN)/python benchmarks/sarsop.py
 
 clean:
 	rm -rf .venv build dist docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -11,17 +11,22 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-__all__ = ["arguments", "quantiles", "report", "table"]
+__all__ = ["arguments", "parser", "quantiles", "report", "table"]
 
 RESULTS = Path(__file__).parent / "results"
 
 
+def parser(description: str) -> argparse.ArgumentParser:
+    """Return a parser of the arguments that every benchmark takes."""
+    result = argparse.ArgumentParser(description=description)
+    result.add_argument("--quick", action="store_true", help="a tiny run, to see that it works")
+    result.add_argument("--output", type=Path, help="where to write the JSON (benchmarks/results/NAME.json)")
+    return result
+
+
 def arguments(description: str) -> argparse.Namespace:
     """Read the arguments that every benchmark takes."""
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--quick", action="store_true", help="a tiny run, to see that it works")
-    parser.add_argument("--output", type=Path, help="where to write the JSON (benchmarks/results/NAME.json)")
-    return parser.parse_args()
+    return parser(description).parse_args()
 
 
 def quantiles(seconds: list[float]) -> dict[str, float]:
@@ -54,7 +59,7 @@ def report(name: str, results: dict[str, Any], output: Path | None) -> None:
     path = RESULTS / f"{name}.json" if output is None else output
     path.parent.mkdir(parents=True, exist_ok=True)
     machine = {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count()}
-    machine |= {package: _version(package) for package in ("numpy", "scipy", "anyio", "msgspec", "pykka", "uvloop")}
+    machine |= {package: _version(package) for package in ("numpy", "scipy", "numba", "anyio", "msgspec", "pykka", "uvloop")}
     path.write_text(json.dumps({"benchmark": name, "machine": machine, **results}, indent=1) + "\n")
     print(f"\nwritten to {path}")
 

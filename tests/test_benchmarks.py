@@ -12,7 +12,7 @@ import pytest
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
 
-@pytest.mark.parametrize("name", ["decision_latency", "ticks", "startup", "parse"])
+@pytest.mark.parametrize("name", ["decision_latency", "ticks", "startup", "parse", "sarsop"])
 def test_benchmark(tmp_path, name):
     if name == "decision_latency":
         pytest.importorskip("pykka")
@@ -45,5 +45,7 @@ def test_benchmark(tmp_path, name):
             "pgmx",
         }
         assert all(row["entries of T"] == 400 and row["read_s"] > 0 for row in results["parse"])
+    elif name == "sarsop":
+        assert results["tiger_s"] > 0
     else:
         assert all(row["median_ms"] > 0 for row in results["startup"])

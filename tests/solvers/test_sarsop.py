@@ -230,14 +230,17 @@ def test_without_compilation_the_numbers_are_the_same():
         "found = solve(mdm.load_model(sys.argv[1]).with_discount(0.95), watch=Watch(gap=1e-2, iterations=400))\n"
         "print(repr(found.lower), repr(found.upper), found.iterations)"
     )
-    outputs = [
+    runs = [
         subprocess.run(
-            [sys.executable, "-W", "error", "-c", program, str(TIGER)],
+            [sys.executable, "-W", "error::RuntimeWarning", "-c", program, str(TIGER)],
             capture_output=True,
             text=True,
             check=True,
             env={**os.environ, "MDM_COMPILE": flag},
-        ).stdout.split()
+        )
         for flag in "01"
     ]
+    outputs = [run.stdout.split() for run in runs]
+    assert "install mdm[fast]" in runs[0].stderr
+    assert not runs[1].stderr
     assert [float(word) for word in outputs[0][:2]] == pytest.approx([float(word) for word in outputs[1][:2]], abs=1e-3)

@@ -16,6 +16,8 @@ from mdm.models.compilation import compiled
 from mdm.models.compressed import csr
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mdm.models.matrices import Matrix, Vector
     from mdm.solvers.sarsop.layout import Layout
 
@@ -44,12 +46,13 @@ def blind_values(layout: Layout) -> Vector:
     return result
 
 
-def informed_values(layout: Layout, precision: float) -> Vector:
+def informed_values(layout: Layout, precision: float, is_late: Callable[[], bool] = lambda: False) -> Vector:
     """Return the fast informed bound: A x S, whose greatest product with a belief is never less than its value.
 
     Args:
         layout: The model.
         precision: Sweeps stop when they change no value by more than this share of the values' range.
+        is_late: Whether it is time to stop in any case.
     """
     matrices = _transitions(layout)
     num_actions, num_states = layout.rewards.shape
@@ -61,7 +64,7 @@ def informed_values(layout: Layout, precision: float) -> Vector:
         better = worth.max(axis=0)
         change = np.abs(better - values).max()
         values = better
-        if change <= 0.1 * precision * max(1e-12, np.ptp(values)):
+        if change <= 0.1 * precision * max(1e-12, np.ptp(values)) or is_late():
             break
     for action in range(num_actions):
         worth[action] = layout.rewards[action] + layout.discount * (matrices[action] @ values)
@@ -69,7 +72,8 @@ def informed_values(layout: Layout, precision: float) -> Vector:
     fresh = np.ones(len(gathered), dtype=np.bool_)
     found = np.zeros(len(gathered), dtype=np.int32)
     for _ in range(_SWEEPS):
-        if _informed_sweep(layout, worth, gathered, fresh, found) <= precision * max(1e-12, np.ptp(worth)):
+        change = _informed_sweep(layout, worth, gathered, fresh, found)
+        if change <= precision * max(1e-12, np.ptp(worth)) or is_late():
             break
     return np.asarray(worth + 1e-12 * np.abs(worth).max())
 

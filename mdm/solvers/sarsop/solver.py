@@ -13,13 +13,15 @@ vectors and points that are new to it.
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.errors import ModelError
+from mdm.errors import ModelError, ModelWarning
 from mdm.models import POMDP
+from mdm.models.compilation import can_compile
 from mdm.models.mixed import MixedPOMDP
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 from mdm.solvers.sarsop.graph import NODES, POINTS, VECTORS, grown, lacking, new_graph, new_scratch, room_for
@@ -30,6 +32,8 @@ from mdm.solvers.sarsop.search import add_node, add_vector, explore, refresh
 from mdm.solvers.watch import Watch
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mdm.models.matrices import Vector
     from mdm.solvers.solution import Solution
 
@@ -37,6 +41,8 @@ __all__ = ["sarsop"]
 
 _BINS = 50
 _DEPTH = 1000
+_LEFT = 3
+"""First bounds take no more than a quarter of the time."""
 _LEAST_VECTORS = 200
 _LEAST_NODES = 50_000
 
@@ -61,7 +67,7 @@ def sarsop(model: POMDP, *, watch: Watch | None = None) -> Solution:
         raise ModelError("SARSOP needs a discount below 1: bounds without end never meet; give one (--discount)")
     _warm_up()
     with Watch() if watch is None else watch as guard:
-        search = _Search(model)
+        search = _Search(model, lambda: guard.remaining < _LEFT * guard.seconds)
         lower, upper = search.bounds()
         while not guard.ends(lower, upper, iterations=search.backups, size=search.size):
             search.run(guard)
@@ -73,6 +79,9 @@ def sarsop(model: POMDP, *, watch: Watch | None = None) -> Solution:
 @cache
 def _warm_up() -> None:
     """Have the steps compiled, or found compiled, before anybody's time is counted."""
+    if not can_compile():
+        text = "SARSOP runs uncompiled, a hundred times slower than with numba: install mdm[fast]"
+        warnings.warn(text, ModelWarning, stacklevel=4)
     tiny = POMDP([np.eye(2)] * 2, [np.eye(2)] * 2, np.eye(2), discount=0.5)
     _Search(tiny).run(Watch(gap=0.0))
 
@@ -80,14 +89,14 @@ def _warm_up() -> None:
 class _Search:
     """The state of a run."""
 
-    def __init__(self, model: POMDP) -> None:
+    def __init__(self, model: POMDP, is_late: Callable[[], bool] = lambda: False) -> None:
         self._model = model
         self._layout, self._order = layout_of(model)
         self._graph = new_graph(self._layout, _BINS)
         self._scratch = new_scratch(self._layout, _DEPTH)
         room = room_for(self._layout)
         self._room = np.array([room[count] for count in range(7)], dtype=np.int64)
-        self._informed = informed_values(self._layout, 1e-3)
+        self._informed = informed_values(self._layout, 1e-3, is_late)
         self.backups = 0
         self._budget = 16
         self._start()
@@ -97,7 +106,8 @@ class _Search:
 
     def _start(self) -> None:
         layout = self._layout
-        for action, values in enumerate(blind_values(layout)):
+        blind = blind_values(layout)
+        for action, values in enumerate(blind):
             for block in range(len(layout.first_state) - 1):
                 self._grow()
                 vector = add_vector(layout, self._graph, block, action)
@@ -122,7 +132,7 @@ class _Search:
             shares.append(share)
         self._roots, self._shares = np.array(roots), np.array(shares)
         values = self._informed.max(axis=0)
-        low, high = float(blind_values(layout).min()), float(values.max())
+        low, high = float(blind.min()), float(values.max())
         self._scale = np.array([low, max(high - low, 1e-12), max(np.log(len(belief)), 1.0), _BINS])
 
     def _values(self, vector: int) -> Vector:

@@ -18,7 +18,7 @@ from mdm.actors.layer import Layer
 from mdm.actors.scope import Scope
 from mdm.errors import ConfigError, Error, ModelError
 from mdm.messages import Action, Belief, Control, Decision, Fault, Observation, Reward, State, Tick
-from mdm.models import POMDP, BeliefTracker, Tracker
+from mdm.models import POMDP, BeliefTracker, Support, Tracker
 from mdm.policies import FiniteStateController, JointController
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 
@@ -129,6 +129,13 @@ class ControlLayer(Layer):
                 self._tracker = BeliefTracker(model, false_negative=self.false_negative)
             self._choose = policy.action
             self._rewards = _rewards(rewards, model)
+        self._num_states = 0 if policy.num_states is None else policy.num_states
+        # Where beliefs can be had, and chosen by, without an array of all states.
+        self._by_support = (
+            self._tracker
+            if isinstance(self._tracker, BeliefTracker) and getattr(policy, "takes_support", False)
+            else None
+        )
         self._initial = None if initial_belief is None else np.asarray(initial_belief, dtype=np.float64)
         self._check()
         self._check_start()
@@ -449,9 +456,12 @@ class ControlLayer(Layer):
             belief = None
         else:
             state = None
-            belief = tracker.belief
+            belief = tracker.belief if self._by_support is None else self._by_support.held
             action = self._choose(belief)
-            reward = None if self._rewards is None else self._rewards[action].dot(belief).item()
+            if isinstance(belief, Support):
+                reward = None if self._rewards is None else _expected(self._rewards[action], belief)
+            else:
+                reward = None if self._rewards is None else self._rewards[action].dot(belief).item()
         epoch = self.epoch
         self.epoch = epoch + 1
         self._action = action
@@ -461,12 +471,24 @@ class ControlLayer(Layer):
         self._record(latency)
         if reward is not None:
             self._reward_channel.emit(Reward(time, epoch, reward))
-        if belief is not None:
+        if isinstance(belief, Support):
+            self._publish_support(time, belief)
+        elif belief is not None:
             self._beliefs.emit(Belief(time, belief))
         if self._decisions.heard:
             self._decisions.publish(
-                Decision(time, self._path, epoch, cause, state, observation, belief, action, self._name(action), reward)
+                Decision(
+                    time, self._path, epoch, cause, state, observation, self.belief, action, self._name(action), reward
+                )
             )
+
+    def _publish_support(self, time: int, support: Support) -> None:
+        """Publish a belief that is known by its support: an array is made of it only for somebody."""
+        belief = self.belief if self._beliefs.heard else None
+        if belief is not None:
+            self._beliefs.emit(Belief(time, belief))
+        else:
+            self._beliefs.emit_later(time, lambda: Belief(time, support.dense(self._num_states)))
 
     def _late(self, latency: int, time: int) -> bool:
         """Report a missed deadline; return whether the safe action runs in place of what was decided."""
@@ -493,6 +515,12 @@ class ControlLayer(Layer):
     def latency(self) -> Histogram:
         """The histogram of times from stimulus to decision."""
         return self._latencies.snapshot()
+
+
+def _expected(rewards: npt.NDArray[np.float64], belief: Support) -> float:
+    """Return the expectation of the rewards of all states."""
+    reward: float = rewards.take(belief.states).dot(belief.probabilities).item()
+    return reward
 
 
 def _rewards(rewards: npt.ArrayLike | None, model: MDP | POMDP | None) -> npt.NDArray[np.float64] | None:

@@ -99,6 +99,11 @@ class BeliefTracker:
         """Whether the present belief is held by its support: it is then cheaper to ask for than `belief`."""
         return self._filter.is_sparse
 
+    @property
+    def held(self) -> Vector | Support:
+        """The present belief as it is held, by its support or as an array, whichever is cheaper to ask for."""
+        return self._filter.support() if self._filter.is_sparse else self.belief
+
     def reset(self, belief: npt.ArrayLike | Support | None = None) -> None:
         """Begin from a belief (S numbers that sum to 1, or a `Support`), or from the model's initial one.
 

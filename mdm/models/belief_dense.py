@@ -24,53 +24,63 @@ __all__ = ["CompiledFoldedFilter", "FoldedFilter", "LikelyFilter"]
 
 
 class _DenseFilter:
-    """What dense filters share: two arrays, of which one is the belief and the other the next one."""
+    """What dense filters share: two arrays, of which one is the belief and the other the next one.
+
+    An array that was handed out is not written to again: another takes its place.
+    """
 
     is_sparse = False
 
     def __init__(self, model: POMDP) -> None:
-        size = len(model.state_space)
-        self._both = np.zeros((2, size))
-        self._beliefs = (self._both[0], self._both[1])
-        self._now = 0
+        self._size = len(model.state_space)
+        self._before = np.zeros(self._size)
+        self._after = np.zeros(self._size)
+        self._handed_out = False
         self._total = 1.0
         self._transitions = once([model.transition_matrix(a) for a in range(len(model.action_space))], _array)
 
     def load(self, belief: Support) -> None:
         """Begin from a belief."""
-        present = self._beliefs[self._now]
-        present[:] = 0
-        present[belief.states] = belief.probabilities
+        self._before = np.zeros(self._size)
+        self._handed_out = False
+        self._before[belief.states] = belief.probabilities
         self._total = 1.0
 
     def predict(self, action: int) -> float:
         """Take an action after which nothing is known; return 1."""
-        after = self._beliefs[1 - self._now]
-        self._beliefs[self._now].dot(self._transitions[action], after)
-        return self._take(float(after.sum()))
+        self._before.dot(self._transitions[action], self._after)
+        return self._take(float(self._after.sum()))
 
     def dense(self) -> Vector:
-        """Return the belief as a new array of S numbers, read-only."""
-        belief: Vector = self._beliefs[self._now] * (1 / self._total)
-        belief.flags.writeable = False
-        return belief
+        """Return the belief as an array of S numbers, read-only, which never changes."""
+        if self._total != 1:
+            self._normalise()
+        self._handed_out = True
+        self._before.setflags(write=False)
+        return self._before
 
     def support(self) -> Support:
         """Return the belief by its support, as new arrays."""
-        belief = self._beliefs[self._now]
-        (states,) = belief.nonzero()
-        return Support(states, belief[states] * (1 / self._total))
+        (states,) = self._before.nonzero()
+        return Support(states, self._before[states] * (1 / self._total))
 
     def _take(self, total: float) -> float:
         """Go on from the next belief, whose sum is given; return by how much it is less than that of the present."""
         if not total > 0:
             return 0.0
-        self._now = 1 - self._now
         probability, self._total = total / self._total, total
+        self._swap()
         if total < TINY:
-            self._beliefs[self._now][:] /= total
-            self._total = 1.0
+            self._normalise()
         return probability
+
+    def _swap(self) -> None:
+        self._before, self._after = self._after, np.empty(self._size) if self._handed_out else self._before
+        self._handed_out = False
+
+    def _normalise(self) -> None:
+        self._before /= self._total
+        self._total = 1.0
 
 
 class FoldedFilter(_DenseFilter):
@@ -98,32 +108,48 @@ class FoldedFilter(_DenseFilter):
     def step(self, action: int, observation: int) -> float:
         """Take an action and what was observed after it; return P(observation | belief, action)."""
         # Hot path: a product with ones costs a third of a sum, and the belief is divided only when somebody asks.
-        after = self._beliefs[1 - self._now]
-        self._beliefs[self._now].dot(self._folded[action][observation], after)
+        after = self._after
+        self._before.dot(self._folded[action][observation], after)
         return self._take(after.dot(self._ones).item())
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
         """Take an action after which one of some observations was made, which one is not known; return P of that."""
-        before, after = self._beliefs[self._now], self._beliefs[1 - self._now]
+        after = self._after
         after[:] = 0
         for observation in observations:
-            after += before.dot(self._folded[action][observation])
+            after += self._before.dot(self._folded[action][observation])
         return self._take(float(after.sum()))
 
 
 class CompiledFoldedFilter(FoldedFilter):
-    """The same by numba: half the time for a few states, and states without weight cost nothing."""
+    """The same by numba: half the time for a few states, and states without weight cost nothing.
+
+    Its belief is always normalised: in a compiled loop that costs less than to find out later that it is not.
+    """
 
     def __init__(self, model: POMDP, unnoticed: Sequence[Unnoticed] | None = None, symbol: int | None = None) -> None:
-        from mdm.models.belief_kernels import move  # noqa: PLC0415 - numba takes long to import
+        from mdm.models.belief_kernels import move_normalised  # noqa: PLC0415 - numba takes long to import
 
         super().__init__(model, unnoticed, symbol)
-        self._move = move
-        self._move(self._folded[0][0], self._both, 0)  # compiled now, not at the first step
+        self._move = move_normalised
+        for _ in range(2):  # compiled now, not at the first step: from a belief of ours, and from one handed out
+            self._move(self._folded[0][0], self._before, self._after)
+            self.dense()
 
     def step(self, action: int, observation: int) -> float:
         """Take an action and what was observed after it; return P(observation | belief, action)."""
-        return self._take(self._move(self._folded[action][observation], self._both, self._now))
+        total = self._move(self._folded[action][observation], self._before, self._after)
+        if not total > 0:
+            return 0.0
+        self._swap()
+        return total
+
+    def _take(self, total: float) -> float:
+        """Go on from the next belief, whose sum is given."""
+        probability = super()._take(total)
+        if self._total != 1:
+            self._normalise()
+        return probability
 
 
 class LikelyFilter(_DenseFilter):
@@ -145,7 +171,9 @@ class LikelyFilter(_DenseFilter):
             from mdm.models.belief_kernels import move_likely  # noqa: PLC0415 - numba takes long to import
 
             self._move = move_likely
-            self._move(self._transitions[0], self._likelihoods[0][0], self._both, 0)
+            for _ in range(2):  # compiled now, not at the first step: from a belief of ours, and from one handed out
+                self._move(self._transitions[0], self._likelihoods[0][0], self._before, self._after)
+                self.dense()
 
     def step(self, action: int, observation: int) -> float:
         """Take an action and what was observed after it; return P(observation | belief, action)."""
@@ -157,9 +185,9 @@ class LikelyFilter(_DenseFilter):
 
     def _step(self, action: int, likelihood: Vector) -> float:
         if self._move is not None:
-            return self._take(self._move(self._transitions[action], likelihood, self._both, self._now))
-        after = self._beliefs[1 - self._now]
-        self._beliefs[self._now].dot(self._transitions[action], after)
+            return self._take(self._move(self._transitions[action], likelihood, self._before, self._after))
+        after = self._after
+        self._before.dot(self._transitions[action], after)
         after *= likelihood
         return self._take(float(after.sum()))
 

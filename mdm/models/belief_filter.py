@@ -62,7 +62,7 @@ class Filter(Protocol):
         ...
 
     def dense(self) -> Vector:
-        """Return the belief as a new array of S numbers, read-only."""
+        """Return the belief as an array of S numbers, read-only, which never changes."""
         ...
 
     def support(self) -> Support:

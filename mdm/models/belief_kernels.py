@@ -15,13 +15,12 @@ from mdm.models.compilation import compiled
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector
 
-__all__ = ["arrange", "move", "move_likely", "pull", "push"]
+__all__ = ["arrange", "move", "move_likely", "move_normalised", "pull", "push"]
 
 
 @compiled
-def move(matrix: Vector, beliefs: Vector, now: int) -> float:
-    """Write one of two beliefs, times a matrix, to the other; return the sum of what was written."""
-    before, after = beliefs[now], beliefs[1 - now]
+def move(matrix: Vector, before: Vector, after: Vector) -> float:
+    """Write a belief, times a matrix, to another; return the sum of what was written."""
     size = before.size
     for t in range(size):
         after[t] = 0.0
@@ -49,10 +48,19 @@ def move(matrix: Vector, beliefs: Vector, now: int) -> float:
 
 
 @compiled
-def move_likely(matrix: Vector, likelihood: Vector, beliefs: Vector, now: int) -> float:
+def move_normalised(matrix: Vector, before: Vector, after: Vector) -> float:
+    """As `move`, the result divided by its sum, unless that is 0."""
+    total = move(matrix, before, after)
+    if total > 0.0:
+        for t in range(after.size):
+            after[t] /= total
+    return total
+
+
+@compiled
+def move_likely(matrix: Vector, likelihood: Vector, before: Vector, after: Vector) -> float:
     """As `move`, each result times a likelihood."""
-    move(matrix, beliefs, now)
-    after = beliefs[1 - now]
+    move(matrix, before, after)
     total = 0.0
     for t in range(after.size):
         after[t] *= likelihood[t]

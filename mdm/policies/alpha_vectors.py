@@ -43,6 +43,8 @@ class AlphaVectors:
     """
 
     input: Literal["belief"] = "belief"
+    takes_support: Literal[True] = True
+    """A belief may be given by its support."""
 
     def __init__(self, vectors: npt.ArrayLike, actions: Sequence[int], num_actions: int | None = None) -> None:
         matrix = numbers(vectors, "the array of alpha vectors")

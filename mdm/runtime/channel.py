@@ -105,7 +105,7 @@ class Channel(Generic[T]):
         self.name = name
         self.type = type
         self.retain = retain
-        self.last: T | None = None
+        self.last: T | _Unmade[T] | None = None
         self.published = 0
         self.dropped = 0
         # Whether anybody listens, so that a costly message need not be made for nobody.
@@ -162,6 +162,20 @@ class Channel(Generic[T]):
         else:
             self._unheard += 1
 
+    def emit_later(self, time: int, make: Callable[[], T]) -> None:
+        """As `emit`, for a message that costs much to make: where nobody listens, only a late subscriber has it made.
+
+        Args:
+            time: The message's.
+            make: Makes it; what it makes it of must not change.
+        """
+        if self._subscriptions:
+            self.emit(make())
+        else:
+            self.published += 1
+            self._unheard += 1
+            self.last = _Unmade(time, make)
+
     def emit_on(self, message: T, *topics: tuple[str, ...]) -> None:
         """As `emit`, but of those who subscribed to topics only to those whose topic is among the groups given."""
         self.published += 1
@@ -200,6 +214,8 @@ class Channel(Generic[T]):
             for topic in subscription.topics:
                 self._topics[topic] = (*self._topics.get(topic, ()), subscription)
         self.heard = True
+        if isinstance(self.last, _Unmade) and self.retain:
+            self.last = self.last.make()
         retained = self._snapshot() if self._snapshot is not None else self.last if self.retain else None
         if retained is not None:
             subscription.since -= 1
@@ -261,6 +277,16 @@ class Channel(Generic[T]):
             subscribers=len(self._subscriptions) - len(self._streams),
             streams=len(self._streams),
         )
+
+
+class _Unmade(Generic[T]):
+    """A message that is made when somebody asks for it."""
+
+    __slots__ = ("make", "time")
+
+    def __init__(self, time: int, make: Callable[[], T]) -> None:
+        self.time = time
+        self.make = make
 
 
 def _without(subscriptions: tuple[Subscription[T], ...], one: Subscription[T]) -> tuple[Subscription[T], ...]:

@@ -11,6 +11,7 @@ from mdm import (
     MDP,
     POMDP,
     AlphaVectors,
+    BeliefTracker,
     ConfigError,
     DeterministicPolicy,
     Ensemble,
@@ -431,3 +432,86 @@ def test_wrong_options_are_refused_with_the_key(options, message):
     if "drive" not in options and "initial_belief" not in options:
         with pytest.raises(ConfigError, match="ensembles.robot"):
             ensemble(**options)
+
+
+def ring(size=6000):
+    """Walk on by one or two places, and hear whether the place is odd; a belief is in few states for long."""
+    from scipy.sparse import csr_array
+
+    states = np.arange(size)
+    rows = np.repeat(states, 2)
+    columns = (rows + np.tile([1, 2], size)) % size
+    slow, fast = (
+        csr_array((np.tile(chances, size), (rows, columns)), shape=(size, size))
+        for chances in ([0.75, 0.25], [0.25, 0.75])
+    )
+    told = np.full((size, 2), 0.1)
+    told[states, states % 2] = 0.9
+    return POMDP(
+        [slow, fast],
+        [csr_array(told)] * 2,
+        np.stack([np.sin(states), np.cos(states)], axis=1),
+        discount=0.9,
+        initial_belief=np.eye(1, size, 7)[0],
+        sparse=True,
+    )
+
+
+def by_array(model, policy):
+    """The same policy, which takes arrays alone."""
+
+    class ByArray:
+        input, num_states, num_actions, value = "belief", policy.num_states, policy.num_actions, policy.value
+
+        def action(self, belief):
+            assert isinstance(belief, np.ndarray)
+            return policy.action(belief)
+
+    return ByArray()
+
+
+def test_decisions_by_the_support_of_a_belief_are_those_by_its_array():
+    model = ring()
+    random = np.random.default_rng(3)
+    policy = AlphaVectors(random.normal(size=(9, len(model.state_space))), [0, 1, 0, 1, 0, 1, 0, 1, 0], 2)
+    script = [see(o) for o in random.integers(2, size=25).tolist()]
+    options = {"model": model, "actions": dict.fromkeys(range(2), nothing)}
+    found, _, _ = decided(script, policy=policy, **options)
+    expected, _, _ = decided(script, policy=by_array(model, policy), **options)
+    assert len(found) == 26
+    assert {decision.action for decision in found} == {0, 1}
+    for one, other in zip(found, expected, strict=True):
+        assert (one.action, one.epoch, one.cause) == (other.action, other.epoch, other.cause)
+        assert one.reward == pytest.approx(other.reward, abs=1e-12)
+        np.testing.assert_allclose(one.belief, other.belief, atol=1e-12)
+
+
+def test_no_array_of_a_sparse_belief_is_made_unless_somebody_listens(monkeypatch):
+    model = ring()
+    policy = AlphaVectors(np.zeros((2, len(model.state_space))), [0, 1])
+    asked = []
+    belief_of = BeliefTracker.belief.fget
+    monkeypatch.setattr(BeliefTracker, "belief", property(lambda self: asked.append(self) or belief_of(self)))
+
+    async def main(runtime):
+        robot = Ensemble("robot", policy=policy, model=model, actions=dict.fromkeys(range(2), nothing))
+        rewards = probe(runtime.channel("robot/reward", Reward, retain=True))
+        await runtime.start(robot)
+        for observation in (0, 1, 0):
+            robot.publish_observation(observation)
+        assert asked == []
+        assert len(rewards) == 4
+        expected = BeliefTracker(model)
+        for observation in (0, 1, 0):
+            expected.update(0, observation)
+        channel = runtime.channel("robot/belief", Belief, retain=True)
+        beliefs = probe(channel)  # comes late: told of the last one
+        np.testing.assert_allclose(beliefs[-1].probabilities, belief_of(expected), atol=1e-15)
+        assert asked == []
+        robot.publish_observation(1)
+        expected.update(0, 1)
+        np.testing.assert_allclose(beliefs[-1].probabilities, belief_of(expected), atol=1e-15)
+        assert (len(beliefs), channel.published, len(asked)) == (2, 5, 1)
+        assert rewards[-1].value == pytest.approx(model.rewards[:, 0] @ belief_of(expected))
+
+    run_virtual(main)

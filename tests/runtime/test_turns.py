@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections import deque
+from functools import partial
 
 import pytest
 from hypothesis import given, strategies as st
@@ -92,6 +93,29 @@ def test_a_retained_message_reaches_late_subscribers():
         counted.retain_by(lambda: state(counted.published))
         counted.publish(state(7))
         assert [message.index for message in probe(counted)] == [1]
+
+    run_virtual(main)
+
+
+def test_a_costly_message_is_made_for_those_who_come():
+    async def main(runtime):
+        made = []
+
+        def make(index):
+            made.append(index)
+            return state(index)
+
+        channel = runtime.channel("x", State, retain=True)
+        forgetful = runtime.channel("y", State)
+        for index in (1, 2):
+            channel.emit_later(index, partial(make, index))
+            forgetful.emit_later(index, partial(make, index))
+        found = channel.statistics()
+        assert (made, found.published, found.unheard, found.last) == ([], 2, 2, 2)
+        assert [message.index for message in probe(channel)] == [2]
+        assert [message.index for message in probe(channel)] == [2]
+        assert probe(forgetful) == []
+        assert made == [2]
 
     run_virtual(main)
 

@@ -7,7 +7,7 @@ row-major with the first factor or agent the most significant.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -16,6 +16,7 @@ import numpy.typing as npt
 __all__ = [
     "Action",
     "ActionLife",
+    "Answer",
     "Belief",
     "Control",
     "Decision",
@@ -25,6 +26,7 @@ __all__ = [
     "Observation",
     "PredicateMap",
     "PredicateUpdate",
+    "Question",
     "Reward",
     "SensorUpdate",
     "State",
@@ -154,6 +156,24 @@ class Tick(Message, frozen=True, gc=False):
     number: int
     late: int
     missed: int
+
+
+class Question(Message, frozen=True, gc=False):
+    """What a control layer asks its planner: the action for a state index or a belief; ``number`` counts questions."""
+
+    number: int
+    at: Any
+
+
+class Answer(Message, frozen=True, gc=False):
+    """What a planner answers to the question of that number, and what chose it; ``action`` is None where nothing did.
+
+    ``time`` is that of the question's stimulus.
+    """
+
+    number: int
+    action: int | None
+    source: Literal["search", "fallback", "nothing"]
 
 
 class Fault(Message, frozen=True, gc=False):

@@ -3,9 +3,11 @@
 from mdm.actors.action_layer import ActionLayer, ActionStatistics
 from mdm.actors.binding import Binding, bind
 from mdm.actors.control_layer import ControlLayer, ControlStatistics
+from mdm.actors.deliberation import DeliberatingControlLayer
 from mdm.actors.drive import Drive, FixedRate, OnEvent
 from mdm.actors.ensemble import Ensemble
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
+from mdm.actors.planner import Planner, PlannerStatistics
 from mdm.actors.predicate_manager import PredicateManager
 from mdm.actors.sensor import EventSource, Sensor
 from mdm.actors.state_layer import StateFactor, StateLayer
@@ -16,6 +18,7 @@ __all__ = [
     "Binding",
     "ControlLayer",
     "ControlStatistics",
+    "DeliberatingControlLayer",
     "Drive",
     "Ensemble",
     "EventSource",
@@ -23,6 +26,8 @@ __all__ = [
     "ObservationFactor",
     "ObservationLayer",
     "OnEvent",
+    "Planner",
+    "PlannerStatistics",
     "PredicateManager",
     "Sensor",
     "StateFactor",

@@ -9,6 +9,7 @@ import numpy as np
 
 from mdm.actors.action_layer import ActionLayer
 from mdm.actors.control_layer import ControlLayer, OnImpossible
+from mdm.actors.deliberation import DeliberatingControlLayer
 from mdm.actors.drive import FixedRate
 from mdm.actors.layer import Layer
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
@@ -16,7 +17,7 @@ from mdm.actors.scope import agent_index
 from mdm.actors.state_layer import StateFactor, StateLayer
 from mdm.errors import ConfigError
 from mdm.messages import Belief, Control, Fault, Observation, PredicateUpdate, State
-from mdm.policies import FiniteStateController, JointController
+from mdm.policies import FiniteStateController, JointController, TreeSearch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -42,7 +43,8 @@ class Ensemble(Layer):
 
     Args:
         name: Its name, which prefixes its channels: ``patrol/state``, ``patrol/action``.
-        policy: From a state index or a belief to a joint action; or a controller, see `ControlLayer`.
+        policy: From a state index or a belief to a joint action; a controller, see `ControlLayer`; or a `TreeSearch`,
+            which runs in a process of its own, see `Planner`.
         actions: Code for every action, by name or by index, not both: functions, async functions, ensembles, or any
             of them with options (`bind`). Without a model that has names, names here stand in the policy's order.
         model: Needed by a policy over beliefs, for rewards, and to check names and sizes.
@@ -93,7 +95,8 @@ class Ensemble(Layer):
         self._idle: list[Callable[[], None]] = []
         self._safe_due = False
         try:
-            self.control = ControlLayer(
+            layer: type[ControlLayer] = DeliberatingControlLayer if isinstance(policy, TreeSearch) else ControlLayer
+            self.control = layer(
                 policy,
                 model,
                 drive=drive,

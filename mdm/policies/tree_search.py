@@ -108,6 +108,7 @@ class Search:
         number: int,
         *,
         stopped: Callable[[], bool] = lambda: False,
+        timed: bool = True,
     ) -> SearchResult:
         """Search from a belief.
 
@@ -116,6 +117,7 @@ class Search:
             weights: Their probabilities.
             number: The same number, belief and seed draw the same.
             stopped: Asked every millisecond whether to give up.
+            timed: Whether its seconds count; without, its number of looks alone ends it.
         """
         from mdm.policies.search_kernel import grow, plant  # noqa: PLC0415 - numba takes long to import
 
@@ -123,15 +125,16 @@ class Search:
         tree = self._room()
         generator = np.random.default_rng([self._seed, number])
         plant(self._tables, tree, states, weights, generator, self._particles)
+        seconds = self._seconds if timed else float("inf")
         done, step = 0, 1
         while self._looks is None or done < self._looks:
             step = step if self._looks is None else min(step, self._looks - done)
             looked = grow(self._tables, tree, generator, self._particles, step)
             done += looked
             passed = self._clock() - began
-            if looked < step or passed >= self._seconds or stopped():
+            if looked < step or passed >= seconds or stopped():
                 break
-            span = min(_ROUND, self._seconds - passed)
+            span = min(_ROUND, seconds - passed)
             step = max(1, min(2 * step, int(done * span / passed) if passed > 0 else 2 * step))
         return SearchResult(
             action=int(tree.lower[0].argmax()),
@@ -211,17 +214,20 @@ class TreeSearch:
                     f"the {what} is for {other.num_states} states and {other.num_actions} actions, but the model has "
                     f"{self.num_states} and {self.num_actions}"
                 )
+        if isinstance(fallback, TreeSearch):
+            raise ModelError("the fallback of a tree search is to decide at once: give it a policy of another kind")
         if fallback is not None and fallback.input != self.input:
             raise ModelError(f"the fallback chooses by {fallback.input}, but the search by {self.input}")
-        unnoticed = None
+        self.unnoticed: int | None = None
+        """The index of the observation that nobody notices, if there is one."""
         if false_negative is not None:
             if not isinstance(model, POMDP):
                 raise ModelError("an MDP has no observations, and so none that nobody notices")
-            unnoticed = model.observation_space.index(false_negative)
+            self.unnoticed = model.observation_space.index(false_negative)
         self._options = {"seconds": seconds, "looks": looks, "particles": particles, "memory": memory}
         self._tables = search_tables(
             model,
-            unnoticed=unnoticed,
+            unnoticed=self.unnoticed,
             upper=None if bound is None else bound.values,
             lower=None if plans is None else (plans.vectors, plans.actions),
         )
@@ -258,22 +264,24 @@ class TreeSearch:
                 raise ModelError(f"there is no state {x}; the model's {self.num_states} count from 0")
             return np.array([x]), np.ones(1)
         if isinstance(x, tuple):
-            belief = np.zeros(self.num_states)
-            try:
-                np.add.at(belief, x[0], x[1])
-            except IndexError:
-                raise ModelError(f"a belief has states that are not among the model's {self.num_states}") from None
-        else:
-            belief = x
-        belief = distribution(belief, what="the belief", size=self.num_states)
+            states = np.array(x[0], dtype=np.int64)
+            if not ((states >= 0) & (states < self.num_states)).all():
+                raise ModelError(f"the belief has states that are not among the model's {self.num_states}")
+            return states, distribution(x[1], what="the belief", size=len(states))
+        belief = distribution(x, what="the belief", size=self.num_states)
         states = np.flatnonzero(belief)
         return states, belief[states]
 
-    def search(self, x: Any) -> SearchResult:
-        """Search from a state index (MDP) or a belief: S numbers, or states and their probabilities."""
+    def search(self, x: Any, *, timed: bool = True) -> SearchResult:
+        """Search from a state index (MDP) or a belief: S numbers, or states and their probabilities.
+
+        Args:
+            x: The state or belief.
+            timed: Whether its seconds count; without, its number of looks alone ends it.
+        """
         states, weights = self.belief_of(x)
         self._number += 1
-        return self._own().run(states, weights, self._number)
+        return self._own().run(states, weights, self._number, timed=timed)
 
     def action(self, x: Any) -> int:
         """Return the action for a state index (MDP) or a belief, after a search."""

@@ -1,0 +1,228 @@
+"""The planner: an actor that answers a control layer's questions by a tree search in a process of its own.
+
+A question goes to the process, and the turn is over; the answer starts a turn of its own. The loop does nothing
+meanwhile that takes longer than to send a belief. In virtual time, which must not go on while a process thinks, the
+search runs within the turn, for its number of looks and without regard to seconds: the same input gives the same
+decisions.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import anyio
+import msgspec
+
+from mdm.actors.layer import Layer
+from mdm.actors.search_process import SearchProcess
+from mdm.errors import ConfigError, Error
+from mdm.messages import Answer, Control, Question
+from mdm.runtime import ActorStatistics, Restart, VirtualClock
+from mdm.runtime.channel import Subscription
+from mdm.runtime.supervision import RestartBudget
+
+if TYPE_CHECKING:
+    from typing import Literal
+
+    from mdm.policies.tree_search import SearchResult, TreeSearch
+    from mdm.runtime import Timer
+
+__all__ = ["Planner", "PlannerStatistics"]
+
+_PATIENCE = 0.1
+_RESTART = Restart(limit=3, within=60.0, backoff=0.1)
+
+
+class PlannerStatistics(ActorStatistics, frozen=True):
+    """What a planner was asked, and who answered.
+
+    Attributes:
+        asked: Questions.
+        searched: Those that the search answered.
+        fallbacks: Those that the fallback answered.
+        superseded: Those that another one came after, before they were answered.
+        late: Answers of the search that nobody waited for any more; they are dropped.
+        looks: Leaves that the answers looked into, in all.
+        processes: How often a process was started.
+    """
+
+    asked: int
+    searched: int
+    fallbacks: int
+    superseded: int
+    late: int
+    looks: int
+    processes: int
+
+
+class Planner(Layer):
+    """Answers each `Question` on its ensemble's ``question`` with an `Answer` on ``answer``.
+
+    The fallback answers at once while there is no process: until the first is ready (a second or so), and where one
+    has died, which is reported; it is started anew, at most three times a minute. And it answers where the search has
+    not by the deadline; what the search says later is dropped and counted. A deadline counts from the first question
+    that is open, whatever comes after it. Without a fallback questions wait for the process, a missed deadline is
+    answered with no action, and a process that cannot be kept alive is this actor's failure.
+
+    Args:
+        policy: The search, with its fallback.
+        deadline: Seconds from a question's stimulus to its answer; by default, where there is a fallback and the search
+            has a time, twice that time and a tenth of a second.
+    """
+
+    def __init__(self, policy: TreeSearch, *, deadline: float | None = None, name: str = "planner") -> None:
+        super().__init__(name)
+        self.policy = policy
+        if deadline is None and policy.fallback is not None and policy.seconds is not None:
+            deadline = 2 * policy.seconds + _PATIENCE
+        self.deadline = deadline
+        self._process: SearchProcess | None = None
+        self._ready = anyio.Event()
+        self._open: Question | None = None
+        self._timer: Timer | None = None
+        self._virtual = False
+        self._count = self._searched = self._fallbacks = self._superseded = self._late = 0
+        self._looks = self._processes = 0
+
+    @property
+    def pid(self) -> int | None:
+        """The number of the process that searches, while there is one that is ready."""
+        return None if self._process is None else self._process.pid
+
+    async def ready(self) -> None:
+        """Wait until there is a process that searches, or time is virtual."""
+        while self._process is None and not self._virtual:
+            await self._ready.wait()
+
+    def on_start(self) -> None:
+        """Listen, and start the process."""
+        assert isinstance(self.parent, Layer)
+        channel = self.parent.owner.channel
+        self._process, self._open, self._timer = None, None, None
+        self._virtual = isinstance(self.runtime.clock, VirtualClock)
+        self._found = Subscription(None, self, self._on_found)
+        self._answers = channel("answer", Answer)
+        self.subscribe(channel("question", Question), self._on_question)
+        self.subscribe(channel("control", Control), self._on_control)
+        if not self._virtual:
+            self.spawn(self._search(), name="search")
+        elif self.policy.looks is None:
+            raise ConfigError(
+                "in virtual time a tree search ends after a number of looks, not of seconds: give it looks",
+                key="policy",
+            )
+        else:
+            self.policy.prepare()
+
+    # -- Questions and answers -----------------------------------------------------------------------------------
+
+    def _on_question(self, question: Question) -> None:
+        self._count += 1
+        if self._open is not None:
+            self._superseded += 1
+        self._open = question
+        if self._virtual:
+            result = self.policy.search(question.at, timed=False)
+            self._looks += result.looks
+            self._answer(result.action, "search")
+        elif self._process is not None:
+            self._send(self._process, question)
+        elif self.policy.fallback is not None:
+            self._fall_back()
+        if self._open is not None and self._timer is None and self.deadline is not None:
+            self._timer = self.call_at(question.time + round(self.deadline * 1e9), self._on_deadline)
+
+    def _send(self, process: SearchProcess, question: Question) -> None:
+        process.ask(question.number, *self.policy.belief_of(question.at), self._count)
+
+    def _on_found(self, found: tuple[int, SearchResult]) -> None:
+        number, result = found
+        self._looks += result.looks
+        if self._open is None or self._open.number != number:
+            self._late += 1
+        else:
+            self._answer(result.action, "search")
+
+    def _on_deadline(self) -> None:
+        self._timer = None
+        if self._open is None:
+            return
+        if self.policy.fallback is None:
+            self._answer(None, "nothing")
+            return
+        self.report("deadline", f"the search has no answer after {self.deadline} s: the fallback decides")
+        self._fall_back()
+
+    def _fall_back(self) -> None:
+        """Let the fallback answer what is open, if there is one."""
+        if self._open is not None and self.policy.fallback is not None:
+            self._answer(self.policy.fallback.action(self._open.at), "fallback")
+
+    def _answer(self, action: int | None, source: Literal["search", "fallback", "nothing"]) -> None:
+        assert self._open is not None
+        question = self._open
+        self._forget()
+        self._searched += source == "search"
+        self._fallbacks += source == "fallback"
+        self._answers.publish(Answer(question.time, question.number, action, source))
+
+    def _on_control(self, control: Control) -> None:
+        if control.command == "stop":
+            self._forget()
+
+    def _forget(self) -> None:
+        self._open = None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    # -- The process ---------------------------------------------------------------------------------------------
+
+    async def _search(self) -> None:
+        """Keep a process at work, and hand on what it finds."""
+        budget = RestartBudget(_RESTART)
+        while True:
+            status = await self._serve()
+            self.report("search", f"the process that searches has ended by itself, with status {status}")
+            delay = budget.delay(self.runtime.clock.now())
+            if delay is None:
+                break
+            await self.runtime.clock.sleep(delay)
+        if self.policy.fallback is None:
+            raise Error("the process that searches ends again and again, and there is no fallback to decide")
+        self.report("search", "it is not started any more: the fallback decides from now on")
+
+    async def _serve(self) -> int | None:
+        """Start a process and hand on its answers until it dies; return its status."""
+        process = SearchProcess(self.policy)
+        try:
+            self._processes += 1
+            await process.start()
+            self._process = process
+            self._ready.set()
+            self._ready = anyio.Event()
+            if self._open is not None:
+                self._send(process, self._open)
+            while True:
+                found = await process.answer()
+                self.runtime.dispatcher.deliver(self._found, found)
+        except (EOFError, OSError):
+            pass
+        finally:
+            self._process = None
+            status = await process.end()
+        self.runtime.dispatcher.deliver(Subscription(None, self, lambda _: self._fall_back()), None)
+        return status
+
+    def statistics(self) -> PlannerStatistics:
+        """Return what the planner has answered so far."""
+        return PlannerStatistics(
+            **msgspec.structs.asdict(super().statistics()),
+            asked=self._count,
+            searched=self._searched,
+            fallbacks=self._fallbacks,
+            superseded=self._superseded,
+            late=self._late,
+            looks=self._looks,
+            processes=self._processes,
+        )

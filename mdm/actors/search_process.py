@@ -1,0 +1,96 @@
+"""A process that searches, as the program that started it sees it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import pickle
+import sys
+from typing import TYPE_CHECKING, Any
+
+from mdm.actors.search_worker import HEADER, frame
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from mdm.policies.tree_search import SearchResult, TreeSearch
+
+__all__ = ["SearchProcess"]
+
+_PATIENCE = 0.5
+
+
+class SearchProcess:
+    """Runs a policy's search in a process of its own; it imports nothing of the program, only the library.
+
+    Args:
+        policy: What is searched, and how.
+    """
+
+    def __init__(self, policy: TreeSearch) -> None:
+        self._policy = policy
+        self._process: asyncio.subprocess.Process | None = None
+
+    @property
+    def pid(self) -> int | None:
+        """The process's number, once it has been started."""
+        return None if self._process is None else self._process.pid
+
+    async def start(self) -> None:
+        """Start it, and wait until it is ready.
+
+        Raises:
+            EOFError: If it ended before.
+            OSError: If it could not be started.
+        """
+        # A session of its own: Ctrl-C is for the program, which then ends it.
+        self._process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-P", "-c", "from mdm.actors.search_worker import main; main()"),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            start_new_session=True,
+        )
+        self._write(await asyncio.to_thread(frame, self._policy.parts()))
+        await self._receive()
+
+    def ask(self, number: int, states: npt.NDArray[Any], weights: npt.NDArray[Any], count: int) -> None:
+        """Send a question, in place of one that is not answered yet; returns at once."""
+        self._write(frame((number, states, weights, count)))
+
+    async def answer(self) -> tuple[int, SearchResult]:
+        """Wait for the next answer: the question's number and the result.
+
+        Raises:
+            EOFError: If the process has ended.
+        """
+        number, result = await self._receive()
+        return number, result
+
+    async def end(self) -> int | None:
+        """End it, and return its status; None where there was none."""
+        process = self._process
+        if process is None:
+            return None
+        if process.stdin is not None:
+            process.stdin.close()  # which ends it by itself, even if nobody waits here any more
+        try:
+            return await asyncio.wait_for(process.wait(), _PATIENCE)
+        except TimeoutError:
+            process.kill()
+            return await process.wait()
+
+    def _write(self, data: bytes) -> None:
+        assert self._process is not None
+        assert self._process.stdin is not None
+        self._process.stdin.write(data)
+
+    async def _receive(self) -> Any:
+        assert self._process is not None
+        assert self._process.stdout is not None
+        read = self._process.stdout.readexactly
+        try:
+            length = int.from_bytes(await read(HEADER), "big")
+            return pickle.loads(await read(length))  # noqa: S301 - from the process that was started here
+        except (asyncio.IncompleteReadError, ConnectionError) as error:
+            raise EOFError from error

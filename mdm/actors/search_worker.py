@@ -1,0 +1,75 @@
+"""The process that searches beside the loop, started by `SearchProcess`.
+
+It reads frames from its standard input, a length and as many bytes of pickle: first what the search is made of, then
+questions. It writes such frames to its standard output: None when it is ready, then an answer to each question. A
+question that comes while it searches makes it answer the one before at once. It ends when its input does, so that it
+never outlives whoever started it, and has a lower priority, so that it leaves the loop its core.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import select
+import signal
+from typing import Any
+
+from mdm.policies.tree_search import Search
+
+__all__ = ["HEADER", "frame", "main"]
+
+HEADER = 8
+_NICE = 10
+
+
+def frame(content: Any) -> bytes:
+    """Return something as a frame."""
+    data = pickle.dumps(content, protocol=5)
+    return len(data).to_bytes(HEADER, "big") + data
+
+
+def _read(descriptor: int, length: int) -> bytes:
+    """Return so many bytes.
+
+    Raises:
+        EOFError: If there are no more.
+    """
+    parts = []
+    while length:
+        part = os.read(descriptor, min(length, 1 << 20))
+        if not part:
+            raise EOFError
+        parts.append(part)
+        length -= len(part)
+    return b"".join(parts)
+
+
+def _receive(descriptor: int) -> Any:
+    length = int.from_bytes(_read(descriptor, HEADER), "big")
+    return pickle.loads(_read(descriptor, length))  # noqa: S301 - from the process that started this one
+
+
+def _send(descriptor: int, content: Any) -> None:
+    data = frame(content)
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+def main() -> None:
+    """Answer questions until there are no more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    questions, answers = 0, os.dup(1)
+    os.dup2(2, 1)  # whatever is printed is no answer
+    os.nice(_NICE)
+    poll = select.poll()
+    poll.register(questions, select.POLLIN | select.POLLHUP)
+    try:
+        tables, options = _receive(questions)
+        search = Search(tables, **options)
+        search.prepare()
+        _send(answers, None)
+        while True:
+            number, states, weights, count = _receive(questions)
+            _send(answers, (number, search.run(states, weights, count, stopped=lambda: bool(poll.poll(0)))))
+    except (EOFError, BrokenPipeError):
+        return

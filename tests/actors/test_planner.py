@@ -1,0 +1,334 @@
+"""Searches in a process of their own: who answers, when, and that nothing is delayed or left behind."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import select
+import signal
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mdm
+from mdm.actors import DeliberatingControlLayer
+from mdm.actors.search_process import SearchProcess
+from mdm.messages import Answer
+from mdm.testing import capture_decisions, probe, run_virtual
+
+TIGER = Path(__file__).resolve().parents[2] / "examples" / "tiger.pomdp"
+LISTEN = mdm.AlphaVectors([[0.0, 0.0]], [0], 3)
+
+
+def nothing():
+    pass
+
+
+@pytest.fixture(scope="module")
+def tiger():
+    return mdm.load_model(TIGER)
+
+
+def ensemble(model, *, drive=None, deadline=None, horizon=None, safe_action=None, **options):
+    return mdm.Ensemble(
+        "tiger",
+        model=model,
+        policy=mdm.TreeSearch(model, **options),
+        actions={"listen": nothing, "open-left": nothing, "open-right": nothing},
+        drive=drive,
+        deadline=deadline,
+        horizon=horizon,
+        safe_action=safe_action,
+    )
+
+
+def live(main, patience=60):
+    """Run a coroutine function with a runtime in real time, within so many seconds."""
+
+    async def program():
+        async with asyncio.timeout(patience), mdm.Runtime(log=None) as runtime:
+            return await main(runtime)
+
+    return asyncio.run(program())
+
+
+def is_gone(pid):
+    """Wait for the end of a process that may be nobody's child any more."""
+    try:
+        descriptor = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return True
+    try:
+        return bool(select.select([descriptor], [], [], 30)[0])
+    finally:
+        os.close(descriptor)
+
+
+def test_the_search_decides_and_the_loop_goes_on(tiger):
+    """While a search of 0.3 s goes on, another ensemble decides 100 times a second, in time."""
+    searching = ensemble(tiger, seconds=0.3)
+    beside = mdm.Ensemble("beside", policy=mdm.QTable([[0.0]]), actions={"stay": nothing}, drive=mdm.FixedRate(100.0))
+
+    async def main(runtime):
+        await runtime.start(beside)
+        beside.publish_state(0)
+        await runtime.start(searching)
+        decisions = probe(searching.channel("action", mdm.messages.Action))
+        counts = []
+        answers = searching.channel("answer", Answer).stream()
+        async for answer in answers:  # the first waits for the process
+            assert answer.source == "search"
+            counts.append(beside.control.statistics().decisions)
+            if len(counts) == 4:
+                break
+            searching.publish_observation(0)
+        pid = searching.control.planner.pid
+        return decisions, counts, beside.control.latency, searching.control.planner.statistics(), pid
+
+    decisions, counts, latency, statistics, pid = live(main)
+    assert [(action.epoch, action.index) for action in decisions][:3] == [(0, 0), (1, 0), (2, 2)]
+    assert all(after - before >= 10 for before, after in pairwise(counts))  # 30 where undisturbed
+    assert latency.quantile(0.75) < 0.05
+    assert (statistics.asked, statistics.searched, statistics.fallbacks, statistics.late) == (4, 4, 0, 0)
+    assert statistics.looks > 0
+    assert is_gone(pid)
+
+
+def test_decisions_are_those_of_the_search_itself(tiger):
+    async def main(runtime):
+        one = ensemble(tiger, looks=200, seed=3)
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(one)
+            async for _ in one.channel("answer", Answer).stream():
+                if len(decisions) == 6:
+                    break
+                one.publish_observation(0)
+        return decisions
+
+    decisions = live(main)
+    policy = mdm.TreeSearch(tiger, looks=200, seed=3)
+    assert [d.action for d in decisions] == [policy.action(d.belief) for d in decisions]
+    assert [d.epoch for d in decisions] == list(range(6))
+    assert [d.cause for d in decisions] == ["start", *["observation"] * 5]
+    assert all(d.time > 0 for d in decisions)
+
+
+def test_the_fallback_decides_until_the_process_is_ready_and_by_the_deadline(tiger):
+    async def main(runtime):
+        one = ensemble(tiger, seconds=30.0, deadline=0.05, fallback=LISTEN)
+        faults = probe(runtime.faults)
+        await runtime.start(one)
+        answers = runtime.channel("tiger/answer", Answer).stream()
+        one.publish_observation(0)
+        first = await anext(answers)
+        assert first.source == "fallback"
+        assert faults == []
+        await one.control.planner.ready()
+        one.publish_observation(0)
+        second = await anext(answers)
+        assert second.source == "fallback"
+        assert [fault.kind for fault in faults] == ["deadline"]
+        assert "no answer after 0.05 s: the fallback decides" in faults[0].detail
+        # The next question makes the process answer the last one, which nobody waits for any more.
+        while not one.control.planner.statistics().late:
+            one.publish_observation(0)
+            assert (await anext(answers)).source == "fallback"
+        return one.control.planner.statistics(), one.control.epoch
+
+    statistics, epoch = live(main)
+    assert statistics.fallbacks == epoch == statistics.asked
+    assert statistics.searched == 0
+
+
+def test_a_stimulus_meanwhile_is_taken_in_and_asked_about_anew(tiger):
+    async def main(runtime):
+        one = ensemble(tiger, seconds=0.2)
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(one)
+            answers = runtime.channel("tiger/answer", Answer).stream()
+            await anext(answers)
+            one.publish_observation(0)
+            one.publish_observation(0)
+            await anext(answers)
+        return decisions, one.control.planner.statistics()
+
+    decisions, statistics = live(main)
+    assert [decision.epoch for decision in decisions] == [0, 1]
+    np.testing.assert_allclose(decisions[1].belief, [0.85**2 / (0.85**2 + 0.15**2), 0.15**2 / (0.85**2 + 0.15**2)])
+    assert decisions[1].action_name == "open-right"
+    assert statistics.superseded == 1
+
+
+def test_a_process_that_dies_is_reported_and_started_anew(tiger):
+    async def main(runtime):
+        one = ensemble(tiger, seconds=30.0, deadline=20.0, fallback=LISTEN)
+        faults = probe(runtime.faults)
+        await runtime.start(one)
+        answers = runtime.channel("tiger/answer", Answer).stream()
+        await one.control.planner.ready()
+        one.publish_observation(0)
+        before = one.control.planner.pid
+        os.kill(before, signal.SIGKILL)  # while it searches
+        answer = await anext(answers)
+        while answer.number < 2:
+            answer = await anext(answers)
+        await one.control.planner.ready()
+        return answer, faults, before, one.control.planner.pid, one.control.planner.statistics()
+
+    answer, faults, before, after, statistics = live(main)
+    assert answer.source == "fallback"
+    assert [fault.kind for fault in faults] == ["search"]
+    assert "has ended by itself, with status -9" in faults[0].detail
+    assert before != after
+    assert statistics.processes == 2
+    assert is_gone(before)
+    assert is_gone(after)
+
+
+@pytest.mark.parametrize("fallback", [None, LISTEN])
+def test_a_process_that_cannot_live(tiger, fallback, monkeypatch):
+    async def fail(_):
+        raise OSError("no more processes")
+
+    monkeypatch.setattr(SearchProcess, "start", fail)
+
+    async def main(runtime):
+        one = ensemble(tiger, seconds=0.1, fallback=fallback)
+        given_up = asyncio.Event()
+        faults = probe(runtime.faults)
+        runtime.faults.subscribe(lambda fault: "not started any more" in fault.detail and given_up.set())
+        await runtime.start(one)
+        await (given_up.wait() if fallback else runtime.wait())
+        one.publish_observation(0)
+        return faults, one.control.epoch
+
+    if fallback is None:
+        with pytest.raises(mdm.ActorFailure, match="ends again and again, and there is no fallback"):
+            live(main)
+        return
+    faults, epoch = live(main)
+    assert epoch == 2
+    assert len(faults) == 5
+
+
+def test_without_a_fallback_a_missed_deadline_is_for_the_safe_action(tiger):
+    made_safe = asyncio.Event()
+
+    async def main(runtime):
+        one = ensemble(tiger, seconds=30.0, deadline=0.05, safe_action=made_safe.set)
+        faults = probe(runtime.faults)
+        await runtime.start(one)
+        await made_safe.wait()
+        return faults, one.control.epoch
+
+    faults, epoch = live(main)
+    assert faults[0].kind == "deadline"
+    assert epoch == 0
+
+
+def test_stopping_while_it_searches(tiger):
+    async def main(runtime):
+        one = ensemble(tiger, seconds=30.0)
+        await runtime.start(one)
+        await one.control.planner.ready()
+        pid = one.control.planner.pid
+        one.stop()
+        one.start()
+        await runtime.stop(one)
+        return pid, one.control.epoch
+
+    pid, epoch = live(main)
+    assert is_gone(pid)
+    assert epoch == 0
+
+
+PROGRAM = """
+import asyncio, mdm, signal, os, sys
+model = mdm.load_model({path!r})
+async def main():
+    async with mdm.Runtime(log=None) as runtime:
+        one = mdm.Ensemble("one", model=model, policy=mdm.TreeSearch(model, seconds=30.0),
+                           actions=dict.fromkeys(range(3), print))
+        await runtime.start(one)
+        await one.control.planner.ready()
+        print(one.control.planner.pid, flush=True)
+        await runtime.wait()
+mdm.run(main)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_the_process_ends_with_the_program(number):
+    program = subprocess.Popen(
+        [sys.executable, "-W", "error", "-c", PROGRAM.format(path=str(TIGER))],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    pid = int(program.stdout.readline())
+    os.killpg(program.pid, number)
+    _, errors = program.communicate(timeout=30)
+    assert is_gone(pid)
+    assert "search_worker" not in errors
+    assert {signal.SIGINT: "KeyboardInterrupt" in errors, signal.SIGTERM: errors == "", signal.SIGKILL: True}[number]
+
+
+def test_in_virtual_time_the_search_runs_in_the_turn(tiger):
+    def decisions():
+        async def main(runtime):
+            one = ensemble(tiger, looks=100, seconds=1e-9, seed=1, drive=mdm.FixedRate(2.0))
+            await one_world(runtime, one)
+            with capture_decisions(runtime) as decided:
+                await runtime.clock.sleep(9.9)
+            return [(d.time, d.epoch, d.action, tuple(d.belief)) for d in decided], one.control.planner.pid
+
+        async def one_world(runtime, one):
+            await runtime.start(mdm.World(one, seed=5))
+            await runtime.start(one)
+
+        return run_virtual(main)
+
+    first, _ = decisions()
+    assert decisions() == (first, None)
+    assert [time for time, *_ in first] == [500_000_000 * tick for tick in range(20)]
+    assert len({action for _, _, action, _ in first}) > 1
+
+
+def test_what_is_refused(tiger):
+    with pytest.raises(mdm.ConfigError, match="in virtual time a tree search ends after a number of looks"):
+        run_virtual(lambda runtime: runtime.start(ensemble(tiger, seconds=0.1)))
+    with pytest.raises(mdm.ConfigError, match="the search takes 0.5 s, but a decision is due every 0.1 s"):
+        ensemble(tiger, seconds=0.5, drive=mdm.FixedRate(10.0))
+    with pytest.raises(mdm.ConfigError, match="differ in which observation nobody notices"):
+        DeliberatingControlLayer(mdm.TreeSearch(tiger, looks=1, false_negative=0), tiger)
+    with pytest.raises(mdm.ModelError, match="the fallback of a tree search is to decide at once"):
+        mdm.TreeSearch(tiger, looks=1, fallback=mdm.TreeSearch(tiger, looks=1))
+
+
+def test_states_of_an_mdp():
+    chain = mdm.MDP(
+        [[[1.0, 0.0], [0.0, 1.0]], [[0.0, 1.0], [1.0, 0.0]]],
+        [[0.0, 0.0], [1.0, 0.0]],
+        discount=0.9,
+        actions=["stay", "go"],
+    )
+
+    async def main(runtime):
+        one = mdm.Ensemble(
+            "one", model=chain, policy=mdm.TreeSearch(chain, looks=50), actions={"stay": nothing, "go": nothing}
+        )
+        faults = probe(runtime.faults)
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(one)
+            for state in (0, 1, 7):
+                one.publish_state(state)
+        return [(d.state, d.action_name) for d in decisions], faults
+
+    decisions, faults = run_virtual(main)
+    assert decisions == [(0, "go"), (1, "stay")]
+    assert "there is no state 7" in faults[0].detail

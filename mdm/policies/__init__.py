@@ -6,6 +6,7 @@ from mdm.policies.joint_controller import JointController
 from mdm.policies.masked_alpha_vectors import MaskedAlphaVectors
 from mdm.policies.mixed_alpha_vectors import MixedAlphaVectors
 from mdm.policies.policy import Policy
+from mdm.policies.staged import StagedPolicy
 from mdm.policies.table import DeterministicPolicy, QTable, StochasticPolicy
 from mdm.policies.tree_search import SearchResult, TreeSearch
 from mdm.policies.walk import Controller, Walk
@@ -21,6 +22,7 @@ __all__ = [
     "Policy",
     "QTable",
     "SearchResult",
+    "StagedPolicy",
     "StochasticPolicy",
     "TreeSearch",
     "Walk",

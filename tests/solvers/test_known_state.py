@@ -1,0 +1,196 @@
+"""Every solver of MDPs against linear programs, MADP's tables, and one another; and how it stops."""
+
+from __future__ import annotations
+
+import json
+import signal
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from random_models import factored_models, flat_models
+from scipy.optimize import linprog
+
+import mdm
+from mdm.errors import ModelError, ModelWarning
+from mdm.models import MDP
+from mdm.models.compilation import can_compile
+from mdm.solvers import Watch, stack
+from mdm.solvers.policy_iteration import modified_policy_iteration, policy_iteration
+from mdm.solvers.prioritised_sweeping import prioritised_sweeping
+from mdm.solvers.value_iteration import value_iteration
+
+SOLVERS = [value_iteration, prioritised_sweeping, policy_iteration, modified_policy_iteration]
+TABLES = [
+    ("Access_Synch.pgmx", 0.9),
+    ("FFG343.pgmx", 0.9),
+    ("GridSmall.dpomdp", 0.9),
+    ("MAISS_Patrol_Single.pgmx", 0.9),
+    ("broadcastChannel.dpomdp", 0.9),
+    ("dectiger.dpomdp", 0.9),
+    ("dectiger.dpomdp", 0.95),
+    ("fireFighting_2_3_3.dpomdp", 0.9),
+]
+every_solver = pytest.mark.parametrize("solver", SOLVERS)
+
+
+def dense(matrix):
+    return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+
+
+def optimum(model):
+    """Return the optimal values: the least V with V >= R + discount * P V for every action."""
+    size = len(model.state_space)
+    actions = range(len(model.action_space))
+    bounds = np.vstack([model.discount * dense(model.transition_matrix(a)) - np.eye(size) for a in actions])
+    earned = -np.concatenate([model.rewards[:, a] for a in actions])
+    found = linprog(np.ones(size), A_ub=bounds, b_ub=earned, bounds=(None, None), method="highs")
+    assert found.status == 0
+    return found.x
+
+
+def discounted(model):
+    return model.with_discount(0.9) if model.discount == 1 else model
+
+
+@every_solver
+@given(data=st.data())
+@settings(max_examples=25)
+def test_values_are_those_of_a_linear_program(solver, data):
+    model = discounted(data.draw(flat_models() | factored_models()))
+    best = optimum(model)
+    for compiled in {False, can_compile()}:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(stack, "can_compile", lambda compiled=compiled: compiled)
+            found = solver(model, watch=Watch(gap=1e-6))
+        np.testing.assert_allclose(found.policy.values.max(axis=1), best, atol=2e-6)
+        value = model.initial_belief @ best
+        assert found.lower - 1e-7 <= value <= found.upper + 1e-7
+        assert found.gap <= 1e-6
+
+
+@every_solver
+@given(data=st.data())
+@settings(max_examples=25)
+def test_bounds_hold_wherever_it_stops(solver, data):
+    model = discounted(data.draw(flat_models(kinds=("MDP",))))
+    limit = data.draw(st.integers(1, 6))
+    reports = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stack, "can_compile", lambda: False)
+        patch.setattr("mdm.solvers.rounds._SWEEPS", (1, 1))
+        found = solver(model, watch=Watch(gap=0, iterations=limit, progress=reports.append))
+    best = optimum(model)
+    value = model.initial_belief @ best
+    for report in [*reports, found]:
+        assert report.lower - 1e-6 <= value <= report.upper + 1e-6
+    assert found.iterations <= limit
+    assert worth(model, found.policy) >= found.lower - 1e-6
+
+
+def worth(model, policy):
+    """Return what a policy is worth at the start, by its linear equations."""
+    size = len(model.state_space)
+    matrix = np.stack([dense(model.transition_matrix(policy.action(s)))[s] for s in range(size)])
+    rewards = np.array([model.rewards[s, policy.action(s)] for s in range(size)])
+    return model.initial_belief @ np.linalg.solve(np.eye(size) - model.discount * matrix, rewards)
+
+
+@every_solver
+@pytest.mark.parametrize(("name", "discount"), TABLES)
+def test_tables_are_those_of_madp(solver, name, discount, corpus):
+    told = json.loads((corpus / "values" / f"{name}_{discount}.json").read_text())
+    model = load(corpus, name, discount)
+    found = solver(model, watch=Watch(gap=1e-6))
+    table = np.array(told["mdp_q_table"])
+    slack = 1e-4 * discount / (1 - discount)  # it stopped when values changed by no more than 1e-4
+    np.testing.assert_allclose(found.policy.values[: len(table)], table, atol=slack + 2e-6)
+    assert abs(found.policy.values.mean() - told["mdp_q_sum"] / found.policy.values.size) <= slack + 2e-6
+
+
+@cache
+def flattened(path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        return mdm.load_model(path).flatten()
+
+
+def load(corpus, name, discount):
+    (path,) = (corpus / "models" / "madp").glob(f"{name}*")
+    return flattened(path).with_discount(discount)
+
+
+def chain(size=400, *, sparse, discount=0.95):
+    """Return a chain of states with two actions, a step on or back to the first, that pays at its end."""
+    on, back = np.zeros((size, size)), np.zeros((size, size))
+    places = np.arange(size)
+    on[places, np.minimum(places + 1, size - 1)] = 0.9
+    on[places, 0] += 0.1
+    back[:, 0] = 1
+    rewards = np.zeros((size, 2))
+    rewards[-1, 0], rewards[1:, 1] = 4, 1
+    return MDP([on, back], rewards, discount=discount, sparse=sparse)
+
+
+@every_solver
+def test_dense_and_sparse_agree(solver):
+    tables = [solver(chain(sparse=sparse), watch=Watch(gap=1e-8)).policy.values for sparse in (False, True)]
+    np.testing.assert_allclose(*tables, atol=2e-8)
+    np.testing.assert_allclose(tables[0].max(axis=1), optimum(chain(sparse=False)), atol=1e-6)
+
+
+@every_solver
+def test_matrices_full_of_numbers_stay_dense(solver):
+    random = np.random.default_rng(1)
+    transitions = random.random((3, 40, 40))
+    model = MDP(transitions / transitions.sum(axis=-1, keepdims=True), random.normal(size=(40, 3)), discount=0.97)
+    assert isinstance(stack.Stack(model).matrix, np.ndarray)
+    found = solver(model, watch=Watch(gap=1e-6))
+    np.testing.assert_allclose(found.policy.values.max(axis=1), optimum(model), atol=2e-6)
+
+
+@every_solver
+def test_ctrl_c_returns_the_best_so_far(solver):
+    model = chain(sparse=True, discount=0.999)
+    reports = []
+
+    def interrupt(report):
+        reports.append(report)
+        if len(reports) == 2:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mdm.solvers.rounds._SWEEPS", (1, 1))
+        found = solver(model, watch=Watch(gap=0, progress=interrupt))
+    assert found.reason == "interrupted"
+    assert found.iterations == len(reports) == 2
+    assert found.policy.num_states == 400
+    assert found.lower <= model.initial_belief @ optimum(model) + 1e-6
+
+
+@every_solver
+def test_time_is_up(solver):
+    times = iter(range(1000))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mdm.solvers.rounds._SWEEPS", (1, 1))
+        watch = Watch(gap=0, seconds=3, clock=lambda: float(next(times)))
+        found = solver(chain(sparse=True, discount=0.999), watch=watch)
+    assert found.reason == "time"
+    assert found.iterations == 3
+
+
+@every_solver
+def test_numbers_that_are_too_large(solver):
+    model = MDP([np.eye(2)], np.full((2, 1), 1e308), discount=0.99)
+    with warnings.catch_warnings(), pytest.raises(ModelError, match="too large"):
+        warnings.simplefilter("ignore", RuntimeWarning)
+        solver(model)
+
+
+def test_rewards_that_are_no_numbers_and_empty_sets_of_actions():
+    with pytest.raises(ModelError, match="nan"):
+        MDP([np.eye(2)], [[np.nan], [0]], discount=0.9)
+    with pytest.raises(ModelError, match="rewards are a states x actions array"):
+        MDP([], np.zeros((2, 0)), discount=0.9)

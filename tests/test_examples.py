@@ -39,6 +39,15 @@ def test_tiger():
         assert ("listen" in line) == (5 < chance < 95)
 
 
+def test_tree_search():
+    *lines, last = run("tree_search.py").splitlines()
+    assert len(lines) == 12
+    for line in lines:
+        chance = float(line.split()[2].rstrip("%:"))
+        assert ("listen" in line) == (5 < chance < 95)
+    assert last == "the loop went on meanwhile: True"
+
+
 def test_external_belief():
     output = run("external_belief.py")
     assert "by belief: Right" in output

@@ -226,6 +226,11 @@ class Ensemble(Layer):
         """Begin a new episode now."""
         self.control.reset()
 
+    async def ready(self) -> None:
+        """Wait until the process of a tree search is ready; at once where the policy is of another kind."""
+        if isinstance(self.control, DeliberatingControlLayer):
+            await self.control.planner.ready()
+
     def when_idle(self, call: Callable[[], None]) -> None:
         """Call back, once, in a turn, when the ensemble is next stopped and none of its actions lives."""
         self._idle.append(call)

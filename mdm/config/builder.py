@@ -21,12 +21,13 @@ from mdm.config.tables import (
     ObservationTable,
     PredicateTable,
     RestartTable,
+    SearchTable,
     StateTable,
 )
 from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
 from mdm.logic import Formula, parse, similar
-from mdm.policies import DeterministicPolicy
+from mdm.policies import AlphaVectors, DeterministicPolicy, TreeSearch
 from mdm.runtime import Restart, Supervision
 
 if TYPE_CHECKING:
@@ -188,6 +189,8 @@ class _Builder:
             if table.model is not None and model is None:
                 return None
             policy = self._policy(table, model, key)
+            if table.search is not None and policy is not None:
+                policy = self._search(table, model, policy, f"{key}.search")
             rewards = None
             if table.rewards is not None:
                 with self._problems.collecting(f"{key}.rewards"):
@@ -252,6 +255,27 @@ class _Builder:
                 return DeterministicPolicy(table.policy, count)
             path = self._beside(table.policy)
             return load_policy(path, model, kind=table.policy_kind, seed=table.seed)
+        return None
+
+    def _search(self, table: EnsembleTable, model: MDP | POMDP | None, policy: Any, key: str) -> TreeSearch | None:
+        given: SearchTable | None = self._problems.convert(table.search, SearchTable, key)
+        if given is None:
+            return None
+        with self._problems.collecting(key):
+            if model is None:
+                raise ConfigError("a search needs a model to look ahead in")
+            if given.plans and not isinstance(policy, AlphaVectors):
+                raise ConfigError("plans are alpha vectors, but the policy is of another kind")
+            return TreeSearch(
+                model,
+                seconds=given.seconds,
+                looks=given.looks,
+                seed=table.seed,
+                fallback=policy,
+                plans=policy if given.plans else None,
+                particles=given.particles,
+                false_negative=table.false_negative,
+            )
         return None
 
     def _factors(self, factor: Callable[..., T], kind: Any, tables: dict[str, Any], key: str) -> list[T] | None:

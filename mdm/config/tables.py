@@ -14,6 +14,7 @@ __all__ = [
     "ObservationTable",
     "PredicateTable",
     "RestartTable",
+    "SearchTable",
     "StateTable",
 ]
 
@@ -78,6 +79,15 @@ class RestartTable(_Table, frozen=True):
     backoff: Annotated[float, Meta(ge=0, le=1e9)] = 0.1
 
 
+class SearchTable(_Table, frozen=True):
+    """A tree search, to which the ensemble's policy is the fallback; with ``plans`` its vectors are bounds, too."""
+
+    seconds: Seconds | None = None
+    looks: Annotated[int, Meta(gt=0)] | None = None
+    particles: Annotated[int, Meta(gt=0)] = 1000
+    plans: bool = False
+
+
 class EnsembleTable(_Table, frozen=True):
     """An ensemble; the tables in it are converted by themselves, so that what is wrong in one is told with its key."""
 
@@ -99,5 +109,6 @@ class EnsembleTable(_Table, frozen=True):
     local: bool = False
     safe_action: str | None = None
     supervision: Any = "escalate"
+    search: Any = None
     states: dict[str, Any] = {}
     observations: dict[str, Any] = {}

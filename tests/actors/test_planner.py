@@ -127,7 +127,7 @@ def test_the_fallback_decides_until_the_process_is_ready_and_by_the_deadline(tig
         first = await anext(answers)
         assert first.source == "fallback"
         assert faults == []
-        await one.control.planner.ready()
+        await one.ready()
         one.publish_observation(0)
         second = await anext(answers)
         assert second.source == "fallback"
@@ -169,14 +169,14 @@ def test_a_process_that_dies_is_reported_and_started_anew(tiger):
         faults = probe(runtime.faults)
         await runtime.start(one)
         answers = runtime.channel("tiger/answer", Answer).stream()
-        await one.control.planner.ready()
+        await one.ready()
         one.publish_observation(0)
         before = one.control.planner.pid
         os.kill(before, signal.SIGKILL)  # while it searches
         answer = await anext(answers)
         while answer.number < 2:
             answer = await anext(answers)
-        await one.control.planner.ready()
+        await one.ready()
         return answer, faults, before, one.control.planner.pid, one.control.planner.statistics()
 
     answer, faults, before, after, statistics = live(main)
@@ -234,7 +234,7 @@ def test_stopping_while_it_searches(tiger):
     async def main(runtime):
         one = ensemble(tiger, seconds=30.0)
         await runtime.start(one)
-        await one.control.planner.ready()
+        await one.ready()
         pid = one.control.planner.pid
         one.stop()
         one.start()
@@ -254,7 +254,7 @@ async def main():
         one = mdm.Ensemble("one", model=model, policy=mdm.TreeSearch(model, seconds=30.0),
                            actions=dict.fromkeys(range(3), print))
         await runtime.start(one)
-        await one.control.planner.ready()
+        await one.ready()
         print(one.control.planner.pid, flush=True)
         await runtime.wait()
 mdm.run(main)

@@ -1,6 +1,6 @@
 """File formats of models and policies, one module each; `load_model` and `load_policy` choose by content."""
 
 from mdm.formats.models import load_model, save_model
-from mdm.formats.policies import load_policy, load_rewards, save_policy
+from mdm.formats.policies import check_policy_file, load_policy, load_rewards, save_policy
 
-__all__ = ["load_model", "load_policy", "load_rewards", "save_model", "save_policy"]
+__all__ = ["check_policy_file", "load_model", "load_policy", "load_rewards", "save_model", "save_policy"]

@@ -13,6 +13,7 @@ from mdm.policies import (
     MaskedAlphaVectors,
     MixedAlphaVectors,
     QTable,
+    StagedPolicy,
     StochasticPolicy,
 )
 
@@ -29,6 +30,7 @@ LoadedPolicy: TypeAlias = (
     | MaskedAlphaVectors
     | MixedAlphaVectors
     | QTable
+    | StagedPolicy
     | StochasticPolicy
 )
 """Whatever a policy's file may hold."""

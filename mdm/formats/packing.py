@@ -17,6 +17,7 @@ from mdm.policies import (
     MaskedAlphaVectors,
     MixedAlphaVectors,
     QTable,
+    StagedPolicy,
     StochasticPolicy,
 )
 
@@ -40,8 +41,8 @@ def pack(policy: LoadedPolicy) -> Packed:
             return "deterministic", {"actions": policy.num_actions}, {"actions": _whole(policy.actions)}
         case StochasticPolicy():
             return "stochastic", {}, {"probabilities": policy.probabilities}
-        case QTable():
-            return "q", {}, {"values": policy.values}
+        case QTable() | StagedPolicy():
+            return "q" if isinstance(policy, QTable) else "staged", {}, {"values": policy.values}
         case AlphaVectors():
             arrays = {"vectors": policy.vectors, "actions": _whole(policy.actions)}
             return "alpha", {"actions": policy.num_actions}, arrays
@@ -86,8 +87,8 @@ def unpack(kind: str, sizes: Mapping[str, int], arrays: Arrays, seed: int | None
             return DeterministicPolicy(_list(arrays["actions"]), sizes["actions"])
         case "stochastic":
             return StochasticPolicy(arrays["probabilities"], seed=seed)
-        case "q":
-            return QTable(arrays["values"])
+        case "q" | "staged":
+            return (QTable if kind == "q" else StagedPolicy)(arrays["values"])
         case "alpha":
             return AlphaVectors(arrays["vectors"], _list(arrays["actions"]), sizes["actions"])
         case "mixed":

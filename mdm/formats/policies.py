@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -35,13 +35,16 @@ from mdm.policies import (
     MaskedAlphaVectors,
     MixedAlphaVectors,
     QTable,
+    StagedPolicy,
     StochasticPolicy,
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mdm.models import MDP
 
-__all__ = ["LoadedPolicy", "PolicyKind", "load_policy", "load_rewards", "save_policy"]
+__all__ = ["LoadedPolicy", "PolicyKind", "check_policy_file", "load_policy", "load_rewards", "save_policy"]
 
 _Form: TypeAlias = Literal["array", "sarsop", "zmdp", "joint", "graph", "alpha", "value function", "q-table"]
 _TABLES: dict[str, type] = {"table": DeterministicPolicy, "stochastic": StochasticPolicy, "q": QTable}
@@ -127,32 +130,48 @@ def save_policy(policy: LoadedPolicy, path: str | Path, model: MDP | None = None
     if wrong is not None:
         raise ModelError(wrong)
     try:
-        _write(policy, Path(path), model)
+        _writer(type(policy), Path(path))(policy, Path(path), model)
     except OSError as error:
         raise FormatError(f"the file cannot be written: {error.strerror}", file=path) from None
 
 
-def _write(policy: LoadedPolicy, path: Path, model: MDP | None) -> None:
+def check_policy_file(kind: type, path: str | Path) -> None:
+    """Refuse a file whose name stands for a format that cannot hold policies of a kind, before there is one to write.
+
+    Args:
+        kind: The policy's class.
+        path: The file.
+
+    Raises:
+        ModelError: If the format cannot hold such a policy.
+        FormatError: If there is no such folder.
+    """
+    path = Path(path)
+    _writer(kind, path)
+    if not path.parent.is_dir() or path.is_dir():
+        raise FormatError("the file cannot be written: there is no such folder, or it is one", file=path)
+
+
+def _writer(kind: type, path: Path) -> Callable[[Any, Path, MDP | None], object]:
+    """Return what writes policies of a kind into a file."""
     suffix = path.suffix.lower()
     if suffix == ".npz":
-        policy_archive.write(policy, path, model)
-    elif suffix == ".alpha" and isinstance(policy, AlphaVectors):
-        alpha.write(policy, path)
-    elif suffix == ".vf" and isinstance(policy, AlphaVectors):
-        value_function.write(policy, path)
-    elif suffix == ".pg" and isinstance(policy, FiniteStateController):
-        policy_graph.write(policy, path)
-    elif suffix in {*_BY_SUFFIX, ".gz"} or isinstance(policy, FiniteStateController):
-        name = type(policy).__name__
-        raise ModelError(f"{name} cannot be written as {path.name!r}: a .npz file holds a policy of any kind")
-    elif isinstance(policy, AlphaVectors | MixedAlphaVectors):
-        sarsop_policy.write(policy, path)
-    elif isinstance(policy, MaskedAlphaVectors):
-        zmdp.write(policy, path)
-    elif isinstance(policy, JointController):
-        joint_policy.write(policy, path, model)
-    else:
-        ublas.write(policy, path)
+        return policy_archive.write
+    if suffix == ".alpha" and issubclass(kind, AlphaVectors):
+        return lambda policy, path, _: alpha.write(policy, path)
+    if suffix == ".vf" and issubclass(kind, AlphaVectors):
+        return lambda policy, path, _: value_function.write(policy, path)
+    if suffix == ".pg" and issubclass(kind, FiniteStateController):
+        return lambda policy, path, _: policy_graph.write(policy, path)
+    if suffix in {*_BY_SUFFIX, ".gz"} or issubclass(kind, FiniteStateController | StagedPolicy):
+        raise ModelError(f"{kind.__name__} cannot be written as {path.name!r}: a .npz file holds a policy of any kind")
+    if issubclass(kind, AlphaVectors | MixedAlphaVectors):
+        return lambda policy, path, _: sarsop_policy.write(policy, path)
+    if issubclass(kind, MaskedAlphaVectors):
+        return lambda policy, path, _: zmdp.write(policy, path)
+    if issubclass(kind, JointController):
+        return joint_policy.write
+    return lambda policy, path, _: ublas.write(policy, path)
 
 
 def _form(source: Source, kind: PolicyKind | None) -> _Form:

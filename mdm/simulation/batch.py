@@ -89,7 +89,7 @@ def evaluate(
     """Estimate what a policy is worth at the start of its model.
 
     An episode ends after ``steps`` decisions; by default where what remains weighs less than a millionth or the plan
-    of a controller has its end. It ends early in a state that is never left and earns nothing. Events that nobody
+    of a controller has its end. It ends early where nothing more can be earned. Events that nobody
     notices lead to no decision: the action goes on, each step of time with its reward.
 
     Args:

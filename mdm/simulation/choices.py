@@ -15,6 +15,7 @@ from mdm.policies import (
     MaskedAlphaVectors,
     MixedAlphaVectors,
     QTable,
+    StagedPolicy,
     StochasticPolicy,
 )
 from mdm.simulation.crowd_beliefs import CrowdBeliefs, grouped, product
@@ -28,6 +29,8 @@ __all__ = ["ENDED", "Choices", "choices"]
 
 ENDED = -1
 """In place of an action, where a plan ends."""
+_SURE = 1 - 1e-9
+"""The belief in one observed value from which nothing else counts."""
 
 
 class Choices(Protocol):
@@ -58,6 +61,8 @@ def choices(model: MDP, policy: Any, unnoticed: int | None) -> Choices | None:
     """Return the decisions of a policy for many episodes; None for policies of a kind that is not known here."""
     if isinstance(policy, QTable | DeterministicPolicy):
         return _ByTable(np.array([policy.action(state) for state in range(policy.num_states)]))
+    if isinstance(policy, StagedPolicy):
+        return _ByStage(policy.values.argmax(axis=2))
     if isinstance(policy, StochasticPolicy):
         return _ByProbability(policy.probabilities)
     if not isinstance(model, POMDP):
@@ -80,6 +85,25 @@ class _ByTable:
 
     def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
         return self._actions[states]
+
+    def keep(self, which: Indices) -> None:
+        pass
+
+
+class _ByStage:
+    """A table for each decision; all episodes are at the same one, as every step of time has one."""
+
+    def __init__(self, actions: Indices) -> None:
+        self._actions = actions
+        self._stage = 0
+
+    def begin(self, states: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
+        self._stage = 0
+        return self._actions[0, states]
+
+    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
+        self._stage += 1
+        return self._actions[self._stage, states]
 
     def keep(self, which: Indices) -> None:
         pass
@@ -124,12 +148,13 @@ def _best(policy: Any, beliefs: Vector) -> Indices:
     if not isinstance(policy, MixedAlphaVectors):
         return np.array([policy.action(belief) for belief in beliefs])
     result = np.full(len(beliefs), ENDED)
-    shown = (beliefs[:, policy.states] > 0).any(axis=2)
-    sure = shown.sum(axis=1) == 1
-    for where, x in grouped(shown.argmax(axis=1)):
-        rows, vectors = where[sure[where]], policy.sets[x]
-        if vectors is not None and len(rows):
-            result[rows] = _best(vectors, beliefs[np.ix_(rows, policy.states[x])])
+    shown = np.empty(policy.num_states, dtype=np.intp)
+    shown[policy.states] = np.arange(len(policy.states))[:, None]
+    for rows, x in grouped(shown[beliefs.argmax(axis=1)]):
+        vectors, parts = policy.sets[x], beliefs[np.ix_(rows, policy.states[x])]
+        sure = parts.sum(axis=1) > _SURE
+        if vectors is not None and sure.any():
+            result[rows[sure]] = _best(vectors, parts[sure])
     for row in np.flatnonzero(result == ENDED):  # a vote, or no vectors, which is an error
         result[row] = policy.action(beliefs[row])
     return result

@@ -13,6 +13,8 @@ from mdm.models.matrices import ROUNDING
 from mdm.simulation.draws import Draws
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy.typing as npt
 
     from mdm.models.matrices import Matrix, Vector
@@ -37,10 +39,8 @@ class Crowd:
         matrices = [model.transition_matrix(a) for a in actions]
         self._transitions = Draws(matrices)
         self.rewards = model.rewards
-        self.ended: npt.NDArray[np.bool_] = (model.rewards == 0).all(axis=1)
-        """The states that are never left and earn nothing: an episode that is there is over."""
-        for matrix in {id(matrix): matrix for matrix in matrices}.values():
-            self.ended &= matrix.diagonal() >= 1
+        self.ended = _ended(matrices, model.rewards)
+        """The states from which nothing more can be earned: an episode that is there is over."""
         self._observations: Draws | None = None
         self._by_transition = False
         if observed and isinstance(model, POMDP):
@@ -75,6 +75,27 @@ class Crowd:
             return after, np.zeros_like(after)
         rows = entries - self._transitions.first_entry[actions] if self._by_transition else after
         return after, draws.columns[draws(actions, rows, numbers[1])]
+
+
+def _ended(matrices: Sequence[Matrix], rewards: Vector) -> npt.NDArray[np.bool_]:
+    """Return from which states no action ever leads to a reward."""
+    size = len(rewards)
+    earning = np.flatnonzero((rewards != 0).any(axis=1))
+    ended = np.zeros(size, dtype=bool)
+    if len(earning) == size:
+        return ended
+    from scipy.sparse import coo_array  # noqa: PLC0415 - as long to import as all the rest
+    from scipy.sparse.csgraph import breadth_first_order  # noqa: PLC0415
+
+    # Backwards, from one more node that stands before all states with rewards.
+    ways = [csr(matrix).tocoo() for matrix in {id(matrix): matrix for matrix in matrices}.values()]
+    rows = np.concatenate([*(way.col for way in ways), np.full(len(earning), size)])
+    columns = np.concatenate([*(way.row for way in ways), earning])
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size + 1, size + 1)).tocsr()
+    ended[:] = True
+    found = breadth_first_order(graph, size, return_predecessors=False)
+    ended[found[found < size]] = False
+    return ended
 
 
 def _events(events: EventObservations, action: int, transition: Matrix) -> Matrix:

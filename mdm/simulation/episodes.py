@@ -9,16 +9,17 @@ import numpy as np
 
 from mdm.errors import ConfigError
 from mdm.models import POMDP, BeliefTracker
-from mdm.policies import FiniteStateController, JointController
 from mdm.simulation.choices import ENDED, Choices
 from mdm.simulation.crowd import Crowd
 from mdm.simulation.sampler import Sampler
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from mdm.models import MDP
     from mdm.models.matrices import Vector
 
-__all__ = ["Limits", "Together", "limits", "one_by_one"]
+__all__ = ["Limits", "Moment", "Single", "Together", "limits", "one_by_one"]
 
 _REST = 1e-6
 """The weight of what comes after the last step, where the discount ends an episode."""
@@ -44,25 +45,15 @@ def limits(model: MDP, policy: Any, steps: int | None) -> Limits:
     Raises:
         ConfigError: If they do not.
     """
+    horizon = getattr(policy, "horizon", None)  # a plan's own end, of controllers and staged policies
     if steps is not None:
-        return Limits(steps, math.inf)
+        return Limits(steps if horizon is None else min(steps, horizon), math.inf)
     if model.discount < 1:
-        return Limits(math.inf, max(1, math.ceil(math.log(_REST) / math.log(model.discount))))
-    controllers = policy.controllers if isinstance(policy, JointController) else [policy]
-    lengths = [_length(each) for each in controllers if isinstance(each, FiniteStateController)]
-    if not any(lengths):
+        moves = max(1, math.ceil(math.log(_REST) / math.log(model.discount)))
+        return Limits(math.inf if horizon is None else horizon, moves)
+    if horizon is None:
         raise ConfigError("with a discount of 1 an episode needs an end: give a discount or the number of steps")
-    return Limits(min(filter(None, lengths)), math.inf)
-
-
-def _length(controller: FiniteStateController) -> int:
-    """Return after how many decisions a controller's plan ends; 0 where it does not."""
-    nodes = {controller.start} if controller.values is None else set(range(controller.num_nodes))
-    for length in range(controller.num_nodes):
-        nodes = {after for node in nodes for after in controller.successors[node] if after is not None}
-        if not nodes:
-            return length + 1
-    return 0
+    return Limits(horizon, math.inf)
 
 
 class Together:
@@ -126,6 +117,70 @@ class Together:
             goes[which[chosen == ENDED]] = False
 
 
+class Moment(NamedTuple):
+    """A step of time in an episode.
+
+    Attributes:
+        state: The state before.
+        belief: What the policy knows of it; None where it sees it.
+        action: What is done; that of the last decision where nothing was noticed since.
+        seen: What was observed at the decision; None at the first one, and where nothing was.
+        decided: Whether this is a decision.
+    """
+
+    state: int
+    belief: Vector | None
+    action: int
+    seen: int | None
+    decided: bool
+
+
+class Single:
+    """Runs single episodes, for any policy that goes by states or beliefs.
+
+    Args:
+        model: The model.
+        policy: The policy.
+        unnoticed: The observation that stands for an event that nobody noticed, if there is one.
+    """
+
+    def __init__(self, model: MDP, policy: Any, unnoticed: int | None = None) -> None:
+        self._model = model
+        self._policy = policy
+        self._unnoticed = unnoticed
+        self._tracker: BeliefTracker | None = None
+        if policy.input == "belief":
+            assert isinstance(model, POMDP)
+            self._tracker = BeliefTracker(model, false_negative=unnoticed)
+        self._sampler = Sampler(model)
+        self._ended = Crowd(model, observed=False).ended
+
+    def __call__(self, seed: int | np.random.SeedSequence | None) -> Iterator[Moment]:
+        """Run an episode until nothing more can come of it; the caller may end it at any moment."""
+        model, sampler, tracker, act = self._model, self._sampler, self._tracker, self._policy.action
+        sampler.seed(seed)
+        state, seen, silence = sampler.first_state(), None, 0
+        if tracker is not None:
+            assert isinstance(model, POMDP)
+            tracker.reset(model.belief_at_start(state))
+        action = act(state if tracker is None else tracker.belief)
+        decided = True
+        while not self._ended[state] and silence < _SILENCE:
+            yield Moment(state, None if tracker is None else tracker.belief, action, seen, decided)
+            before, state = state, sampler.next_state(state, action)
+            if tracker is None:
+                action = act(state)
+                continue
+            seen = sampler.observation(action, before, state)
+            decided = seen is not None and seen != self._unnoticed
+            if not decided:
+                seen, silence = None, silence + 1
+                continue
+            if not tracker.update(action, seen) > 0:
+                tracker.update(action, None)  # rounding made it impossible: time passes, as in a control layer
+            action, silence = act(tracker.belief), 0
+
+
 def one_by_one(
     model: MDP, policy: Any, unnoticed: int | None, ends: Limits, *, episodes: int, seed: int
 ) -> tuple[Vector, int]:
@@ -134,41 +189,17 @@ def one_by_one(
     Returns:
         Their discounted returns, and how many steps of time they took in all.
     """
-    tracker = BeliefTracker(model, false_negative=unnoticed) if isinstance(model, POMDP) else None
-    by_belief = policy.input == "belief"
-    sampler, rewards, discount = Sampler(model), model.rewards, model.discount
-    ended = Crowd(model, observed=False).ended
+    run, rewards, discount = Single(model, policy, unnoticed), model.rewards, model.discount
     returns, moves = np.zeros(episodes), 0
     for episode, stream in enumerate(np.random.SeedSequence(seed).spawn(episodes)):
-        sampler.seed(stream)
-        state = sampler.first_state()
-        if by_belief:
-            assert tracker is not None
-            assert isinstance(model, POMDP)
-            tracker.reset(model.belief_at_start(state))
-        weight, total, decisions, silence, time = 1.0, 0.0, 0, 0, 0
-        action = None
-        while not ended[state] and time < ends.moves and silence < _SILENCE:
-            if action is None:
-                action = policy.action(tracker.belief if by_belief and tracker is not None else state)
-                decisions += 1
-            total += weight * float(rewards[state, action])
+        weight, total, decisions, time = 1.0, 0.0, 0, 0
+        for moment in run(stream):
+            total += weight * float(rewards[moment.state, moment.action])
             weight *= discount
             time += 1
-            if decisions >= ends.decisions:
+            decisions += moment.decided
+            if decisions >= ends.decisions or time >= ends.moves:
                 break
-            before, state = state, sampler.next_state(state, action)
-            if not by_belief:
-                action = None
-                continue
-            assert tracker is not None
-            seen = sampler.observation(action, before, state)
-            if seen is None or seen == unnoticed:
-                silence += 1
-                continue
-            if not tracker.update(action, seen) > 0:
-                tracker.update(action, None)  # rounding made it impossible: time passes, as in a control layer
-            action, silence = None, 0
         returns[episode] = total
         moves += time
     return returns, moves

@@ -19,7 +19,14 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.models import POMDP
 from mdm.models.compressed import csr, is_compressed
-from mdm.policies import DeterministicPolicy, FiniteStateController, JointController, QTable, StochasticPolicy
+from mdm.policies import (
+    DeterministicPolicy,
+    FiniteStateController,
+    JointController,
+    QTable,
+    StagedPolicy,
+    StochasticPolicy,
+)
 
 if TYPE_CHECKING:
     from mdm.models import MDP
@@ -55,6 +62,8 @@ def exact_values(
     """
     if isinstance(policy, DeterministicPolicy | QTable | StochasticPolicy):
         return state_values(model, policy, steps=steps)
+    if isinstance(policy, StagedPolicy):
+        return _staged_values(model, policy, policy.horizon if steps is None else min(steps, policy.horizon))
     if not isinstance(model, POMDP) or not isinstance(policy, FiniteStateController | JointController):
         return None
     controller = joined(policy) if isinstance(policy, JointController) else policy
@@ -95,6 +104,19 @@ def state_values(
         if weight.any():
             moves = moves + _scaled(model.transition_matrix(action), weight)
     return _total(moves, None, np.einsum("as,sa->s", weights, model.rewards), model.discount, steps)
+
+
+def _staged_values(model: MDP, policy: StagedPolicy, steps: int) -> Vector:
+    size, count = model.rewards.shape
+    values = np.zeros(size)
+    for table in policy.values[:steps][::-1]:
+        actions = table.argmax(axis=1)
+        after = values
+        values = model.rewards[np.arange(size), actions]
+        for action in range(count):
+            at = actions == action
+            values[at] += model.discount * (model.transition_matrix(action)[at] @ after)
+    return values
 
 
 def controller_values(

@@ -27,9 +27,11 @@ from mdm import (
     load_policy,
     simulate,
 )
+from mdm.policies import StagedPolicy
 from mdm.simulation.crowd import Crowd
 from mdm.simulation.draws import Draws
 from mdm.simulation.episodes import Limits, one_by_one
+from mdm.solvers import exact_values
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SEEDS = st.integers(0, 2**32 - 1)
@@ -303,6 +305,21 @@ def test_draws_follow_their_rows_and_never_leave_them(seed, shared):
             np.testing.assert_allclose(counts, probabilities, atol=1.1e-3)
 
 
-def test_a_crowd_knows_where_episodes_are_over():
-    model = MDP([np.eye(3), [[0, 1, 0], [0, 1, 0], [0, 0, 1]]], [[0, 0], [0, 0], [0, 1]], discount=0.9)
-    assert Crowd(model).ended.tolist() == [False, True, False]
+@pytest.mark.parametrize("sparse", [False, True])
+def test_a_crowd_knows_where_episodes_are_over(sparse):
+    """States 0 and 1 lead to each other for ever, 2 leads to them, and by one action to 3, which earns."""
+    ring = [[0, 1, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
+    out = [[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1], [1, 0, 0, 0]]
+    model = MDP([ring, out], [[0, 0], [0, 0], [0, 0], [0, 1]], discount=0.9, sparse=sparse)
+    assert Crowd(model).ended.tolist() == [True, True, False, False]
+    assert not Crowd(model.with_discount(0.5)).ended[2:].any()
+    assert Crowd(MDP([ring], np.zeros((4, 1)), discount=0.9)).ended.all()
+
+
+def test_a_staged_policy_goes_through_its_stages():
+    model = MDP([np.eye(2), [[0, 1], [1, 0]]], [[1, 0], [5, 3]], discount=0.5, initial_belief=[1, 0])
+    policy = StagedPolicy([[[0, 1], [0, 0]], [[0, 0], [0, 1]], [[1, 0], [1, 0]]])
+    result = evaluate(model, policy, episodes=10, seed=1)  # change over, change back, stay
+    assert list(result.returns) == [0.5 * 3 + 0.25 * 1] * 10
+    assert exact_values(model, policy)[0] == pytest.approx(result.mean)
+    assert evaluate(model, policy, episodes=1, steps=2).mean == pytest.approx(exact_values(model, policy, steps=2)[0])

@@ -21,6 +21,7 @@ from mdm.policies import (
     MaskedAlphaVectors,
     MixedAlphaVectors,
     QTable,
+    StagedPolicy,
     StochasticPolicy,
 )
 
@@ -35,6 +36,7 @@ _KINDS = {
     MaskedAlphaVectors: "alpha vectors with masks",
     MixedAlphaVectors: "alpha vectors per observed state",
     QTable: "values of actions per state",
+    StagedPolicy: "values of actions per state and decision",
     StochasticPolicy: "probabilities of actions per state",
 }
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.errors import Error
+from mdm.cli.canvas import keep, pyplot
 from mdm.models.potential import Node
 
 if TYPE_CHECKING:
@@ -25,13 +24,7 @@ def draw(network: TwoSliceNetwork, path: str) -> None:
     Raises:
         Error: If matplotlib is not installed, or the file cannot be written.
     """
-    try:
-        import matplotlib as mpl  # noqa: PLC0415 - an extra
-
-        mpl.use("Agg")
-        from matplotlib import pyplot as plt  # noqa: PLC0415
-    except ImportError:
-        raise Error("pictures need matplotlib: pip install 'markov-decision-making[plot]'") from None
+    plt = pyplot()
     columns = _columns(network)
     places = {
         name: (_WIDTH * column, -(row - (len(names) - 1) / 2))
@@ -57,12 +50,7 @@ def draw(network: TwoSliceNetwork, path: str) -> None:
         arrow = {"arrowstyle": "-|>", "color": "#888888", "shrinkA": 1, "shrinkB": 1}
         arrow["connectionstyle"] = f"arc3,rad={0.4 if same else 0.04}"
         axes.annotate("", xy=(spans[child].x0, places[child][1]), xytext=start, arrowprops=arrow, zorder=1)
-    try:
-        figure.savefig(path, dpi=120, bbox_inches="tight")
-    except (OSError, ValueError) as error:
-        raise Error(f"{Path(path)}: the picture cannot be written: {error}") from None
-    finally:
-        plt.close(figure)
+    keep(figure, path)
 
 
 def _columns(network: TwoSliceNetwork) -> list[dict[Any, tuple[str, str]]]:

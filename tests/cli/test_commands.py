@@ -12,7 +12,7 @@ import pytest
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TIGER = ["--model", str(EXAMPLES / "tiger.pomdp"), "--policy", str(EXAMPLES / "tiger.vf")]
-VERBS = ("run", "check", "info", "show", "convert", "trace", "simulate")
+VERBS = ("run", "check", "info", "show", "convert", "trace", "simulate", "solve", "evaluate", "compare", "plot")
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -1,0 +1,107 @@
+"""``mdm compare``: what several policies are worth in one model, side by side."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import TYPE_CHECKING, Any
+
+from mdm.cli.evaluate import add_arguments
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+
+    from mdm.cli.verdict import Verdict
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "compare",
+        help="tell what several policies are worth, side by side",
+        description=(
+            "Tell what several policies are worth at the start of one model. All meet the same luck in simulation, so "
+            "that their differences are known far better than their values; the differences to the first are told "
+            "with their 95 %% confidence."
+        ),
+        epilog="example: mdm compare tiger.pomdp tiger.vf tiger.npz --seed 1",
+    )
+    parser.add_argument("model", metavar="MODEL", help="a model")
+    parser.add_argument("policies", metavar="POLICY", nargs="+", help="policies for it; the first is the measure")
+    add_arguments(parser)
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compare; return the exit status."""
+    import numpy as np  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+    from mdm.cli.report import as_json  # noqa: PLC0415
+    from mdm.cli.verdict import judge  # noqa: PLC0415
+    from mdm.cli.worth import load, load_for, shown  # noqa: PLC0415
+
+    if arguments.seed is None:
+        arguments.seed = int(np.random.SeedSequence().generate_state(1)[0])
+    model = load(arguments.model, arguments.discount)
+    pairs = [load_for(model, path, arguments.seed) for path in arguments.policies]
+    if notes := {note for _, world in pairs if (note := shown(world)) is not None}:
+        print(f"mdm compare: {notes.pop()}", file=sys.stderr)
+    verdicts = [judge(world, policy, arguments, simulated=True) for policy, world in pairs]
+    differences = [_difference(verdict, verdicts[0]) for verdict in verdicts]
+    if arguments.json:
+        rows = zip(arguments.policies, verdicts, differences, strict=True)
+        print(
+            as_json(
+                [
+                    {"policy": path} | verdict.facts() | {"difference": difference, "difference_within": within}
+                    for path, verdict, (difference, within) in rows
+                ]
+            )
+        )
+        return 0
+    table = [("policy", "claims", "is worth", "simulated", "", "to the first", "")]
+    for path, verdict, (difference, within) in zip(arguments.policies, verdicts, differences, strict=True):
+        result = verdict.simulated
+        assert result is not None
+        half = (result.interval[1] - result.interval[0]) / 2
+        exact = None if verdict.exact is None else verdict.exact[0]
+        cells = (_number(verdict.claimed), _number(exact), _number(result.mean), f"± {half:.2g}")
+        table.append((path, *cells, f"{difference:+.4g}", f"± {within:.2g}"))
+    _print(table)
+    result = verdicts[0].simulated
+    assert result is not None
+    print(
+        f"± is 95 % confidence; {result.episodes} episodes of at most {result.steps} steps each, seed {arguments.seed}"
+    )
+    return 0
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.6g}"
+
+
+def _difference(verdict: Verdict, first: Verdict) -> tuple[float, float]:
+    """Return how much more a policy is worth than the first, and within what, episode by episode."""
+    if verdict.exact is not None and first.exact is not None:
+        return verdict.exact[0] - first.exact[0], 0.0
+    assert verdict.simulated is not None
+    assert first.simulated is not None
+    ours, theirs = verdict.simulated, first.simulated
+    if ours.episodes != theirs.episodes:
+        return ours.mean - theirs.mean, 1.96 * math.hypot(ours.standard_error, theirs.standard_error)
+    differences = ours.returns - theirs.returns
+    error = float(differences.std(ddof=1)) / math.sqrt(len(differences)) if len(differences) > 1 else 0.0
+    return float(differences.mean()), 1.96 * error
+
+
+def _print(table: Sequence[Sequence[str]]) -> None:
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    for row in table:
+        cells = [
+            cell.ljust(width) if place == 0 else cell.rjust(width)
+            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        print("  ".join(cells).rstrip())

@@ -1,0 +1,61 @@
+"""How far a solver has come, on standard error: one line that changes on a terminal, a few lines elsewhere."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import TYPE_CHECKING, TextIO
+
+if TYPE_CHECKING:
+    from mdm.solvers import Progress
+
+__all__ = ["ProgressLine", "bound"]
+
+_OFTEN = 0.1
+_SELDOM = 60.0
+
+
+class ProgressLine:
+    """Shows progress as it comes.
+
+    On a terminal a line is written over ten times a second at most; elsewhere lines follow after 1, 2, 4, ... seconds
+    and then once a minute.
+
+    Args:
+        stream: Where to write; by default standard error.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = sys.stderr if stream is None else stream
+        self._live = self._stream is not None and self._stream.isatty()
+        self._next = 0.0 if self._live else 1.0
+        self._shown = False
+
+    def __call__(self, progress: Progress) -> None:
+        """Show it, if it is time."""
+        if progress.seconds < self._next or self._stream is None:
+            return
+        self._next = progress.seconds + (_OFTEN if self._live else min(max(progress.seconds, 1.0), _SELDOM))
+        text = _text(progress)
+        self._stream.write(f"\r\x1b[K{text}" if self._live else f"{text}\n")
+        self._stream.flush()
+        self._shown = True
+
+    def end(self) -> None:
+        """Wipe the line off a terminal; what came of it is told elsewhere."""
+        if self._live and self._shown:
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()
+
+
+def bound(value: float) -> str:
+    """Return a bound as text; one that nothing is known of is a question mark."""
+    return f"{value:.6g}" if math.isfinite(value) else "?"
+
+
+def _text(progress: Progress) -> str:
+    gap = f"gap {progress.gap:.3g}  " if math.isfinite(progress.gap) else ""
+    return (
+        f"{progress.seconds:.1f} s  value at the start {bound(progress.lower)} to {bound(progress.upper)}  {gap}"
+        f"iteration {progress.iterations}  size {progress.size}  {progress.memory / 1e6:.0f} MB"
+    )

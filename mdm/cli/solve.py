@@ -1,0 +1,172 @@
+"""``mdm solve``: a policy for a model, with the bounds that certify it."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mdm.cli.usage import UsageError, count
+
+if TYPE_CHECKING:
+    import argparse
+
+    from mdm.models import MDP
+    from mdm.solvers import Solution
+
+__all__ = ["add_parser", "run"]
+
+_OPTIONS = ("horizon", "false_negative", "seed")
+"""What only some solvers take."""
+
+
+def add_parser(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "solve",
+        help="make a policy for a model, certified by bounds",
+        description=(
+            "Solve a model and tell between which bounds the value of its start lies: the policy is worth the lower "
+            "one at least, and no policy more than the upper. It stops when the bounds are close, a limit is reached "
+            "or Ctrl-C is pressed, and then keeps the best policy that it has."
+        ),
+        epilog="example: mdm solve tiger.pomdp -o tiger.npz --gap 0.01",
+    )
+    parser.add_argument("model", metavar="MODEL", help="a model")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="POLICY",
+        help="the policy's file; its suffix chooses the format: .npz keeps any policy, .vf, .alpha and .policy alpha "
+        "vectors; other names hold tables",
+    )
+    parser.add_argument("--solver", metavar="NAME", help="by default what suits the model; 'help' lists them")
+    parser.add_argument(
+        "--gap", metavar="G", type=float, default=1e-3, help="stop when the bounds are so close (0.001)"
+    )
+    parser.add_argument("--time", metavar="S", type=float, help="stop after so many seconds")
+    parser.add_argument("--memory", metavar="MB", type=float, help="stop at so much memory (80 %% of the machine's)")
+    parser.add_argument("--iterations", metavar="N", type=count, help="stop after so many sweeps, trials or rounds")
+    parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
+    parser.add_argument("--horizon", metavar="H", type=count, help="decisions, for solvers of finite horizons")
+    parser.add_argument(
+        "--false-negative",
+        metavar="O",
+        help="the observation, by name or index, that stands for an event that nobody noticed",
+    )
+    parser.add_argument("--seed", metavar="S", type=int, help="for solvers that draw")
+    parser.add_argument("--history", metavar="FILE.json", help="write the bounds over time, for mdm plot bounds")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Solve the model; return the exit status."""
+    from mdm.cli.progress import ProgressLine  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.report import as_json  # noqa: PLC0415
+    from mdm.cli.worth import load, revealed, shown  # noqa: PLC0415
+    from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
+    from mdm.solvers import SOLVERS, Watch, solve  # noqa: PLC0415
+    from mdm.solvers.solve import default_solver  # noqa: PLC0415
+
+    if arguments.solver is not None and arguments.solver not in SOLVERS:
+        raise UsageError(f"there is no solver {arguments.solver!r}; there are {', '.join(SOLVERS)}")
+    model = load(arguments.model, arguments.discount)
+    world = revealed(model)
+    solver = arguments.solver or default_solver(world)
+    options = _options(arguments, solver)
+    if arguments.output is not None:
+        check_policy_file(_kind(solver, world, arguments), arguments.output)
+    if (note := shown(world)) is not None:
+        print(f"mdm solve: {note}", file=sys.stderr)
+    line = ProgressLine()
+    watch = Watch(
+        gap=arguments.gap,
+        seconds=arguments.time,
+        iterations=arguments.iterations,
+        memory=None if arguments.memory is None else int(arguments.memory * 1e6),
+        progress=line,
+    )
+    try:
+        solution = solve(world, solver, watch=watch, **options)
+    finally:
+        line.end()
+    if arguments.output is not None:
+        save_policy(solution.policy, arguments.output, model)
+    facts = _facts(solution, arguments)
+    if arguments.history is not None:
+        history = [{key: getattr(entry, key) for key in entry.__struct_fields__} for entry in solution.history]
+        Path(arguments.history).write_text(as_json(facts | {"history": history}) + "\n", encoding="utf-8")
+    if arguments.json:
+        print(as_json(facts))
+    else:
+        _print(solution, facts, arguments)
+    return 0
+
+
+def _options(arguments: argparse.Namespace, solver: str) -> dict[str, Any]:
+    """Return what the solver takes of what only some take."""
+    from mdm.solvers import SOLVERS  # noqa: PLC0415
+
+    given = {name: value for name in _OPTIONS if (value := getattr(arguments, name)) is not None}
+    if given:
+        module, function, _ = SOLVERS[solver]
+        taken = inspect.signature(getattr(importlib.import_module(f"mdm.solvers.{module}"), function)).parameters
+        for name in given:
+            if name not in taken:
+                raise UsageError(f"{solver} takes no --{name.replace('_', '-')}")
+    return given
+
+
+def _kind(solver: str, model: MDP, arguments: argparse.Namespace) -> type:
+    """Return of what class a solver's policies are."""
+    from mdm.models.mixed import MixedPOMDP  # noqa: PLC0415
+    from mdm.policies import AlphaVectors, JointController, MixedAlphaVectors, QTable, StagedPolicy  # noqa: PLC0415
+
+    if solver == "jesp":
+        return JointController
+    if model.kind == "MDP":
+        return QTable if arguments.horizon is None else StagedPolicy
+    return MixedAlphaVectors if solver == "sarsop" and isinstance(model, MixedPOMDP) else AlphaVectors
+
+
+def _facts(solution: Solution, arguments: argparse.Namespace) -> dict[str, Any]:
+    from mdm.cli.document import describe_policy  # noqa: PLC0415
+
+    return {
+        "model": arguments.model,
+        "solver": solution.solver,
+        "lower": solution.lower,
+        "upper": solution.upper,
+        "gap": solution.gap,
+        "reason": solution.reason,
+        "seconds": solution.seconds,
+        "iterations": solution.iterations,
+        "size": solution.history[-1].size,
+        "form": describe_policy(solution.policy)["form"],
+        "policy": arguments.output,
+    }
+
+
+def _print(solution: Solution, facts: dict[str, Any], arguments: argparse.Namespace) -> None:
+    from mdm.cli.progress import bound  # noqa: PLC0415
+
+    why = {
+        "gap": f"the bounds are no further apart than {arguments.gap:g}",
+        "time": "the time was up",
+        "iterations": "it had made its iterations",
+        "memory": "it had filled its memory",
+        "interrupted": "it was interrupted",
+        "exact": "the result is exact",
+    }[solution.reason]
+    lower, upper = bound(solution.lower), bound(solution.upper)
+    known = f"{lower} to {upper}"
+    known += f" (gap {solution.gap:.3g})" if "?" not in {lower, upper} else " (? where nothing is proven)"
+    print(f"{'value at the start':20}{known}")
+    print(f"{'policy':20}{facts['form']}, size {facts['size']}")
+    print(f"{'solver':20}{solution.solver}, {solution.iterations} iterations in {solution.seconds:.3g} s")
+    print(f"{'stopped':20}{why}")
+    kept = arguments.output or f"nowhere: give -o, such as -o {Path(arguments.model).name.split('.')[0]}.npz"
+    print(f"{'kept in':20}{kept}")

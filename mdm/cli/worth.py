@@ -1,0 +1,77 @@
+"""What the sub-commands that judge policies have in common: the world to judge them in, and what they claim."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.formats import load_model, load_policy
+from mdm.formats.fit import misfit
+from mdm.models import POMDP
+from mdm.models.mixed import MixedPOMDP
+from mdm.policies import DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
+
+if TYPE_CHECKING:
+    from mdm.models import MDP
+    from mdm.models.matrices import Vector
+
+__all__ = ["claim", "load", "load_for", "revealed", "shown"]
+
+
+def load(path: str, discount: float | None) -> MDP:
+    """Load a model, with another discount if one is given."""
+    model = load_model(path)
+    return model if discount is None else model.with_discount(discount)
+
+
+def revealed(model: MDP) -> MDP:
+    """Return a model as its agent sees it: with those factors of the state observed that are fully observed."""
+    return model.revealed() if isinstance(model, POMDP) and not model.event_observations else model
+
+
+def shown(model: MDP) -> str | None:
+    """Return a sentence about what is seen of the state; None where nothing is but by observations."""
+    if not isinstance(model, MixedPOMDP):
+        return None
+    names = [model.state_space.factors[place].name for place in model.observed]
+    return f"the agent sees {', '.join(names)} at every step, and at the start: as the model says"
+
+
+def load_for(model: MDP, path: str, seed: int | None) -> tuple[Any, MDP]:
+    """Load a policy; return it, and the model as it is to see it.
+
+    Controllers that were made for the model's own observations see no more of the state than these tell.
+    """
+    seen = revealed(model)
+    if seen is not model:
+        policy = load_policy(path, seed=seed)
+        if policy.input == "observation":
+            if misfit(policy, seen) is None:
+                return policy, seen
+            seen = model
+    return load_policy(path, model, seed=seed), seen
+
+
+def claim(model: MDP, policy: Any) -> float | None:
+    """Return what a policy says that it is worth at the start; None where it says nothing."""
+    start = model.initial_belief
+    if isinstance(policy, DeterministicPolicy | StochasticPolicy):
+        return None
+    if isinstance(policy, QTable):
+        return float(start @ policy.values.max(axis=1))
+    if isinstance(policy, StagedPolicy):
+        return float(start @ policy.values[0].max(axis=1))
+    if policy.input == "observation":
+        values = getattr(policy, "values", None)
+        return None if values is None else float((values @ start).max())
+    return float(sum(weight * policy.value(belief) for weight, belief in _first_beliefs(model, start)))
+
+
+def _first_beliefs(model: MDP, start: Vector) -> list[tuple[float, Vector]]:
+    if not isinstance(model, MixedPOMDP):
+        return [(1.0, start)]
+    states = np.flatnonzero(start)
+    _, first = np.unique(model.seen_in[states], return_index=True)
+    beliefs = [model.belief_at_start(int(state)) for state in states[first]]
+    return [(float(start[belief > 0].sum()), belief) for belief in beliefs]

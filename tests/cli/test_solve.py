@@ -1,0 +1,176 @@
+"""`mdm solve`: certificates, limits, interruption, files that cannot hold what is made."""
+
+from __future__ import annotations
+
+import io
+import json
+import signal
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from mdm import MDP, AlphaVectors, evaluate, load_model, load_policy
+from mdm.cli.progress import ProgressLine
+from mdm.solvers import SOLVERS, Progress, Watch, exact_values
+
+ROOT = Path(__file__).resolve().parents[2]
+TIGER = ROOT / "examples" / "tiger.pomdp"
+LAMP = ROOT / "tests" / "data" / "models" / "lamp.pomdpx"
+CHAIN = """discount: 0.9
+values: reward
+states: 3
+actions: stay go
+T: stay identity
+T: go
+0 1 0
+0 0 1
+0 0 1
+R: go : 1 : * : * 5
+R: * : 2 : * : * 1
+"""
+
+
+@pytest.fixture
+def slow(monkeypatch):
+    """Add a solver that has no end and is interrupted in its third round; return the seeds that it was called with."""
+    module, calls = ModuleType("mdm.solvers.slow"), []
+
+    def solver(model, *, watch=None, seed=None):
+        calls.append(seed)
+        lower, rounds = -1.0, 0
+        with Watch() if watch is None else watch as guard:
+            while not guard.ends(lower, 20.0, iterations=rounds, size=1):
+                rounds, lower = rounds + 1, lower + 0.25
+                if rounds == 3:
+                    signal.raise_signal(signal.SIGINT)
+            return guard.solution(
+                AlphaVectors([[lower, lower]], [0], 3), "slow", lower, 20.0, iterations=rounds, size=1
+            )
+
+    module.solver = solver
+    monkeypatch.setitem(sys.modules, "mdm.solvers.slow", module)
+    monkeypatch.setitem(SOLVERS, "slow", ("slow", "solver", "POMDP"))
+    return calls
+
+
+def test_a_certificate_is_printed_and_the_policy_kept(mdm, tmp_path):
+    policy, history = tmp_path / "tiger.npz", tmp_path / "tiger.json"
+    status, output, errors = mdm("solve", TIGER, "-o", policy, "--history", history, "--gap", "0.01", "--json")
+    facts = json.loads(output[0])
+    assert (status, errors) == (0, "")
+    assert facts["lower"] <= 19.3713 <= facts["upper"] <= facts["lower"] + 0.01
+    assert (facts["solver"], facts["reason"], facts["policy"]) == ("sarsop", "gap", str(policy))
+    model = load_model(TIGER)
+    assert load_policy(policy, model).value(model.initial_belief) >= facts["lower"] - 1e-9
+    entries = json.loads(history.read_text())["history"]
+    assert [entry["seconds"] for entry in entries] == sorted(entry["seconds"] for entry in entries)
+    assert entries[-1]["lower"] == facts["lower"]
+    status, output, _ = mdm("solve", TIGER, "--gap", "0.5")
+    text = "\n".join(output)
+    assert status == 0
+    assert "the bounds are no further apart than 0.5" in text
+    assert "nowhere: give -o, such as -o tiger.npz" in text
+
+
+def test_ctrl_c_keeps_the_best_so_far(mdm, tmp_path, slow):
+    policy = tmp_path / "tiger.vf"
+    status, output, _ = mdm("solve", TIGER, "--solver", "slow", "-o", policy)
+    assert status == 0
+    assert any("it was interrupted" in line for line in output)
+    assert load_policy(policy).value([0.5, 0.5]) == -0.25
+    status, output, _ = mdm("solve", TIGER, "--solver", "slow", "--iterations", "2", "--seed", "7", "--json")
+    assert (json.loads(output[0])["reason"], slow) == ("iterations", [None, 7])
+    assert mdm("solve", TIGER, "--solver", "slow", "--time", "0", "--json")[1][0].count('"time"') == 1
+    assert json.loads(mdm("solve", TIGER, "--solver", "slow", "--memory", "1", "--json")[1][0])["reason"] == "memory"
+
+
+@pytest.mark.parametrize("name", ["tiger.pg", "tiger.alpha.gz", "nowhere/tiger.npz"])
+def test_a_file_that_cannot_be_is_refused_before_the_work(mdm, tmp_path, slow, name):
+    status, output, errors = mdm("solve", TIGER, "--solver", "slow", "-o", tmp_path / name)
+    assert (status, output, slow) == (1, [], [])
+    assert "cannot be written" in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--solver", "magic"], "there are value-iteration"),
+        (["--solver", "sarsop", "--horizon", "3"], "takes no --horizon"),
+        (["--solver", "sarsop", "--false-negative", "hear-left"], "takes no --false-negative"),
+        (["--iterations", "0"], "1 or more"),
+    ],
+)
+def test_wrong_usage(mdm, arguments, words):
+    status, _, errors = mdm("solve", TIGER, *arguments)
+    assert status == 2
+    assert words in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--solver", "value-iteration"], "solves MDPs"),
+        (["--discount", "1"], "discount"),
+        (["--discount", "2"], "at most 1"),
+        (["--gap", "-1"], "gap is a number from 0 on"),
+    ],
+)
+def test_what_cannot_be_solved_is_told_in_a_sentence(mdm, arguments, words):
+    status, output, errors = mdm("solve", TIGER, *arguments)
+    assert (status, output) == (1, [])
+    assert errors.startswith("mdm solve: ")
+    assert words in errors
+    assert len(errors.splitlines()) == 1
+
+
+def test_an_mdp_with_and_without_a_horizon(mdm, tmp_path):
+    path, table, staged = tmp_path / "chain.mdp", tmp_path / "chain.policy", tmp_path / "staged.npz"
+    path.write_text(CHAIN)
+    model = load_model(path)
+    assert isinstance(model, MDP)
+    facts = json.loads(mdm("solve", path, "-o", table, "--json")[1][0])
+    worth = model.initial_belief @ exact_values(model, load_policy(table, model))
+    assert facts["lower"] - 1e-6 <= worth <= facts["upper"] + 1e-6
+    assert worth == pytest.approx((10 + 14 + 0.9 * 14) / 3)
+    arguments = ("solve", path, "--solver", "value-iteration", "--horizon", "2")
+    facts = json.loads(mdm(*arguments, "-o", staged, "--json")[1][0])
+    policy = load_policy(staged, model)
+    assert facts["lower"] == pytest.approx((1.9 + 5.9 + 0.9 * 5) / 3)
+    assert evaluate(model, policy, seed=1, episodes=5).steps == 2
+    assert mdm("info", staged)[0] == 0
+    status, _, errors = mdm(*arguments, "-o", table)
+    assert status == 1
+    assert "a .npz file holds a policy of any kind" in errors
+
+
+def test_fully_observed_factors_are_shown_to_the_policy(mdm, tmp_path):
+    policy = tmp_path / "lamp.npz"
+    status, _, errors = mdm("solve", LAMP, "-o", policy, "--gap", "0.01")
+    assert status == 0
+    assert "the agent sees" in errors
+    status, output, errors = mdm("evaluate", LAMP, policy, "--seed", "1", "--json")
+    assert status == 0
+    assert "the agent sees" in errors
+    assert json.loads(output[0])["claim_is"] == "not contradicted"
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_progress_is_a_line_on_a_terminal_and_a_few_lines_elsewhere():
+    shown, told = Terminal(), io.StringIO()
+    for stream in (shown, told):
+        line = ProgressLine(stream)
+        for tenth in range(1, 100):
+            line(Progress(tenth / 20, -float("inf"), 7.0, tenth, 3, 10**6))
+        line.end()
+    assert "\n" not in shown.getvalue()
+    assert 20 < shown.getvalue().count("\r") < 60
+    assert shown.getvalue().endswith("\r\x1b[K")
+    lines = told.getvalue().splitlines()
+    assert [line.split()[0] for line in lines] == ["1.0", "2.0", "4.0"]
+    assert "? to 7 " in lines[0]

@@ -80,14 +80,15 @@ class Step(NamedTuple):
 
     Attributes:
         values: S.
-        table: The values of actions, S x A: where the discount is 1, those of equally good ones are made to differ by
-            the last bit, so that one that goes on comes before one that only waits.
+        table: The values of actions, S x A.
+        policy: The next policy: with other actions where these are better.
         upper: The optimal values are at most so much more.
         stable: Whether no action is better than the policy's own, so that the values are optimal.
     """
 
     values: Vector
     table: Vector
+    policy: Actions
     upper: float
     stable: bool
 
@@ -111,11 +112,7 @@ def steps(stack: Stack) -> Iterator[Step]:
         stable = not better.any()
         policy = np.where(better, best, policy)
         upper = np.inf if endless else float(gains.max()) / (1 - stack.discount)
-        if endless:
-            chosen = table[states, policy].copy()
-            table = np.minimum(table, np.nextafter(chosen, -np.inf)[:, None])
-            table[states, policy] = chosen
-        yield Step(values, table, 0.0 if stable else upper, stable)
+        yield Step(values, table, policy, 0.0 if stable else upper, stable)
 
 
 def improve_policies(stack: Stack, belief: Vector, watch: Watch, solver: str) -> Solution:
@@ -125,9 +122,20 @@ def improve_policies(stack: Stack, belief: Vector, watch: Watch, solver: str) ->
         upper = lower + step.upper
         if watch.ends(lower, upper, iterations=iterations, size=stack.size):
             break
+    table = step.table if stack.discount < 1 else _going_on(step)
     return watch.solution(
-        QTable(step.table), solver, lower, upper, iterations=iterations, size=stack.size, exact=step.stable
+        QTable(table), solver, lower, upper, iterations=iterations, size=stack.size, exact=step.stable
     )
+
+
+def _going_on(step: Step) -> Vector:
+    """Return values of actions that choose the policy's own.
+
+    Others may be worth as much and only wait, for ever: those that come before are lowered by their last bit.
+    """
+    own = np.take_along_axis(step.table, step.policy[:, None], axis=1)
+    before = np.arange(step.table.shape[1]) < step.policy[:, None]
+    return np.where(before, np.minimum(step.table, np.nextafter(own, -np.inf)), np.minimum(step.table, own))
 
 
 def evaluate(stack: Stack, policy: Actions) -> Vector:

@@ -1,0 +1,80 @@
+"""QMDP: act as if the state were known after the next step.
+
+The values Q(s, a) of the underlying MDP are the alpha vectors of a POMDP's policy, one per action (M. L. Littman, A. R.
+Cassandra and L. P. Kaelbling, *Learning policies for partially observable environments: scaling up*, ICML 1995, section
+3). They are upper bounds of the optimal value function, and never choose an action for what it tells. It costs what the
+MDP costs, whatever the observations. Choose the fast informed bound where it matters what observations do not tell, and
+SARSOP or Perseus where a policy must look around before it acts.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.policies import AlphaVectors
+from mdm.solvers.policy_iteration import steps
+from mdm.solvers.rounds import rounds, sweeping
+from mdm.solvers.stack import Stack
+from mdm.solvers.watch import Watch
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mdm.models import MDP
+    from mdm.models.matrices import Vector
+    from mdm.solvers.solution import Solution
+
+__all__ = ["known_state", "qmdp"]
+
+_EACH = 15
+
+
+def qmdp(model: MDP, *, watch: Watch | None = None) -> Solution:
+    """Return what a POMDP's actions were worth if its state were known, as `AlphaVectors`, one per action.
+
+    Args:
+        model: The model; factored ones are flattened.
+        watch: The limits; the gap is how far the vectors may be from their limit, and the iterations are rounds of
+            sweeps, or policies where the discount is 1.
+
+    Returns:
+        The vectors, and the upper bound that they are; nothing is proven of what their policy is worth: ``lower`` is
+        -inf. With a discount of 1 they are a bound only when they are exact; before, ``upper`` is inf.
+
+    Raises:
+        ModelError: If the discount is 1, and values grow or fall without end.
+    """
+    with Watch() if watch is None else watch as watching:
+        stack = Stack(model)
+        belief = model.initial_belief
+        for iterations, (table, bounds) in enumerate(known_state(stack, watching.gap), 1):
+            upper = float((belief @ table).max()) if bounds else np.inf
+            if watching.ends(-np.inf, upper, iterations=iterations, size=stack.num_actions):
+                break
+        return watching.solution(
+            AlphaVectors(table.T, range(stack.num_actions), stack.num_actions),
+            "qmdp",
+            -np.inf,
+            upper,
+            iterations=iterations,
+            size=stack.num_actions,
+        )
+
+
+def known_state(stack: Stack, gap: float) -> Iterator[tuple[Vector, bool]]:
+    """Yield values of actions in known states, S x A, ever nearer to the optimal ones, and whether they bound them.
+
+    Args:
+        stack: The model.
+        gap: The last are so near; those of a discount of 1 are exact.
+    """
+    if stack.discount == 1:
+        for step in steps(stack):
+            yield step.table, step.stable
+        return
+    for now in rounds(stack, sweeping(stack, gap, _EACH)):
+        yield stack.q_values(now.values) + now.above, True
+        if now.above - now.below <= gap:
+            return

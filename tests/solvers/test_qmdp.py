@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from random_models import factored_models, flat_models
+
+import mdm
+from mdm.errors import ModelError, ModelWarning
+from mdm.models import MDP, POMDP
+from mdm.solvers import Watch
+from mdm.solvers.policy_iteration import policy_iteration
+from mdm.solvers.qmdp import qmdp
+
+
+@pytest.mark.parametrize(
+    ("name", "discount"),
+    [
+        ("GridSmall.dpomdp", 0.9),
+        ("MAISS_Patrol_Single.pgmx", 0.9),
+        ("broadcastChannel.dpomdp", 0.9),
+        ("dectiger.dpomdp", 0.95),
+        ("fireFighting_2_3_3.dpomdp", 0.9),
+    ],
+)
+def test_values_at_the_start_are_those_of_madp(name, discount, corpus):
+    told = json.loads((corpus / "values" / f"{name}_{discount}.json").read_text())
+    (path,) = (corpus / "models" / "madp").glob(f"{name}*")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = mdm.load_model(path).with_discount(discount)
+        found = qmdp(model, watch=Watch(gap=1e-6))
+    values = found.policy.q_values(model.initial_belief)
+    np.testing.assert_allclose(values, told["qmdp_at_isd"], atol=1e-4 * discount / (1 - discount) + 2e-6)
+    assert found.lower == -np.inf
+    assert abs(found.upper - max(told["qmdp_at_isd"])) <= 1e-4 * discount / (1 - discount) + 2e-6
+
+
+@given(model=flat_models(kinds=("POMDP",), events=True) | factored_models(events=True))
+@settings(max_examples=40)
+def test_vectors_are_the_values_of_the_mdp_from_above(model):
+    if model.discount == 1:
+        model = model.with_discount(0.95)
+    if model.kind == "MDP":
+        return
+    flat = model.flatten()
+    states = MDP(
+        [flat.transition_matrix(a) for a in range(len(flat.action_space))], flat.rewards, discount=flat.discount
+    )
+    truth = policy_iteration(states, watch=Watch(gap=0)).policy.values.T
+    for gap, limit in ((1e-4, None), (0, 2)):
+        found = qmdp(model, watch=Watch(gap=gap, iterations=limit))
+        assert found.policy.actions == list(range(len(flat.action_space)))
+        assert (found.policy.vectors >= truth - 1e-6).all()
+        assert found.upper >= (truth @ flat.initial_belief).max() - 1e-6
+        if limit is None:
+            assert (found.policy.vectors <= truth + gap + 1e-6).all()
+
+
+def test_without_a_discount_it_is_exact_or_no_bound():
+    on = np.array([[0, 1, 0], [0, 0, 1], [0, 0, 1.0]])
+    rewards = [[-2, -1], [-5, -1], [0, 0]]
+    model = POMDP([np.eye(3), on], np.ones((2, 3, 1)), rewards, discount=1, initial_belief=[1, 0, 0])
+    found = qmdp(model)
+    np.testing.assert_allclose(found.policy.vectors, [[-4, -6, 0], [-2, -1, 0]])
+    assert (found.lower, found.upper, found.reason) == (-np.inf, -2, "exact")
+    assert qmdp(model, watch=Watch(iterations=1)).upper in {-2, np.inf}
+    with pytest.raises(ModelError, match="discount is 1"):
+        qmdp(POMDP([np.eye(1)], np.ones((1, 1, 1)), [[1.0]], discount=1))

@@ -12,7 +12,7 @@ import pytest
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
 
-@pytest.mark.parametrize("name", ["decision_latency", "ticks", "startup", "parse", "sarsop"])
+@pytest.mark.parametrize("name", ["decision_latency", "ticks", "startup", "parse", "sarsop", "belief", "policy"])
 def test_benchmark(tmp_path, name):
     if name == "decision_latency":
         pytest.importorskip("pykka")
@@ -45,6 +45,14 @@ def test_benchmark(tmp_path, name):
             "pgmx",
         }
         assert all(row["entries of T"] == 400 and row["read_s"] > 0 for row in results["parse"])
+    elif name == "belief":
+        assert {row["case"] for row in results["updates"]} >= {"random", "support of 20"}
+        assert {row["way"] for row in results["updates"]} >= {"mdm, without numba", "numpy, dense", "scipy, CSR"}
+        assert results["build"][0]["states"] == 1000
+        assert all(row["product_us"] > 0 for row in results["threads"])
+    elif name == "policy":
+        assert {(row["vectors"], row["states"]) for row in results["choices"]} == {(5, 2), (100, 870)}
+        assert all(row["us"] > 0 for row in results["choices"])
     elif name == "sarsop":
         assert results["tiger_s"] > 0
     else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import inspect
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -68,6 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.cli.report import as_json  # noqa: PLC0415
     from mdm.cli.worth import load, revealed, shown  # noqa: PLC0415
     from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
+    from mdm.formats.fit import misfit  # noqa: PLC0415
     from mdm.solvers import SOLVERS, Watch, solve  # noqa: PLC0415
     from mdm.solvers.solve import default_solver  # noqa: PLC0415
 
@@ -94,7 +94,8 @@ def run(arguments: argparse.Namespace) -> int:
     finally:
         line.end()
     if arguments.output is not None:
-        save_policy(solution.policy, arguments.output, model)
+        fits = misfit(solution.policy, model) is None  # but what goes by observations that tell of the state, too
+        save_policy(solution.policy, arguments.output, model if fits else world)
     facts = _facts(solution, arguments)
     if arguments.history is not None:
         history = [{key: getattr(entry, key) for key in entry.__struct_fields__} for entry in solution.history]
@@ -108,6 +109,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _options(arguments: argparse.Namespace, solver: str) -> dict[str, Any]:
     """Return what the solver takes of what only some take."""
+    import inspect  # noqa: PLC0415 - `mdm --help` needs none of it
+
     from mdm.solvers import SOLVERS  # noqa: PLC0415
 
     given = {name: value for name in _OPTIONS if (value := getattr(arguments, name)) is not None}
@@ -123,10 +126,19 @@ def _options(arguments: argparse.Namespace, solver: str) -> dict[str, Any]:
 def _kind(solver: str, model: MDP, arguments: argparse.Namespace) -> type:
     """Return of what class a solver's policies are."""
     from mdm.models.mixed import MixedPOMDP  # noqa: PLC0415
-    from mdm.policies import AlphaVectors, JointController, MixedAlphaVectors, QTable, StagedPolicy  # noqa: PLC0415
+    from mdm.policies import (  # noqa: PLC0415
+        AlphaVectors,
+        FiniteStateController,
+        JointController,
+        MixedAlphaVectors,
+        QTable,
+        StagedPolicy,
+    )
 
     if solver == "jesp":
         return JointController
+    if solver == "perseus" and arguments.horizon is not None:
+        return FiniteStateController
     if model.kind == "MDP":
         return QTable if arguments.horizon is None else StagedPolicy
     return MixedAlphaVectors if solver == "sarsop" and isinstance(model, MixedPOMDP) else AlphaVectors
@@ -159,6 +171,7 @@ def _print(solution: Solution, facts: dict[str, Any], arguments: argparse.Namesp
         "iterations": "it had made its iterations",
         "memory": "it had filled its memory",
         "interrupted": "it was interrupted",
+        "converged": "it would find nothing better",
         "exact": "the result is exact",
     }[solution.reason]
     lower, upper = bound(solution.lower), bound(solution.upper)

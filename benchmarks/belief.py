@@ -98,7 +98,7 @@ def tracked(tracker: mdm.BeliefTracker, action: int = 0, observation: int = 1) -
 
 def measure(ways: dict[str, Callable[[int], Vector]], rounds: int, seconds: float) -> list[dict[str, Any]]:
     """Return how long an update takes in each way: the best of some rounds, in which each way has its turn."""
-    beliefs = {name: way(3) for name, way in ways.items()}
+    beliefs = {name: way(3).copy() for name, way in ways.items()}
     first = next(iter(beliefs.values()))
     for name, belief in beliefs.items():
         assert np.abs(belief - first).max() < 1e-9, f"{name} comes to another belief"
@@ -141,8 +141,8 @@ def compare(case: str, model: mdm.POMDP, rounds: int, seconds: float) -> list[di
             ways["pomdp_py"] = lambda updates: rivals.with_pomdp_py(dense, likelihood, start, updates)
     ways["scipy, CSR"] = lambda updates: rivals.with_scipy(columns, likelihood, start, updates)
     if rivals.has_compiler():
-        loop, data = (rivals.in_c_from_support, rows) if "support" in case else (rivals.in_c, columns)
-        ways[C] = lambda updates: loop(data, likelihood, start, updates)
+        loop = rivals.in_c_from_support(rows, likelihood) if "support" in case else rivals.in_c(columns, likelihood)
+        ways[C] = lambda updates: loop(start, updates)
     return _rated(case, size, measure(ways, rounds, seconds))
 
 

@@ -1,7 +1,7 @@
 """Belief updates as others write them: with numpy, with scipy, with pomdp_py, and as a loop in C.
 
 Each is a function of an action's T and P(o | s') of the observation that is made: it makes so many updates, each
-normalised, on from a belief, and returns the last.
+normalised, on from a belief, and returns the last. Those in C get their arrays ready beforehand.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy.typing as npt
 
     Vector = npt.NDArray[np.float64]
@@ -109,27 +111,38 @@ def _pointer(array: npt.NDArray[Any]) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
 
 
-def in_c(transposed: Any, likelihood: Vector, belief: Vector, updates: int) -> Vector:
-    """Update in C, with T transposed in CSR; all updates are one call."""
-    both = [belief.copy(), np.empty_like(belief)]
+def in_c(transposed: Any, likelihood: Vector) -> Callable[[Vector, int], Vector]:
+    """Return what updates in C, with T transposed in CSR; all updates are one call."""
     starts, sources = transposed.indptr.astype(np.int32), transposed.indices.astype(np.int32)
-    arrays = [starts, sources, transposed.data, likelihood, *both]
-    _library().pull(ctypes.c_long(updates), len(belief), *map(_pointer, arrays))
-    return both[updates % 2]
+    both = [np.zeros(len(likelihood)) for _ in range(2)]
+
+    def update(belief: Vector, updates: int) -> Vector:
+        both[0][:] = belief
+        arrays = [starts, sources, transposed.data, likelihood, *both]
+        _library().pull(ctypes.c_long(updates), len(belief), *map(_pointer, arrays))
+        return both[updates % 2]
+
+    return update
 
 
-def in_c_from_support(transition: Any, likelihood: Vector, belief: Vector, updates: int) -> Vector:
-    """Update in C from the belief's support, with T in CSR; all updates are one call."""
-    size = len(belief)
-    (states,) = belief.nonzero()
-    both, values = [np.zeros(size, np.int32) for _ in range(2)], [np.zeros(size) for _ in range(2)]
-    both[0][: len(states)], values[0][: len(states)] = states, belief[states]
+def in_c_from_support(transition: Any, likelihood: Vector) -> Callable[[Vector, int], Vector]:
+    """Return what updates in C from the belief's support, with T in CSR; all updates are one call."""
+    size = len(likelihood)
     starts, targets = transition.indptr.astype(np.int32), transition.indices.astype(np.int32)
-    arrays = [starts, targets, transition.data, likelihood, np.zeros(size), both[0], values[0], both[1], values[1]]
-    count = _library().push(ctypes.c_long(updates), len(states), *map(_pointer, arrays))
-    result = np.zeros(size)
-    result[both[updates % 2][:count]] = values[updates % 2][:count]
-    return result
+    states, values = [np.zeros(size, np.int32) for _ in range(2)], [np.zeros(size) for _ in range(2)]
+    sums, result = np.zeros(size), np.zeros(size)
+
+    def update(belief: Vector, updates: int) -> Vector:
+        (support,) = belief.nonzero()
+        states[0][: len(support)], values[0][: len(support)] = support, belief[support]
+        arrays = [starts, targets, transition.data, likelihood, sums, states[0], values[0], states[1], values[1]]
+        count = _library().push(ctypes.c_long(updates), len(support), *map(_pointer, arrays))
+        last = updates % 2
+        result[:] = 0
+        result[states[last][:count]] = values[last][:count]
+        return result
+
+    return update
 
 
 def has_pomdp_py() -> bool:

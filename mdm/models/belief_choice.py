@@ -33,11 +33,11 @@ _SMALL = 128
 _DENSE = 1 / 16
 """From this part of non-zeros on a dense matrix is as fast as a compressed one."""
 _ARRANGED = 200_000_000
-"""So many non-zeros may be held a second time, arranged for beliefs over all states."""
+"""So many numbers of CSR matrices may be held a second time, arranged for beliefs over all states."""
 _NARROW = 8
 """A belief is held by its support while that is a smaller part of the states than one in so many."""
 _GATHERED = 5_000, 64
-"""By numpy alone: only for more states than the first, and one in so many as the second; it costs 60 µs at least."""
+"""By numpy alone: only for more states than the first, and one in so many as the second; it costs 40 µs at least."""
 
 
 def chosen_filter(model: POMDP, unnoticed: int | None = None, *, fast: bool | None = None) -> Filter:

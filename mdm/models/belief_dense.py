@@ -1,6 +1,8 @@
 """Belief filters for small or dense models: a product of the belief with a matrix.
 
-Cost of a step: O(S^2), or by numba O(S) for each state that the belief gives weight to.
+Cost of a step: O(S^2), or by numba O(S) for each state that the belief gives weight to. Without numba the products are
+BLAS's, which for some hundred states and more wakes threads of its own: on a busy machine that makes them up to ten
+times slower, unless ``OPENBLAS_NUM_THREADS=1`` is set in the environment.
 """
 
 from __future__ import annotations

@@ -45,9 +45,9 @@ class Rows:
 
     @property
     def entries(self) -> int:
-        """How many entries the matrices have by which a belief moves."""
+        """How many numbers the matrices hold by which a belief moves, the starts of their rows included."""
         moved = self.transitions if self.joints is None else [each for joints in self.joints for each in joints]
-        return sum(matrix.nnz for matrix in {id(matrix): matrix for matrix in moved}.values())
+        return sum(matrix.nnz + matrix.shape[0] for matrix in {id(matrix): matrix for matrix in moved}.values())
 
 
 def once(matrices: Sequence[Matrix], make: Callable[[Matrix], Any]) -> list[Any]:

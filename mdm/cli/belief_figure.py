@@ -11,13 +11,14 @@ import numpy as np
 from mdm.cli.canvas import pyplot
 from mdm.cli.grid_figure import action_colours
 from mdm.errors import Error, ModelError
-from mdm.models import POMDP
+from mdm.models import POMDP, Support
 from mdm.simulation.episodes import Single
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mdm.models import MDP
+    from mdm.models.matrices import Vector
     from mdm.simulation.episodes import Moment
 
 __all__ = ["belief_figure", "doubt_figure"]
@@ -83,8 +84,7 @@ def _in_doubt(model: MDP, policy: Any, seed: int, false_negative: str | None) ->
     run = _single(model, policy, false_negative)
     for stream in np.random.SeedSequence(seed).spawn(_EPISODES):
         for _, moment in zip(range(_STEPS), run(stream), strict=False):
-            belief = moment.belief
-            assert belief is not None
+            belief = _dense(moment.belief, model)
             likely = sorted(np.argsort(-belief, kind="stable")[:_LIKELY].tolist())
             for one, other in combinations(likely, 2):
                 shared[one, other] += float(belief[one] * belief[other])
@@ -113,7 +113,7 @@ def belief_figure(model: MDP, policy: Any, steps: int, seed: int, false_negative
     if not moments:
         raise Error("the episode is over before it begins: nothing can be earned from its first state")
     assert isinstance(model, POMDP)
-    beliefs = np.array([moment.belief for moment in moments]).T
+    beliefs = np.array([_dense(moment.belief, model) for moment in moments]).T
     true = np.array([moment.state for moment in moments])
     peak = beliefs.max(axis=1)
     peak[true] += 1  # the true states are shown whatever the belief says
@@ -140,6 +140,11 @@ def belief_figure(model: MDP, policy: Any, steps: int, seed: int, false_negative
     else:
         axes.set_xlabel("decision")
     return figure
+
+
+def _dense(belief: Vector | Support | None, model: MDP) -> Vector:
+    assert belief is not None
+    return belief.dense(len(model.state_space)) if isinstance(belief, Support) else belief
 
 
 def _single(model: MDP, policy: Any, false_negative: str | None) -> Single:

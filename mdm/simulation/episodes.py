@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from mdm.errors import ConfigError
-from mdm.models import POMDP, BeliefTracker
+from mdm.models import POMDP, BeliefTracker, Support
 from mdm.simulation.choices import ENDED, Choices
 from mdm.simulation.crowd import Crowd
 from mdm.simulation.sampler import Sampler
@@ -129,7 +129,7 @@ class Moment(NamedTuple):
     """
 
     state: int
-    belief: Vector | None
+    belief: Vector | Support | None
     action: int
     seen: int | None
     decided: bool
@@ -158,15 +158,22 @@ class Single:
     def __call__(self, seed: int | np.random.SeedSequence | None) -> Iterator[Moment]:
         """Run an episode until nothing more can come of it; the caller may end it at any moment."""
         model, sampler, tracker, act = self._model, self._sampler, self._tracker, self._policy.action
+        by_support = getattr(self._policy, "takes_support", False)
+
+        def known() -> Vector | Support:
+            assert tracker is not None
+            return tracker.held if by_support else tracker.belief
+
         sampler.seed(seed)
         state, seen, silence = sampler.first_state(), None, 0
         if tracker is not None:
             assert isinstance(model, POMDP)
             tracker.reset(model.belief_at_start(state))
-        action = act(state if tracker is None else tracker.belief)
+        belief = None if tracker is None else known()
+        action = act(state if belief is None else belief)
         decided = True
         while not self._ended[state] and silence < _SILENCE:
-            yield Moment(state, None if tracker is None else tracker.belief, action, seen, decided)
+            yield Moment(state, belief, action, seen, decided)
             before, state = state, sampler.next_state(state, action)
             if tracker is None:
                 action = act(state)
@@ -178,7 +185,8 @@ class Single:
                 continue
             if not tracker.update(action, seen) > 0:
                 tracker.update(action, None)  # rounding made it impossible: time passes, as in a control layer
-            action, silence = act(tracker.belief), 0
+            belief = known()
+            action, silence = act(belief), 0
 
 
 def one_by_one(

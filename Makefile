@@ -37,6 +37,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/belief.py
 	$(BIN)/python benchmarks/policy.py
 	$(BIN)/python benchmarks/sarsop.py
+	$(BIN)/python benchmarks/solvers.py
 
 clean:
 	rm -rf .venv build dist docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -59,7 +59,7 @@ def report(name: str, results: dict[str, Any], output: Path | None) -> None:
     path = RESULTS / f"{name}.json" if output is None else output
     path.parent.mkdir(parents=True, exist_ok=True)
     machine = {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count()}
-    packages = ("numpy", "scipy", "numba", "anyio", "msgspec", "pykka", "uvloop")
+    packages = ("numpy", "scipy", "numba", "anyio", "msgspec", "pykka", "quantecon", "uvloop")
     machine |= {package: _version(package) for package in packages}
     path.write_text(json.dumps({"benchmark": name, "machine": machine, **results}, indent=1) + "\n")
     print(f"\nwritten to {path}")

@@ -12,7 +12,10 @@ import pytest
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
 
-@pytest.mark.parametrize("name", ["decision_latency", "ticks", "startup", "parse", "sarsop", "belief", "policy"])
+@pytest.mark.parametrize(
+    "name",
+    ["decision_latency", "ticks", "startup", "parse", "sarsop", "belief", "policy", "solvers", "tree_search"],
+)
 def test_benchmark(tmp_path, name):
     if name == "decision_latency":
         pytest.importorskip("pykka")
@@ -34,8 +37,14 @@ def test_benchmark(tmp_path, name):
         (saturation,) = results["saturation"]
         assert saturation["lost"] == 0
         assert saturation["stream took"] + saturation["stream dropped (counted)"] == saturation["stimuli"] + 1
+    elif name == "solvers":
+        assert {row["problem"] for row in results["mdps"]} == {"forest", "grid", "large grid"}
+        assert all(float(row["error"]) <= 1e-3 for row in results["mdps"])
     elif name == "ticks":
         assert {row["way"] for row in results["ticks"]} == {"mdm", "loop.call_at", "asyncio.sleep"}
+    elif name == "tree_search":
+        assert all(row["lower"] <= row["upper"] for row in results["searches"])
+        assert {row["search"] for row in results["ticks"]} == {"no search", "in a process of its own", "in the loop"}
     elif name == "parse":
         assert {row["file"].partition(".")[2] for row in results["parse"]} == {
             "pomdp",

@@ -39,6 +39,8 @@ class SearchTree(NamedTuple):
         gains: For each node and action its expected reward.
         children: For each node and action its first child and how many there are; 0 where it was not looked into.
         best: For each node the action that is worth most, at most.
+        most: For each node what that is.
+        least: For each node what its best action is worth at least.
         errors: For each node the widest bounds of a leaf below it, by the leaf's weight in it.
         place: Room for a number for each state; -1 all over between uses.
         tally: Room for a number for each observation and for nothing noticed; 0 all over between uses.
@@ -56,6 +58,8 @@ class SearchTree(NamedTuple):
     gains: Real
     children: Whole
     best: Whole
+    most: Real
+    least: Real
     errors: Real
     place: Whole
     tally: Whole
@@ -77,6 +81,8 @@ def search_tree(tables: SearchTables, nodes: int, entries: int) -> SearchTree:
         gains=np.zeros((nodes, actions)),
         children=np.zeros((nodes, actions, 2), dtype=np.int64),
         best=np.zeros(nodes, dtype=np.int64),
+        most=np.zeros(nodes),
+        least=np.zeros(nodes),
         errors=np.zeros(nodes),
         place=np.full(size, -1),
         tally=np.zeros(tables.num_observations + 1, dtype=np.int64),
@@ -161,8 +167,8 @@ def _back_up(tables: SearchTables, tree: SearchTree, node: int, action: int) -> 
         first, end = _children(tree, node, action)
         for child in range(first, end):
             weight = tables.discount * tree.chances[child]
-            upper += weight * tree.upper[child].max()
-            lower += weight * tree.lower[child].max()
+            upper += weight * tree.most[child]
+            lower += weight * tree.least[child]
         tree.upper[node, action] = min(tree.upper[node, action], upper)
         tree.lower[node, action] = max(tree.lower[node, action], lower)
         _judge(tables, tree, node)
@@ -172,11 +178,15 @@ def _back_up(tables: SearchTables, tree: SearchTree, node: int, action: int) -> 
 @compiled
 def _judge(tables: SearchTables, tree: SearchTree, node: int) -> None:
     """Find a node's best action and the error below it."""
-    best = int(np.argmax(tree.upper[node]))
-    tree.best[node] = best
+    best, most, least = 0, -np.inf, -np.inf
+    for action in range(tree.upper.shape[1]):
+        if tree.upper[node, action] > most:
+            best, most = action, tree.upper[node, action]
+        least = max(least, tree.lower[node, action])
+    tree.best[node], tree.most[node], tree.least[node] = best, most, least
     first, end = _children(tree, node, best)
     if first == end:
-        tree.errors[node] = tree.upper[node, best] - tree.lower[node].max()
+        tree.errors[node] = most - least
         return
     widest = 0.0
     for child in range(first, end):

@@ -61,6 +61,8 @@ def fast_informed_bound(model: POMDP, *, watch: Watch | None = None) -> Solution
             upper = float((belief @ table).max()) if bounds else np.inf
             if watching.ends(-np.inf, upper, iterations=iterations, size=count):
                 break
+        else:
+            watching.reason = "converged"
         return watching.solution(
             AlphaVectors(table.T, range(count), count), "fib", -np.inf, upper, iterations=iterations, size=count
         )

@@ -53,6 +53,8 @@ def qmdp(model: MDP, *, watch: Watch | None = None) -> Solution:
             upper = float((belief @ table).max()) if bounds else np.inf
             if watching.ends(-np.inf, upper, iterations=iterations, size=stack.num_actions):
                 break
+        else:
+            watching.reason = "converged" if stack.discount < 1 else "exact"
         return watching.solution(
             AlphaVectors(table.T, range(stack.num_actions), stack.num_actions),
             "qmdp",

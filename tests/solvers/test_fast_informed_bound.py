@@ -62,6 +62,7 @@ def test_vectors_are_those_of_the_equation(model):
     assert (found.policy.vectors >= truth - 1e-7 * (1 + abs(truth))).all()
     assert (found.policy.vectors <= truth + 1e-5 + 1e-7 * (1 + abs(truth))).all()
     assert found.lower == -np.inf
+    assert found.reason == "converged"
     above = qmdp(model, watch=Watch(gap=1e-5))
     assert found.upper <= above.upper + 1e-5
     least = model.rewards.min() * model.discount**2 / (1 - model.discount)

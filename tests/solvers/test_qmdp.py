@@ -58,6 +58,7 @@ def test_vectors_are_the_values_of_the_mdp_from_above(model):
         assert found.upper >= (truth @ flat.initial_belief).max() - 1e-6
         if limit is None:
             assert (found.policy.vectors <= truth + gap + 1e-6).all()
+            assert found.reason == "converged"
 
 
 def test_without_a_discount_it_is_exact_or_no_bound():

@@ -162,7 +162,8 @@ class TreeSearch:
     """Chooses by looking ahead from the present belief, anew at each decision.
 
     In an ensemble the search runs in a process of its own, beside the loop: see `Planner`. Called directly,
-    ``action`` searches before it returns.
+    ``action`` searches before it returns. Where nothing is noticed after an action, the search takes it to go on, as
+    it does in an ensemble that is driven by events.
 
     Args:
         model: The model; its discount is below 1.

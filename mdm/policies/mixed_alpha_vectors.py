@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from mdm.errors import ModelError
+from mdm.models.belief_filter import Support
 from mdm.policies.alpha_vectors import AlphaVectors
 
 if TYPE_CHECKING:
@@ -26,11 +27,11 @@ __all__ = ["MixedAlphaVectors"]
 class MixedAlphaVectors:
     """Chooses by the vectors of what is observed; where a belief leaves that open, by a vote.
 
-    A belief here is over whole states. Where all its weight has one x, the action is that of the maximal vector of x.
-    Where it has weight on several, each x votes with its probability for the best action given x, the greatest sum
-    wins, and of equal ones the lowest action (action voting: A. R. Cassandra, L. P. Kaelbling and J. A. Kurien,
-    *Acting under uncertainty*, IROS 1996). The value then is what is expected once x is seen, which is at least what
-    the chosen action earns.
+    A belief here is over whole states: an array of S numbers, or its `Support`, at a cost that does not grow with S.
+    Where all its weight has one x, the action is that of the maximal vector of x. Where it has weight on several, each
+    x votes with its probability for the best action given x, the greatest sum wins, and of equal ones the lowest action
+    (action voting: A. R. Cassandra, L. P. Kaelbling and J. A. Kurien, *Acting under uncertainty*, IROS 1996). The value
+    then is what is expected once x is seen, which is at least what the chosen action earns.
 
     Args:
         vectors: N x Y, values of the hidden part.
@@ -44,6 +45,8 @@ class MixedAlphaVectors:
     """
 
     input: Literal["belief"] = "belief"
+    takes_support: Literal[True] = True
+    """A belief may be given by its support."""
 
     def __init__(
         self,
@@ -65,6 +68,7 @@ class MixedAlphaVectors:
         if max(observed) >= len(self.states):
             raise ModelError(f"there is no observed value {max(observed)}; the {len(self.states)} count from 0")
         self.num_states = self.states.size
+        self._places = np.argsort(self.states, axis=None)
         array, of = np.asarray(vectors, dtype=np.float64), np.asarray(observed)
         self.sets: tuple[AlphaVectors | None, ...] = tuple(
             AlphaVectors(
@@ -76,7 +80,7 @@ class MixedAlphaVectors:
         )
         """For each observed value its vectors; None where there are none."""
 
-    def action(self, belief: npt.NDArray[np.float64]) -> int:
+    def action(self, belief: npt.NDArray[np.float64] | Support) -> int:
         """Return the action for a belief over whole states.
 
         Raises:
@@ -85,12 +89,12 @@ class MixedAlphaVectors:
         votes = np.zeros(self.num_actions)
         for vectors, part in self._parts(belief):
             if vectors is not None:
-                votes[vectors.action(part)] += part.sum()
+                votes[vectors.action(part)] += part.probabilities.sum()
         if not votes.any():
             raise ModelError("the policy has no alpha vectors for what the belief says of the observed part")
         return int(votes.argmax())
 
-    def value(self, belief: npt.NDArray[np.float64]) -> float:
+    def value(self, belief: npt.NDArray[np.float64] | Support) -> float:
         """Return the expected discounted return from a belief, the observed part being seen before one acts.
 
         It is -inf where the belief has weight on an observed value without vectors.
@@ -101,20 +105,36 @@ class MixedAlphaVectors:
         parts = self._parts(belief)
         return float(sum(-np.inf if vectors is None else vectors.value(part) for vectors, part in parts))
 
-    def q_values(self, belief: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def q_values(self, belief: npt.NDArray[np.float64] | Support) -> npt.NDArray[np.float64]:
         """Return what each action is worth at a belief whatever is observed; -inf where vectors of it are lacking."""
         values = np.zeros(self.num_actions)
         for vectors, part in self._parts(belief):
             values += -np.inf if vectors is None else vectors.q_values(part)
         return values
 
-    def _parts(self, belief: npt.NDArray[np.float64]) -> Iterator[tuple[AlphaVectors | None, npt.NDArray[np.float64]]]:
+    def _parts(self, belief: npt.NDArray[np.float64] | Support) -> Iterator[tuple[AlphaVectors | None, Support]]:
         """Yield the vectors and the weights of the hidden part for each observed value that has weight."""
-        if np.shape(belief) != (self.num_states,):
-            raise ModelError(f"the policy is for beliefs of {self.num_states} numbers, not of shape {np.shape(belief)}")
-        parts = np.asarray(belief)[self.states]
-        for x in np.flatnonzero(parts.any(axis=1)):
-            yield self.sets[x], parts[x]
+        if isinstance(belief, Support):
+            states, weights = belief
+            if len(states) and not (states.min() >= 0 and states.max() < self.num_states):
+                raise ModelError(f"the policy is for beliefs over {self.num_states} states, not over others")
+        else:
+            if np.shape(belief) != (self.num_states,):
+                raise ModelError(
+                    f"the policy is for beliefs of {self.num_states} numbers, not of shape {np.shape(belief)}"
+                )
+            belief = np.asarray(belief)
+            (states,) = belief.nonzero()
+            weights = belief[states]
+        observed, hidden = np.divmod(self._places[states], self.states.shape[1])
+        first = observed[:1]
+        if (observed == first).all():  # as is usual
+            for x in first.tolist():
+                yield self.sets[x], Support(hidden, weights)
+            return
+        for x in np.unique(observed).tolist():
+            chosen = observed == x
+            yield self.sets[x], Support(hidden[chosen], weights[chosen])
 
 
 def _layout(states: npt.ArrayLike) -> npt.NDArray[np.intp]:

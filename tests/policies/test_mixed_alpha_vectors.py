@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm import ModelError
+from mdm.models import Support
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 
 # Two observed values, three hidden states; action 2 is known for the second observed value only.
@@ -84,3 +85,25 @@ def test_what_is_wrong_is_said(make, words):
     with pytest.raises(ModelError) as caught:
         make()
     assert words in str(caught.value)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.integers(1, 3))
+def test_the_support_of_a_belief_says_as_much_as_the_belief(seed, num_observed, num_hidden):
+    random = np.random.default_rng(seed)
+    size = num_observed * num_hidden
+    states = random.permutation(size).reshape(num_observed, num_hidden)
+    vectors = random.normal(size=(num_observed * 2, num_hidden))
+    actions = random.integers(3, size=len(vectors)).tolist()
+    policy = MixedAlphaVectors(vectors, actions, [*range(num_observed)] * 2, 3, states=states)
+    chosen = random.permutation(size)[: random.integers(1, size + 1)]
+    support = Support(chosen, random.dirichlet(np.ones(len(chosen))))
+    whole = support.dense(size)
+    assert policy.action(support) == policy.action(whole)
+    assert policy.value(support) == pytest.approx(policy.value(whole))
+    np.testing.assert_allclose(policy.q_values(support), policy.q_values(whole))
+
+
+def test_a_support_among_other_states_is_refused():
+    for states in ([6], [-1]):
+        with pytest.raises(ModelError, match="beliefs over 6 states, not over others"):
+            POLICY.action(Support(np.array(states), np.ones(1)))

@@ -34,6 +34,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/ticks.py
 	$(BIN)/python benchmarks/startup.py
 	$(BIN)/python benchmarks/parse.py
+	$(BIN)/python benchmarks/simulation.py
 	$(BIN)/python benchmarks/belief.py
 	$(BIN)/python benchmarks/policy.py
 	$(BIN)/python benchmarks/sarsop.py

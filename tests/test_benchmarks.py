@@ -14,7 +14,18 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
 @pytest.mark.parametrize(
     "name",
-    ["decision_latency", "ticks", "startup", "parse", "sarsop", "belief", "policy", "solvers", "tree_search"],
+    [
+        "decision_latency",
+        "ticks",
+        "startup",
+        "parse",
+        "sarsop",
+        "belief",
+        "policy",
+        "simulation",
+        "solvers",
+        "tree_search",
+    ],
 )
 def test_benchmark(tmp_path, name):
     if name == "decision_latency":
@@ -62,6 +73,9 @@ def test_benchmark(tmp_path, name):
     elif name == "policy":
         assert {(row["vectors"], row["states"]) for row in results["choices"]} == {(5, 2), (100, 870)}
         assert all(row["us"] > 0 for row in results["choices"])
+    elif name == "simulation":
+        assert {row["way"] for row in results["simulation"]} == {"mdm.evaluate", "mdm.simulate", "numpy, by hand"}
+        assert all(row["steps a second"] > 0 for row in results["simulation"])
     elif name == "sarsop":
         assert results["tiger_s"] > 0
     else:

@@ -3,8 +3,8 @@
 The estimate is the mean discounted return of independent episodes (the Monte Carlo method); its error falls with the
 square root of their number. Policies of known kinds run in step, as arrays, at millions of steps a second for small
 models: states are drawn for all episodes at once, and beliefs are a matrix with a row for each. Policies of other
-kinds, and beliefs over more than 2,000 states, go one episode after the other. For the loop as a robot runs it, at a
-hundredth of the speed, take `simulate`.
+kinds, and beliefs over more than 2,000 states, go one episode after the other. For the loop as a robot runs it, ten
+to a hundred times slower, take `simulate`.
 
 Random numbers belong to an episode and a step of time, not to a policy: with the same seed two policies meet the same
 luck, and their difference is far better known than either (common random numbers).

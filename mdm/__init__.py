@@ -37,6 +37,7 @@ from mdm.models import (
 )
 from mdm.policies import (
     AlphaVectors,
+    ConstantPolicy,
     DeterministicPolicy,
     FiniteStateController,
     JointController,
@@ -44,6 +45,7 @@ from mdm.policies import (
     MixedAlphaVectors,
     Policy,
     QTable,
+    RandomPolicy,
     StochasticPolicy,
     TreeSearch,
 )
@@ -74,6 +76,7 @@ __all__ = [
     "Channel",
     "Clock",
     "ConfigError",
+    "ConstantPolicy",
     "ControlLayer",
     "DeadlockError",
     "DeterministicPolicy",
@@ -102,6 +105,7 @@ __all__ = [
     "Policy",
     "PredicateManager",
     "QTable",
+    "RandomPolicy",
     "Restart",
     "Runtime",
     "Sensor",

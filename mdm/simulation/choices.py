@@ -9,12 +9,14 @@ import numpy as np
 from mdm.models import POMDP
 from mdm.policies import (
     AlphaVectors,
+    ConstantPolicy,
     DeterministicPolicy,
     FiniteStateController,
     JointController,
     MaskedAlphaVectors,
     MixedAlphaVectors,
     QTable,
+    RandomPolicy,
     StagedPolicy,
     StochasticPolicy,
 )
@@ -61,6 +63,10 @@ def choices(model: MDP, policy: Any, unnoticed: int | None) -> Choices | None:
     """Return the decisions of a policy for many episodes; None for policies of a kind that is not known here."""
     if isinstance(policy, QTable | DeterministicPolicy):
         return _ByTable(np.array([policy.action(state) for state in range(policy.num_states)]))
+    if isinstance(policy, ConstantPolicy):
+        return _ByTable(np.full(policy.num_states, policy.action(0)))
+    if isinstance(policy, RandomPolicy):
+        return _ByProbability(np.full((policy.num_actions, policy.num_states), 1 / policy.num_actions))
     if isinstance(policy, StagedPolicy):
         return _ByStage(policy.values.argmax(axis=2))
     if isinstance(policy, StochasticPolicy):

@@ -1,0 +1,80 @@
+"""The random and the constant policy: alone, in a control layer, and evaluated against linear algebra."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from random_models import dense, flat_models
+
+from mdm import ConstantPolicy, ModelError, Policy, RandomPolicy, evaluate, load_model, simulate
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+def test_they_are_policies():
+    for policy in (RandomPolicy(3, 2), ConstantPolicy(1, 3, 2, input="state")):
+        typed: Policy = policy
+        assert (typed.num_actions, typed.num_states) == (3, 2)
+    assert RandomPolicy(3, 2).input == "belief"
+    assert RandomPolicy(3, 2, input="state").input == "state"
+    assert ConstantPolicy(1, 3, 2).action(np.array([0.5, 0.5])) == 1
+
+
+def test_the_same_seed_draws_the_same_actions():
+    policy, other = RandomPolicy(5, 2, seed=7), RandomPolicy(5, 2, seed=7)
+    drawn = [policy.action(0) for _ in range(2000)]
+    assert drawn == [other.action(1) for _ in range(2000)]
+    assert drawn != [policy.action(0) for _ in range(2000)]
+    policy.seed(7)
+    assert drawn == [policy.action(0) for _ in range(2000)]
+    counts = np.bincount(drawn, minlength=5)
+    assert len(counts) == 5
+    assert (np.abs(counts - 400) < 100).all()  # five standard deviations and more
+
+
+def worth(model, weights):
+    """Return what a fixed distribution of actions earns from the start."""
+    moves = sum(weight * dense(model.transition_matrix(a)) for a, weight in enumerate(weights))
+    values = np.linalg.solve(np.eye(len(moves)) - model.discount * moves, model.rewards @ weights)
+    return float(model.initial_belief @ values)
+
+
+@given(flat_models(finer=False), st.integers(0, 2**32 - 1))
+@settings(max_examples=15)
+def test_they_earn_what_linear_algebra_says(model, seed):
+    model = model.with_discount(min(model.discount, 0.8))
+    actions, size = len(model.action_space), len(model.state_space)
+    kinds = ["state"] if model.kind == "MDP" else ["state", "belief"]
+    for kind in kinds:
+        for policy, weights in (
+            (RandomPolicy(actions, size, seed=seed, input=kind), np.full(actions, 1 / actions)),
+            (ConstantPolicy(actions - 1, actions, size, input=kind), np.eye(actions)[-1]),
+        ):
+            result = evaluate(model, policy, episodes=2000, seed=seed)
+            assert abs(result.mean - worth(model, weights)) < 6 * result.standard_error + 1e-4
+
+
+def test_control_layers_run_them():
+    model = load_model(EXAMPLES / "tiger.pomdp")
+    always = simulate(model, ConstantPolicy(0, 3, 2), episodes=3, seed=1, steps=4)
+    assert always.mean == pytest.approx(-sum(model.discount**step for step in range(4)))
+    first, again = (simulate(model, RandomPolicy(3, 2, seed=4), episodes=20, seed=1, steps=9) for _ in range(2))
+    assert first.returns == again.returns
+    assert len(set(first.returns)) > 10
+
+
+def test_refusals():
+    with pytest.raises(ModelError, match="at least one action, not 0"):
+        RandomPolicy(0, 2)
+    with pytest.raises(ModelError, match="at least one state, not 0"):
+        ConstantPolicy(0, 1, 0)
+    with pytest.raises(ModelError, match="no action 3; the actions are 0 to 2"):
+        ConstantPolicy(3, 3, 2)
+    with pytest.raises(ModelError, match="'state' or 'belief', not 'observation'"):
+        RandomPolicy(3, 2, input="observation")
+    for policy in (RandomPolicy(3, 2), ConstantPolicy(1, 3, 2)):
+        with pytest.raises(ModelError, match="evaluate it on its model"):
+            policy.value(0)

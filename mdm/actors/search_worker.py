@@ -3,7 +3,7 @@
 It reads frames from its standard input, a length and as many bytes of pickle: first what the search is made of, then
 questions. It writes such frames to its standard output: None when it is ready, then an answer to each question. A
 question that comes while it searches makes it answer the one before at once. It ends when its input does, so that it
-never outlives whoever started it, and has a lower priority, so that it leaves the loop its core.
+never outlives whoever started it, and searches at a lower priority, so that it leaves the loop its core.
 """
 
 from __future__ import annotations
@@ -60,13 +60,13 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     questions, answers = 0, os.dup(1)
     os.dup2(2, 1)  # whatever is printed is no answer
-    os.nice(_NICE)
     poll = select.poll()
     poll.register(questions, select.POLLIN | select.POLLHUP)
     try:
         tables, options = _receive(questions)
         search = Search(tables, **options)
         search.prepare()
+        os.nice(_NICE)  # from now on: to compile, once after an installation, takes long enough
         _send(answers, None)
         while True:
             number, states, weights, count = _receive(questions)

@@ -30,7 +30,9 @@ def nothing():
 
 @pytest.fixture(scope="module")
 def tiger():
-    return mdm.load_model(TIGER)
+    model = mdm.load_model(TIGER)
+    mdm.TreeSearch(model, looks=1).prepare()  # compiles, so that no process has to
+    return model
 
 
 def ensemble(model, *, drive=None, deadline=None, horizon=None, safe_action=None, **options):
@@ -262,6 +264,7 @@ mdm.run(main)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.usefixtures("tiger")
 def test_the_process_ends_with_the_program(number):
     program = subprocess.Popen(
         [sys.executable, "-W", "error", "-c", PROGRAM.format(path=str(TIGER))],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -64,15 +65,15 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
-    from mdm.formats import load_model, load_policy  # noqa: PLC0415
+    from mdm.cli.worth import load, load_for, seen_factors  # noqa: PLC0415
 
-    model = load_model(arguments.model)
-    if arguments.discount is not None:
-        model = model.with_discount(arguments.discount)
+    policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments.seed)
+    if names := seen_factors(model):  # the decision loop begins before anything is observed
+        print(f"mdm simulate: the agent sees {', '.join(names)} at every step but the first", file=sys.stderr)
     return {
         "model": model,
         "false_negative": arguments.false_negative,
-        "policy": load_policy(arguments.policy, model, seed=arguments.seed),
+        "policy": policy,
         "steps": arguments.steps,
     }
 
@@ -90,7 +91,8 @@ def _from_file(arguments: argparse.Namespace) -> dict[str, Any]:
         raise Error(f"{arguments.file}: ensemble {name!r} has no model that could be its world")
     if control.policy.num_actions != len(control.model.action_space):
         raise Error(
-            f"{arguments.file}: ensemble {name!r} runs one agent's part of a policy: give the team's --model and --policy"
+            f"{arguments.file}: ensemble {name!r} runs one agent's part of a policy: give the team's --model and "
+            f"--policy"
         )
     return {
         "model": control.model,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
-from random_models import dense, distributions, flat_models
+from hypothesis import assume, given, settings, strategies as st
+from random_models import dense, distributions, factored_models, flat_models
 
 from mdm import (
     MDP,
@@ -16,11 +16,14 @@ from mdm import (
     AlphaVectors,
     ConfigError,
     DeterministicPolicy,
+    Factor,
     FiniteStateController,
     JointController,
+    MixedAlphaVectors,
     ModelError,
     ModelWarning,
     QTable,
+    Space,
     StochasticPolicy,
     evaluate,
     load_model,
@@ -44,7 +47,7 @@ def vectors_for(model, random):
     return AlphaVectors(random.normal(size=(count + 2, len(model.state_space))), [*range(count), 0, count - 1], count)
 
 
-def by_recursion(model, policy, steps, unnoticed=None):
+def by_recursion(model, policy, steps, unnoticed=None, belief=None):
     """Return what a policy is worth: over all that may be noticed, with the true weights beside the agent's belief."""
     size = len(model.state_space)
     identity = np.eye(size)
@@ -69,7 +72,8 @@ def by_recursion(model, policy, steps, unnoticed=None):
                 total += worth(model.discount * lasting @ joint(action, o), after / after.sum(), left - 1)
         return total
 
-    return worth(model.initial_belief, model.initial_belief, steps)
+    first = model.initial_belief if belief is None else belief
+    return worth(first, first, steps)
 
 
 def assert_within(result, exact):
@@ -106,6 +110,31 @@ def test_false_negatives_are_worth_what_recursion_says(seed, sparse):
     policy = vectors_for(model, random)
     result = evaluate(model, policy, episodes=3000, steps=3, seed=seed, false_negative=1)
     assert_within(result, by_recursion(model, policy, 3, unnoticed=1))
+
+
+@settings(FEW, max_examples=10)
+@given(factored_models(), SEEDS)
+def test_seen_factors_are_seen_from_the_start(model, seed):
+    """Each value that may be seen first begins a recursion of its own."""
+    assume(model.kind == "POMDP" and any(model.network.fully_observed))
+    world = model.with_discount(0.8).revealed()
+    random, size, count = np.random.default_rng(seed), len(model.state_space), len(model.action_space)
+    shape = world.layout.shape
+    policy = MixedAlphaVectors(
+        random.normal(size=(2 * shape[0], shape[1])),
+        random.integers(count, size=2 * shape[0]).tolist(),
+        [*range(shape[0])] * 2,
+        count,
+        states=world.layout,
+    )
+    exact = 0
+    for seen in world.layout:
+        belief = np.where(np.isin(np.arange(size), seen), model.initial_belief, 0)
+        if (share := belief.sum()) > 0:
+            exact += share * by_recursion(world, policy, 3, belief=belief / share)
+    assert_within(evaluate(world, policy, episodes=2000, steps=3, seed=seed), exact)
+    returns, _ = one_by_one(world, policy, None, Limits(3, np.inf), episodes=200, seed=seed)
+    assert abs(returns.mean() - exact) < 5 * returns.std() / np.sqrt(200) + 1e-9 * (1 + abs(exact))
 
 
 @FEW
@@ -218,8 +247,6 @@ def test_episodes_end_where_nothing_more_is_earned():
 def test_a_team_goes_by_its_own_observations():
 
     random = np.random.default_rng(1)
-    from mdm import Factor, Space
-
     team = POMDP(
         random.dirichlet(np.ones(3), size=(4, 3)),
         random.dirichlet(np.ones(6), size=(4, 3)),

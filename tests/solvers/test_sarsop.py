@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from random_models import distributions
+from random_models import dense, distributions
 
 from mdm import ConfigError, ModelError, ModelWarning, load_model, load_policy
 from mdm.models import POMDP, Factor, FactoredPOMDP, MixedPOMDP, Space
 from mdm.models.factoring import as_network
 from mdm.policies import MixedAlphaVectors
 from mdm.solvers import Watch, solve
-from mdm.solvers.sarsop import sarsop
-from mdm.solvers.sarsop.graph import NODES, VECTORS, hashed
+from mdm.solvers.sarsop import sarsop, solver
+from mdm.solvers.sarsop.graph import NODES, hashed
 from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, prune_points, prune_vectors
 from mdm.solvers.sarsop.solver import _Search
 
@@ -77,6 +77,33 @@ def test_bounds_hold_wherever_it_stops(seed, backups):
     early = sarsop(model, watch=Watch(gap=1e-5, iterations=backups))
     assert early.lower <= tight.upper + 1e-9
     assert early.upper >= tight.lower - 1e-9
+
+
+def assert_worth_what_it_claims(model, policy, random):
+    """At any belief, what the policy does and then its own value come to no less than its value."""
+    for _ in range(20):
+        belief = distributions(random, len(model.state_space))
+        if isinstance(model, MixedPOMDP):
+            belief = np.where(model.seen_in == random.choice(model.seen_in[belief > 0]), belief, 0)
+            belief /= belief.sum()
+        a = policy.action(belief)
+        worth = belief @ model.rewards[:, a]
+        for o in range(len(model.observation_space)):
+            after = belief @ dense(model.joint_matrix(a, o))
+            if after.sum() > 0:
+                worth += model.discount * after.sum() * policy.value(after / after.sum())
+        assert policy.value(belief) <= worth + 1e-7
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.integers(10, 3000), st.booleans())
+def test_a_policy_is_worth_its_lower_bound_whenever_it_was_pruned(seed, backups, seen):
+    model = mixed(seed) if seen else small(seed, discount=0.9)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solver, "_LEAST_VECTORS", 3)
+        found = sarsop(model, watch=Watch(gap=1e-6, iterations=backups))
+    assert found.policy.value(model.initial_belief) == pytest.approx(found.lower, abs=1e-9)
+    assert_worth_what_it_claims(model, found.policy, np.random.default_rng(seed))
 
 
 def test_tiger_is_solved_to_a_thousandth():
@@ -158,11 +185,11 @@ def searched():
 def test_pruning_leaves_the_bounds_as_they_are():
     search = searched()
     graph, layout, roots = search._graph, search._layout, search._roots
-    before, many = search.bounds(), int(graph.counts[VECTORS])
+    before, many = search.bounds(), search.size
     prune_vectors(graph, layout, needed_vectors(graph, layout, roots, 1e-9))
     prune_points(graph)
     lower, upper = search.bounds()
-    assert graph.counts[VECTORS] < many
+    assert search.size < many
     assert (lower, upper) == pytest.approx(before, abs=1e-8)
     assert search.policy().value([0.5, 0.5]) == pytest.approx(before[0], abs=1e-8)
 

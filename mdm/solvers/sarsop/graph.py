@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EDGES",
+    "LINKS",
     "NODES",
     "OUTCOMES",
     "POINTS",
@@ -27,7 +28,7 @@ __all__ = [
     "new_graph",
 ]
 
-NODES, EDGES, OUTCOMES, WEIGHTS, VECTORS, VALUES, POINTS = range(7)
+NODES, EDGES, OUTCOMES, WEIGHTS, VECTORS, VALUES, POINTS, LINKS = range(8)
 """Places in ``counts``."""
 
 Floats = npt.NDArray[np.float64]
@@ -38,7 +39,8 @@ Long = npt.NDArray[np.int64]
 class Graph(NamedTuple):
     """Beliefs (nodes), a node's actions (edges), an edge's observations (outcomes), vectors and points.
 
-    Links to nothing are -1.
+    What leads to nothing is -1. A vector has links to those that it was made of; it is active where beliefs are
+    compared with it, and else kept only because it has a part in one that is.
     """
 
     counts: Long
@@ -74,7 +76,11 @@ class Graph(NamedTuple):
     vector_block: Integers
     first_value: Long
     next_vector: Integers
+    first_link: Long
+    num_links: Integers
+    is_active: Integers
     values: Floats
+    link: Integers
 
     point_node: Integers
     point_value: Floats
@@ -99,8 +105,11 @@ _SIZED: dict[str, int] = {
     **dict.fromkeys(("first_outcome", "num_outcomes", "reward", "edge_upper"), EDGES),
     **dict.fromkeys(("symbol", "chance", "child"), OUTCOMES),
     **dict.fromkeys(("place", "weight"), WEIGHTS),
-    **dict.fromkeys(("vector_action", "vector_block", "first_value", "next_vector"), VECTORS),
+    **dict.fromkeys(
+        ("vector_action", "vector_block", "first_value", "next_vector", "first_link", "num_links", "is_active"), VECTORS
+    ),
     "values": VALUES,
+    "link": LINKS,
     **dict.fromkeys(("point_node", "point_value", "next_point"), POINTS),
 }  # fmt: skip
 """Which count the length of an array must exceed; ``informed`` has a row per node."""
@@ -108,7 +117,7 @@ _SIZED: dict[str, int] = {
 _FLOATS = {
     "lower", "upper", "entropy", "binned", "reward", "edge_upper", "chance", "weight", "values", "point_value",
 }  # fmt: skip
-_LONG = {"first_weight", "first_edge", "code", "first_outcome", "first_value"}
+_LONG = {"first_weight", "first_edge", "code", "first_outcome", "first_value", "first_link"}
 
 
 class Scratch(NamedTuple):
@@ -141,7 +150,7 @@ def new_graph(layout: Layout, bins: int) -> Graph:
         for name, count in _SIZED.items()
     }
     return Graph(
-        counts=np.zeros(7, dtype=np.int64),
+        counts=np.zeros(8, dtype=np.int64),
         **sized,
         informed=np.zeros((len(sized["block"]), num_actions)),
         head_vector=np.full(num_blocks, -1, dtype=np.int32),
@@ -168,6 +177,7 @@ def room_for(layout: Layout) -> dict[int, int]:
         VECTORS: 1,
         VALUES: widest,
         POINTS: 1,
+        LINKS: max(outcomes, len(layout.first_state)),
     }
 
 

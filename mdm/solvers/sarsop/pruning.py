@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from mdm.solvers.sarsop.graph import EDGES, NODES, OUTCOMES, POINTS, VALUES, VECTORS, WEIGHTS, Graph, hashed
+from mdm.solvers.sarsop.graph import EDGES, LINKS, NODES, OUTCOMES, POINTS, VALUES, VECTORS, WEIGHTS, Graph, hashed
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector
@@ -30,11 +30,11 @@ def needed_vectors(graph: Graph, layout: Layout, roots: npt.NDArray[np.int64], s
     """
     count = int(graph.counts[VECTORS])
     kept = np.zeros(count, dtype=np.bool_)
+    active = np.flatnonzero(graph.is_active[:count])
     visited = np.flatnonzero(graph.first_edge[: graph.counts[NODES]] >= 0)
     visited = np.unique(np.concatenate((visited, roots, _followers(graph, layout, visited))))
-    of_vector = graph.vector_block[:count]
-    by_block = np.argsort(of_vector, kind="stable")
-    starts = np.searchsorted(of_vector[by_block], np.arange(len(layout.first_state)))
+    by_block = active[np.argsort(graph.vector_block[active], kind="stable")]
+    starts = np.searchsorted(graph.vector_block[by_block], np.arange(len(layout.first_state)))
     nodes = visited[np.argsort(graph.block[visited], kind="stable")]
     of_node = np.searchsorted(graph.block[nodes], np.arange(len(layout.first_state)))
     for block in range(len(layout.first_state) - 1):
@@ -96,28 +96,51 @@ def _cover(vectors: Vector, beliefs: Vector, slack: float) -> Indices:
     return np.array(chosen, dtype=np.intp)
 
 
-def prune_vectors(graph: Graph, layout: Layout, kept: npt.NDArray[np.bool_]) -> None:
-    """Take vectors out; beliefs whose best is gone look for another when they are next asked."""
-    count = len(kept)
+def parts_of(graph: Graph, vectors: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return which vectors others are made of, and these themselves."""
+    kept = vectors.copy()
+    front = np.flatnonzero(kept)
+    while len(front):
+        links, _ = _stretches(graph.first_link[front], graph.num_links[front])
+        front = np.unique(graph.link[links])
+        front = front[~kept[front]]
+        kept[front] = True
+    return kept
+
+
+def prune_vectors(graph: Graph, layout: Layout, active: npt.NDArray[np.bool_]) -> None:
+    """Take vectors out; what those that stay are made of is kept, but no belief is compared with it.
+
+    Beliefs whose best is gone look for another when they are next asked.
+    """
+    kept = parts_of(graph, active)
     old = np.flatnonzero(kept)
     place = np.cumsum(kept) - 1
     widths = np.diff(layout.first_state)[graph.vector_block[old]]
     entries, _ = _stretches(graph.first_value[old], widths.astype(np.int32))
+    links, _ = _stretches(graph.first_link[old], graph.num_links[old])
+    new = slice(0, len(old))
     graph.values[: len(entries)] = graph.values[entries]
-    graph.first_value[: len(old)] = np.cumsum(widths) - widths
-    graph.vector_action[: len(old)] = graph.vector_action[old]
-    graph.vector_block[: len(old)] = graph.vector_block[old]
+    graph.first_value[new] = np.cumsum(widths) - widths
+    graph.link[: len(links)] = place[graph.link[links]]
+    graph.num_links[new] = graph.num_links[old]
+    graph.first_link[new] = np.cumsum(graph.num_links[new]) - graph.num_links[new]
+    graph.vector_action[new] = graph.vector_action[old]
+    graph.vector_block[new] = graph.vector_block[old]
+    graph.is_active[new] = active[old]
     graph.default_vector[:] = place[graph.default_vector]
     graph.counts[VECTORS] = len(old)
     graph.counts[VALUES] = len(entries)
-    _link(graph.head_vector, graph.next_vector, graph.vector_block[: len(old)])
+    graph.counts[LINKS] = len(links)
+    compared = np.flatnonzero(active[old])
+    _link(graph.head_vector, graph.next_vector, graph.vector_block[compared], compared)
     nodes = slice(0, int(graph.counts[NODES]))
     best, seen = graph.best[nodes], graph.seen_vectors[nodes]
-    lost = (best < 0) | ~kept[np.maximum(best, 0)]
+    lost = (best < 0) | ~active[np.maximum(best, 0)]
     graph.best[nodes] = np.where(lost, -1, place[np.maximum(best, 0)])
     graph.lower[nodes] = np.where(lost, -np.inf, graph.lower[nodes])
     before = np.concatenate(([0], np.cumsum(kept)))
-    graph.seen_vectors[nodes] = np.where(lost, 0, before[np.minimum(seen, count)])
+    graph.seen_vectors[nodes] = np.where(lost, 0, before[seen])
 
 
 def prune_points(graph: Graph) -> None:
@@ -138,21 +161,25 @@ def _keep_points(graph: Graph, kept: npt.NDArray[np.bool_]) -> None:
     graph.point_node[:count] = graph.point_node[: len(kept)][kept]
     graph.point_value[:count] = graph.point_value[: len(kept)][kept]
     graph.counts[POINTS] = count
-    _link(graph.head_point, graph.next_point, graph.block[graph.point_node[:count]])
+    _link(graph.head_point, graph.next_point, graph.block[graph.point_node[:count]], np.arange(count))
     before = np.concatenate(([0], np.cumsum(kept)))
     nodes = slice(0, int(graph.counts[NODES]))
     graph.seen_points[nodes] = before[graph.seen_points[nodes]]
 
 
-def _link(heads: npt.NDArray[np.int32], after: npt.NDArray[np.int32], blocks: npt.NDArray[np.int32]) -> None:
+def _link(
+    heads: npt.NDArray[np.int32], after: npt.NDArray[np.int32], blocks: npt.NDArray[np.int32], entries: Indices
+) -> None:
     """Chain the entries of each block, the newest first."""
     heads[:] = -1
-    order = np.argsort(blocks, kind="stable")
-    after[order] = np.concatenate(([-1], order[:-1]))
-    first = np.concatenate(([True], blocks[order][1:] != blocks[order][:-1])) if len(order) else np.zeros(0, np.bool_)
-    after[order[first]] = -1
-    last = np.concatenate((first[1:], [True])) if len(order) else first
-    heads[blocks[order[last]]] = order[last]
+    by_block = np.argsort(blocks, kind="stable")
+    order, blocks = entries[by_block], blocks[by_block]
+    if not len(order):
+        return
+    first = np.concatenate(([True], blocks[1:] != blocks[:-1]))
+    after[order] = np.where(first, -1, np.concatenate(([-1], order[:-1])))
+    last = np.concatenate((first[1:], [True]))
+    heads[blocks[last]] = order[last]
 
 
 def forget_nodes(graph: Graph, roots: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

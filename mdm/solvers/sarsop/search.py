@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.models.compilation import compiled
-from mdm.solvers.sarsop.graph import EDGES, NODES, OUTCOMES, POINTS, VALUES, VECTORS, WEIGHTS, Graph, Scratch
+from mdm.solvers.sarsop.graph import EDGES, LINKS, NODES, OUTCOMES, POINTS, VALUES, VECTORS, WEIGHTS, Graph, Scratch
 
 if TYPE_CHECKING:
     from mdm.solvers.sarsop.layout import Layout
@@ -255,6 +255,9 @@ def add_vector(layout: Layout, graph: Graph, block: int, action: int) -> int:
     graph.vector_action[vector] = action
     graph.vector_block[vector] = block
     graph.first_value[vector] = at
+    graph.first_link[vector] = graph.counts[LINKS]
+    graph.num_links[vector] = 0
+    graph.is_active[vector] = 1
     graph.next_vector[vector] = graph.head_vector[block]
     graph.head_vector[block] = vector
     return int(vector)
@@ -275,6 +278,10 @@ def _back_up_vector(layout: Layout, graph: Graph, scratch: Scratch, node: int, a
     base, end = layout.first_state[block], layout.first_state[block + 1]
     vector = add_vector(layout, graph, block, action)
     at = graph.first_value[vector]
+    for k in range(first, last):
+        graph.link[graph.counts[LINKS]] = graph.best[graph.child[k]]
+        graph.counts[LINKS] += 1
+    graph.num_links[vector] = last - first
     for state in range(base, end):
         row = action * num_states + state
         total = 0.0
@@ -340,6 +347,7 @@ def _has_room(graph: Graph, room: np.ndarray) -> bool:
         and counts[VECTORS] + room[VECTORS] <= len(graph.next_vector)
         and counts[VALUES] + room[VALUES] <= len(graph.values)
         and counts[POINTS] + room[POINTS] <= len(graph.next_point)
+        and counts[LINKS] + room[LINKS] <= len(graph.link)
         and 2 * (counts[NODES] + room[NODES]) <= len(graph.table)
     )
 

@@ -24,15 +24,17 @@ from mdm.models import POMDP
 from mdm.models.compilation import can_compile
 from mdm.models.mixed import MixedPOMDP
 from mdm.policies import AlphaVectors, MixedAlphaVectors
-from mdm.solvers.sarsop.graph import NODES, POINTS, VECTORS, grown, lacking, new_graph, new_scratch, room_for
+from mdm.solvers.sarsop.graph import LINKS, NODES, POINTS, VECTORS, grown, lacking, new_graph, new_scratch, room_for
 from mdm.solvers.sarsop.initial import blind_values, informed_values
 from mdm.solvers.sarsop.layout import layout_of
-from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, prune_points, prune_vectors
+from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, parts_of, prune_points, prune_vectors
 from mdm.solvers.sarsop.search import add_node, add_vector, explore, refresh
 from mdm.solvers.watch import Watch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    import numpy.typing as npt
 
     from mdm.models.matrices import Vector
     from mdm.solvers.solution import Solution
@@ -95,7 +97,7 @@ class _Search:
         self._graph = new_graph(self._layout, _BINS)
         self._scratch = new_scratch(self._layout, _DEPTH)
         room = room_for(self._layout)
-        self._room = np.array([room[count] for count in range(7)], dtype=np.int64)
+        self._room = np.array([room[count] for count in range(8)], dtype=np.int64)
         self._informed = informed_values(self._layout, 1e-3, is_late)
         self.backups = 0
         self._budget = 16
@@ -107,10 +109,13 @@ class _Search:
     def _start(self) -> None:
         layout = self._layout
         blind = blind_values(layout)
+        num_blocks = len(layout.first_state) - 1
         for action, values in enumerate(blind):
-            for block in range(len(layout.first_state) - 1):
+            for block in range(num_blocks):
                 self._grow()
                 vector = add_vector(layout, self._graph, block, action)
+                # Whatever block an action leads to, it goes on there.
+                self._link(vector, action * num_blocks + np.arange(num_blocks))
                 at = self._graph.first_value[vector]
                 part = values[layout.first_state[block] : layout.first_state[block + 1]]
                 self._graph.values[at : at + len(part)] = part
@@ -135,6 +140,13 @@ class _Search:
         low, high = float(blind.min()), float(values.max())
         self._scale = np.array([low, max(high - low, 1e-12), max(np.log(len(belief)), 1.0), _BINS])
 
+    def _link(self, vector: int, parts: npt.NDArray[np.intp]) -> None:
+        graph = self._graph
+        begin = graph.counts[LINKS]
+        graph.link[begin : begin + len(parts)] = parts
+        graph.num_links[vector] = len(parts)
+        graph.counts[LINKS] += len(parts)
+
     def _values(self, vector: int) -> Vector:
         block = self._graph.vector_block[vector]
         width = self._layout.first_state[block + 1] - self._layout.first_state[block]
@@ -152,8 +164,8 @@ class _Search:
 
     @property
     def size(self) -> int:
-        """How many vectors there are."""
-        return int(self._graph.counts[VECTORS])
+        """How many vectors beliefs are compared with."""
+        return int(self._graph.is_active[: self._graph.counts[VECTORS]].sum())
 
     def bounds(self) -> tuple[float, float]:
         """Return the bounds at the initial belief."""
@@ -193,7 +205,7 @@ class _Search:
         if counts[NODES] > 2 * self._kept_nodes + _LEAST_NODES:
             self._roots = forget_nodes(self._graph, self._roots)
             self._kept_nodes = int(counts[NODES])
-        if counts[VECTORS] > 1.5 * self._kept_vectors + _LEAST_VECTORS:
+        if self.size > 1.5 * self._kept_vectors + _LEAST_VECTORS:
             lower, upper = self.bounds()
             slack = min(1e-2 * goal, 1e-5 * (upper - lower))
             kept = needed_vectors(self._graph, self._layout, self._roots, slack)
@@ -204,13 +216,21 @@ class _Search:
             self._kept_points = int(counts[POINTS])
 
     def policy(self) -> AlphaVectors | MixedAlphaVectors:
-        """Return the vectors as a policy."""
+        """Return the vectors as a policy: those that are best at the roots, and all that they are made of.
+
+        So each of its vectors is what one of its actions and then its own vectors are worth, at least: whoever follows
+        the policy earns no less than the lower bound.
+        """
         graph = self._graph
-        vectors = np.stack([self._values(vector) for vector in range(self.size)])
-        actions = graph.vector_action[: self.size].tolist()
+        needed = np.zeros(int(graph.counts[VECTORS]), dtype=np.bool_)
+        needed[graph.best[self._roots]] = True
+        needed[graph.default_vector] = True
+        kept = np.flatnonzero(parts_of(graph, needed))
+        vectors = np.stack([self._values(vector) for vector in kept.tolist()])
+        actions = graph.vector_action[kept].tolist()
         num_actions = len(self._model.action_space)
         if isinstance(self._model, MixedPOMDP):
             return MixedAlphaVectors(
-                vectors, actions, graph.vector_block[: self.size].tolist(), num_actions, states=self._model.layout
+                vectors, actions, graph.vector_block[kept].tolist(), num_actions, states=self._model.layout
             )
         return AlphaVectors(vectors, actions, num_actions)

@@ -30,7 +30,10 @@ if TYPE_CHECKING:
 
 __all__ = ["fast_informed_bound"]
 
-_ROUNDING = 1e-9
+_ROUNDING = 1e-14
+"""By what share of the vectors backups must still change them."""
+_NOTHING = 1e-9
+"""Probabilities below are rounding."""
 _SETTLED = 1e-3
 """With a discount of 1, backups end when they change vectors by less than this share of the gap."""
 
@@ -76,7 +79,7 @@ def _bounds(model: POMDP, gap: float) -> Iterator[tuple[Vector, bool]]:
     joints = [_joint(model, action) for action in range(stack.num_actions)]
     slowness = stack.discount / (1 - stack.discount) if stack.discount < 1 else 1 / _SETTLED
     change = np.inf
-    while slowness * change > gap:
+    while slowness * change > gap and change > _ROUNDING * np.abs(table).max():
         backed = [joint.backup(table, stack.size) for joint in joints]
         lowered = np.minimum(stack.rewards + stack.discount * np.stack(backed, axis=1), table)
         change = float((table - lowered).max())
@@ -111,7 +114,7 @@ def _joint(model: POMDP, action: int) -> _Joint:
         if model.event_observations:
             rest = rest - parts[-1]
     if model.event_observations:
-        rest.data[rest.data < _ROUNDING] = 0
+        rest.data[rest.data < _NOTHING] = 0
         parts.append(rest)
     data, indices, lengths, states = [], [], [], []
     for part in parts:

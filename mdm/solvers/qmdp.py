@@ -15,7 +15,7 @@ import numpy as np
 
 from mdm.policies import AlphaVectors
 from mdm.solvers.policy_iteration import steps
-from mdm.solvers.rounds import rounds, sweeping
+from mdm.solvers.rounds import rounding, rounds, sweeping
 from mdm.solvers.stack import Stack
 from mdm.solvers.watch import Watch
 
@@ -78,5 +78,5 @@ def known_state(stack: Stack, gap: float) -> Iterator[tuple[Vector, bool]]:
         return
     for now in rounds(stack, sweeping(stack, gap, _EACH)):
         yield stack.q_values(now.values) + now.above, True
-        if now.above - now.below <= gap:
+        if now.above - now.below <= max(gap, rounding(stack, now)):
             return

@@ -8,7 +8,7 @@ import msgspec
 
 __all__ = ["Progress", "Reason", "Solution"]
 
-Reason = Literal["gap", "time", "iterations", "memory", "interrupted", "exact"]
+Reason = Literal["gap", "time", "iterations", "memory", "interrupted", "converged", "exact"]
 
 
 class Progress(msgspec.Struct, frozen=True):
@@ -45,7 +45,8 @@ class Solution(msgspec.Struct, frozen=True):
         lower: The policy is worth at least this at the initial belief; -inf where the solver proves nothing.
         upper: No policy is worth more; inf where the solver proves nothing.
         reason: Why the solver stopped: the ``gap`` asked for was reached, the ``time``, the ``iterations`` or the
-            ``memory`` allowed were used up, it was ``interrupted``, or the result is ``exact``.
+            ``memory`` allowed were used up, it was ``interrupted``, it has ``converged`` and would find nothing better,
+            or the result is ``exact``.
         history: The progress, in order of time; the last entry is the result.
     """
 

@@ -1,0 +1,140 @@
+"""Backups of a block of beliefs, and the randomised choice of those that improve all of them.
+
+The value function of the next step is a matrix of vectors. A backup at b takes, for each action and observation, the
+vector that is best at what b becomes, and of the actions the best (J. Pineau, G. Gordon and S. Thrun, *Point-based
+value iteration: an anytime algorithm for POMDPs*, IJCAI 2003, equations 7 to 9).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from mdm.models.matrices import Vector  # noqa: TC001 - the fields' types are looked at
+from mdm.solvers.perseus.outlook import Indices  # noqa: TC001 - the same
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from mdm.models.matrices import Matrix
+    from mdm.solvers.perseus.outlook import Only, Outlook
+    from mdm.solvers.watch import Watch
+
+__all__ = ["Choice", "Vectors", "best", "choose", "improve", "needed"]
+
+_ROUNDING = 1e-12
+_BLOCK = 64
+"""So many points are backed up together, at most."""
+
+
+class Vectors(NamedTuple):
+    """Alpha vectors (N x S), their actions, and at which points they were made."""
+
+    values: Vector
+    actions: Indices
+    points: Indices
+
+    def taken(self, which: Any) -> Vectors:
+        """Return some of them."""
+        return Vectors(self.values[which], self.actions[which], self.points[which])
+
+    @staticmethod
+    def joined(parts: Sequence[Vectors]) -> Vectors:
+        """Return several as one."""
+        return Vectors(
+            np.concatenate([part.values for part in parts]),
+            np.concatenate([part.actions for part in parts]),
+            np.concatenate([part.points for part in parts]),
+        )
+
+
+class Choice(NamedTuple):
+    """What an action is worth at some points, and the vector that follows each observation: n, and n x O."""
+
+    values: Vector
+    following: Indices
+
+
+def choose(outlook: Outlook, action: int, points: Matrix, vectors: Vector, only: Only | None = None) -> Choice:
+    """Return what an action is worth at some points, and the vectors that then follow. See `Outlook.follow`."""
+    during = outlook.during(action, points)
+    ahead, following = outlook.follow(action, during, vectors, only)
+    return Choice(during @ outlook.rewards[action] + outlook.discount * ahead, following)
+
+
+def best(outlook: Outlook, points: Matrix, vectors: Vector) -> tuple[Vector, Indices]:
+    """Return the vector and action that a backup makes at each point; of equal actions the lowest."""
+    each = [choose(outlook, action, points, vectors) for action in range(outlook.num_actions)]
+    actions = np.argmax([choice.values for choice in each], axis=0)
+    result = np.empty((len(actions), outlook.size))
+    for action in np.unique(actions).tolist():
+        at = actions == action
+        result[at] = outlook.vectors(action, vectors[each[action].following[at]])
+    return result, actions
+
+
+def improve(
+    old: Vectors,
+    points: Matrix,
+    backup: Callable[[Matrix], tuple[Vector, Indices]],
+    random: np.random.Generator,
+    watch: Watch,
+    *,
+    every: bool = False,
+) -> tuple[Vectors, float]:
+    """Return vectors that are worth as much at all points and more at some, and the greatest improvement.
+
+    Points are backed up in random order, as long as there are any that the new vectors have not improved (M. T. J.
+    Spaan and N. Vlassis, *Perseus: randomized point-based value iteration for POMDPs*, JAIR 24, 2005, table 1): one
+    point, then two, then four, up to a block of them at once.
+
+    Args:
+        old: The vectors before.
+        points: n x S.
+        backup: Makes a vector, and its action, for each of some points.
+        random: Orders the points.
+        watch: Ends it early; the old vectors are kept then beside the new ones.
+        every: Back up all points, those that were improved along with others, too.
+    """
+    worth = points @ np.ascontiguousarray(old.values.T)
+    owners = worth.argmax(axis=1)
+    before = worth[np.arange(len(owners)), owners]
+    slack = _ROUNDING * np.abs(before).max()
+    enough = before - slack
+    after = np.full(len(before), -np.inf)
+    made: list[Vectors] = []
+    kept: set[int] = set()
+    waiting = random.permutation(len(before))
+    count = _BLOCK if every else 1
+    while len(waiting) and watch.remaining >= 0:
+        block, waiting = waiting[:count], waiting[count:]
+        count = min(2 * count, _BLOCK)
+        values, actions = backup(points[block])
+        scores = points @ np.ascontiguousarray(values.T)
+        new = []
+        for place, point in enumerate(block.tolist()):
+            if after[point] >= (max(enough[point], scores[point, place]) if every else enough[point]):
+                continue
+            if scores[point, place] > before[point] + slack:
+                new.append(place)
+                after = np.maximum(after, scores[:, place])
+            elif owners[point] not in kept:
+                kept.add(int(owners[point]))
+                after = np.maximum(after, worth[:, owners[point]])
+        made.append(Vectors(values[new], actions[new], block[new]))
+        if not every:
+            waiting = waiting[after[waiting] < enough[waiting]]
+    stay = sorted(kept) if not len(waiting) else np.arange(len(old.actions))
+    result = Vectors.joined([*made, old.taken(stay)])
+    return result, float(np.maximum(after - before, 0.0).max(initial=0.0))
+
+
+def needed(vectors: Vectors, points: Matrix) -> Vectors:
+    """Return those that are the best of their action at some point."""
+    worth = points @ np.ascontiguousarray(vectors.values.T)
+    found: set[int] = set()
+    for action in np.unique(vectors.actions):
+        own = np.flatnonzero(vectors.actions == action)
+        found.update(own[worth[:, own].argmax(axis=1)].tolist())
+    return vectors.taken(sorted(found))

@@ -1,0 +1,61 @@
+"""What vectors are worth as plans: the certificate of a policy.
+
+Rounds leave out vectors that no point needs any more, though others were made of them; the greatest vector at a belief
+then promises more than choosing by the vectors earns. Here the vectors become the nodes of a controller whose edges
+lead to vectors that are still there: each observation to the best one at what the vector's own belief becomes. What the
+controller earns is the solution of linear equations (E. A. Hansen, *Solving POMDPs by searching in policy space*, UAI
+1998, section 3), approached by sweeps and then lowered until no vector is above what its backup says. So a backup
+improves them at every belief, and whoever chooses by them earns at least what they say.
+
+Where events go unnoticed this is said of the controller, which goes along its edges. Who chooses by the vectors at the
+belief of a tracker may earn a little less: in a tracker's belief what took long is not discounted.
+
+A sweep costs P(s', o | s, a) times the vectors of each action.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.solvers.perseus.backup import Vectors, choose
+
+if TYPE_CHECKING:
+    from mdm.models.matrices import Matrix, Vector
+    from mdm.solvers.perseus.outlook import Outlook
+
+__all__ = ["certified"]
+
+_SWEEPS = 1000
+
+
+def certified(outlook: Outlook, points: Matrix, vectors: Vectors, precision: float) -> Vectors:
+    """Return the vectors as values that choosing by them earns, at least.
+
+    Args:
+        outlook: The model.
+        points: n x S.
+        vectors: The vectors.
+        precision: By how much they may be too low.
+    """
+    groups = []
+    for action in np.unique(vectors.actions).tolist():
+        at = np.flatnonzero(vectors.actions == action)
+        groups.append((action, at, choose(outlook, action, points[vectors.points[at]], vectors.values).following))
+
+    def backed(values: Vector) -> Vector:
+        result = np.empty_like(values)
+        for action, at, following in groups:
+            result[at] = outlook.vectors(action, values[following])
+        return result
+
+    values = vectors.values
+    for _ in range(_SWEEPS):
+        better = backed(values)
+        change = float(np.abs(better - values).max())
+        values = better
+        if change * outlook.discount <= precision * (1 - outlook.discount):
+            break
+    excess = max(float((values - backed(values)).max()), 0.0)
+    return vectors._replace(values=values - excess / (1 - outlook.discount))

@@ -1,0 +1,104 @@
+"""Plans of a few decisions, as graphs: point-based backups from the last decision to the first.
+
+A vector of each stage is a node: its action, and for each observation the vector of the next stage that follows. What
+the graph earns is computed along with it, and exact; what goes unnoticed leaves it at its node. Each stage backs up all
+points and keeps what is different (J. Pineau, G. Gordon and S. Thrun, *Point-based value iteration: an anytime
+algorithm for POMDPs*, IJCAI 2003), at most one node for each.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from mdm.models.matrices import Vector  # noqa: TC001 - the fields' types are looked at
+from mdm.policies import FiniteStateController
+from mdm.solvers.perseus.backup import choose
+from mdm.solvers.perseus.outlook import Indices, Outlook
+from mdm.solvers.perseus.points import sampled
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from mdm.models import POMDP
+    from mdm.models.matrices import Matrix
+    from mdm.solvers.solution import Solution
+    from mdm.solvers.watch import Watch
+
+__all__ = ["plan"]
+
+_NAME = "perseus"
+_BLOCK = 64
+
+
+class _Stage(NamedTuple):
+    """Vectors with so many decisions to go, and for each its action and what follows: N x S, N, N x O."""
+
+    values: Vector
+    actions: Indices
+    following: Indices
+
+
+def plan(
+    model: POMDP,
+    watch: Watch,
+    beliefs: int | npt.ArrayLike,
+    random: np.random.Generator,
+    horizon: int,
+    unnoticed: int | None = None,
+) -> Solution:
+    """Return a plan of so many decisions, as a controller. See `mdm.solvers.perseus.perseus`.
+
+    Where it has to stop early, what is missing is planned for the initial belief alone.
+    """
+    outlook = Outlook(model, without=unnoticed)
+    upper = outlook.upper_bound(model.initial_belief, watch, horizon)
+    points = outlook.points(sampled(model, outlook, beliefs, random, watch, unnoticed))
+    stages: list[_Stage] = []
+    values = np.zeros((1, outlook.size))
+    stopped = False
+    for stage in range(1, horizon + 1):
+        stopped = stopped or watch.ends(-np.inf, upper, iterations=stage - 1, size=sum(len(s.actions) for s in stages))
+        stages.append(_stage(outlook, points[:1] if stopped or stage == horizon else points, values))
+        values = stages[-1].values
+    controller = _controller(stages, outlook, len(model.observation_space))
+    lower = float(values[0] @ model.initial_belief)
+    size = controller.num_nodes
+    if not watch.ends(lower, upper, iterations=horizon, size=size):
+        watch.reason = "converged"
+    return watch.solution(controller, _NAME, lower, upper, iterations=horizon, size=size)
+
+
+def _stage(outlook: Outlook, points: Matrix, values: Vector) -> _Stage:
+    """Back up points; return what is different."""
+    found: dict[tuple[int, bytes], Indices] = {}
+    for first in range(0, points.shape[0], _BLOCK):
+        block = points[first : first + _BLOCK]
+        each = [choose(outlook, action, block, values) for action in range(outlook.num_actions)]
+        for point, action in enumerate(np.argmax([choice.values for choice in each], axis=0).tolist()):
+            following = each[action].following[point]
+            found.setdefault((action, following.tobytes()), following)
+    actions, following = np.array([action for action, _ in found]), np.stack(list(found.values()))
+    result = np.empty((len(found), outlook.size))
+    for action in np.unique(actions).tolist():
+        result[actions == action] = outlook.vectors(action, values[following[actions == action]])
+    return _Stage(result, actions, following)
+
+
+def _controller(stages: list[_Stage], outlook: Outlook, num_observations: int) -> FiniteStateController:
+    """Return the graph of what can be reached from the one node of the last stage, which is the first decision."""
+    nodes = [(len(stages) - 1, 0)]
+    number = {nodes[0]: 0}
+    successors = []
+    for stage, place in nodes:  # which grows meanwhile
+        row: list[int | None] = [None] * num_observations
+        if stage:
+            for observation, after in zip(outlook.observations, stages[stage].following[place].tolist(), strict=True):
+                if (stage - 1, after) not in number:
+                    number[stage - 1, after] = len(nodes)
+                    nodes.append((stage - 1, after))
+                row[observation] = number[stage - 1, after]
+        successors.append(row)
+    actions = [int(stages[stage].actions[place]) for stage, place in nodes]
+    return FiniteStateController(actions, successors, outlook.num_actions)

@@ -1,0 +1,111 @@
+"""The beliefs that Perseus works on: those that an agent meets who acts at random, each once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.errors import ConfigError
+from mdm.models.false_negatives import Unnoticed
+from mdm.models.matrices import distribution
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    import numpy.typing as npt
+
+    from mdm.models.matrices import Vector
+    from mdm.models.pomdp import POMDP
+    from mdm.solvers.perseus.outlook import Outlook
+    from mdm.solvers.watch import Watch
+
+__all__ = ["sampled"]
+
+_DIGITS = 7
+"""Beliefs that are the same to so many digits are one."""
+_TRIES = 20
+"""So many steps for each belief asked for, before it is taken that there are no more."""
+_ENDS = 0.01, 0.1
+"""The least and the greatest chance that a walk ends after a step."""
+
+
+def sampled(
+    model: POMDP,
+    outlook: Outlook,
+    beliefs: int | npt.ArrayLike,
+    random: np.random.Generator,
+    watch: Watch,
+    unnoticed: int | None = None,
+) -> Vector:
+    """Return different beliefs as an n x S array, the initial one first.
+
+    Args:
+        model: The model.
+        outlook: What its actions lead to.
+        beliefs: How many to find, fewer where no more are met; or an n x S array of them.
+        random: Draws actions and observations.
+        watch: Ends the search.
+        unnoticed: The observation that stands for an event that nobody noticed; what goes unnoticed is taken into
+            account as a tracker does.
+
+    Raises:
+        ConfigError: If there is to be none.
+        ModelError: If a belief that is given is none.
+    """
+    if not isinstance(beliefs, int | np.integer):
+        size = len(model.state_space)
+        rows = [distribution(row, what=f"belief {at}", size=size) for at, row in enumerate(np.atleast_2d(beliefs))]
+        return np.stack(list(_each_once([model.initial_belief, *rows])))
+    if beliefs < 1:
+        raise ConfigError(f"Perseus needs at least 1 belief, not {beliefs}", key="beliefs")
+    found = []
+    for belief in _each_once(_walks(_Step(model, outlook, unnoticed), model, _TRIES * int(beliefs), random)):
+        found.append(belief)
+        if len(found) == beliefs or watch.remaining < 0:
+            break
+    return np.stack(found)
+
+
+def _walks(step: _Step, model: POMDP, steps: int, random: np.random.Generator) -> Iterator[Vector]:
+    """Yield the beliefs of random walks from the initial belief."""
+    chance = min(max(1 - model.discount, _ENDS[0]), _ENDS[1])
+    belief = model.initial_belief
+    for _ in range(steps):
+        yield belief
+        after = None if random.random() < chance else step(belief, random)
+        belief = model.initial_belief if after is None else after
+
+
+class _Step:
+    """Takes a belief to one that a random action and what is then observed lead to."""
+
+    def __init__(self, model: POMDP, outlook: Outlook, unnoticed: int | None) -> None:
+        self._outlook = outlook
+        self._noticed = np.array([o != unnoticed for o in outlook.observations])
+        self._silent: list[Unnoticed] | None = None
+        if unnoticed is not None:
+            self._silent = [Unnoticed(model.joint_matrix(a, unnoticed)) for a in range(outlook.num_actions)]
+
+    def __call__(self, belief: Vector, random: np.random.Generator) -> Vector | None:
+        """Return the next belief; None where nothing is ever noticed."""
+        action = int(random.integers(self._outlook.num_actions))
+        before = belief if self._silent is None else self._silent[action](belief)
+        after = np.maximum(self._outlook.after(action, before), 0.0)
+        chances = np.where(self._noticed, after.sum(axis=1), 0.0)
+        total = chances.sum()
+        if not total > 0:
+            return None
+        chosen = random.choice(len(chances), p=chances / total)
+        return np.asarray(after[chosen] / chances[chosen])
+
+
+def _each_once(beliefs: Iterable[Vector]) -> Iterator[Vector]:
+    known = set()
+    for belief in beliefs:
+        rounded = np.round(belief, _DIGITS)
+        (states,) = rounded.nonzero()
+        key = states.tobytes(), rounded[states].tobytes()
+        if key not in known:
+            known.add(key)
+            yield belief

@@ -1,0 +1,173 @@
+"""Perseus: randomised point-based value iteration.
+
+Alpha vectors are improved at a fixed set of beliefs, those that random exploration meets: in each round beliefs are
+backed up in random order until all of them are worth at least what they were, most by vectors that were made for others
+(M. T. J. Spaan and N. Vlassis, *Perseus: randomized point-based value iteration for POMDPs*, JAIR 24, 2005). It begins
+with what each action is worth if it is done for ever, so that every vector is a plan's value, and a lower bound of the
+optimal one. Every few rounds, and at the end, the vectors are evaluated as the plan that they are: this certifies what
+the policy earns, and rounds go on from there, so that far fewer are needed (point-based policy iteration: S. Ji,
+R. Parr, H. Li, X. Liao and L. Carin, AAAI 2007). The upper bound is the fast informed bound, which no round improves.
+
+Cost of a backup: P(s', o | s, a) once, and A O S N for N vectors, as products of matrices over blocks of beliefs.
+SARSOP keeps to the beliefs that good policies meet, and proves more; choose Perseus for observations that are events,
+for false negatives, and for plans of a few decisions.
+
+With ``false_negative`` see `mdm.solvers.perseus.unnoticed`, with a ``horizon`` `mdm.solvers.perseus.plan`.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from mdm.errors import ConfigError, ModelError
+from mdm.policies import AlphaVectors
+from mdm.solvers.perseus.backup import Vectors, best, improve, needed
+from mdm.solvers.perseus.certificate import certified
+from mdm.solvers.perseus.outlook import Outlook
+from mdm.solvers.perseus.plan import plan
+from mdm.solvers.perseus.points import sampled
+from mdm.solvers.perseus.unnoticed import Constrained
+from mdm.solvers.watch import Watch
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from mdm.models import POMDP
+    from mdm.models.matrices import Matrix
+    from mdm.models.space import Symbol
+    from mdm.solvers.solution import Solution
+
+__all__ = ["perseus"]
+
+_NAME = "perseus"
+_EVERY = 4
+"""Vectors are certified after each so many rounds; it costs about half as much as a round."""
+
+
+class _ValueFunction(Protocol):
+    """Alpha vectors that rounds improve."""
+
+    vectors: Vectors
+
+    def round(self, random: np.random.Generator, watch: Watch, *, every: bool) -> float:
+        """Improve the vectors; return by how much at most."""
+        ...
+
+
+def perseus(
+    model: POMDP,
+    *,
+    watch: Watch | None = None,
+    beliefs: int | npt.ArrayLike = 1000,
+    seed: int | None = 0,
+    false_negative: Symbol | None = None,
+    horizon: int | None = None,
+) -> Solution:
+    """Solve a POMDP at the beliefs that random exploration meets.
+
+    It has ``converged`` when no belief is improved so far that more rounds could add more than the watch's gap.
+
+    Args:
+        model: The model; its observations tell of states or are events. Factored ones are flattened.
+        watch: The limits, and where to report; its iterations are rounds.
+        beliefs: How many beliefs to find, or an array of them, n x S. The initial one is always among them.
+        seed: Of the exploration and the order of backups; the same seed gives the same policy.
+        false_negative: The observation that stands for an event that nobody noticed: the action goes on. The lower
+            bound is then what the vectors earn as a plan, each followed by the one that suits what is noticed next,
+            whatever was missed before.
+        horizon: How many decisions there are. The policy is then a `FiniteStateController`, a plan from the initial
+            belief.
+
+    Raises:
+        ModelError: If the discount is 1 and there is no horizon, or there is no such observation.
+        ConfigError: If the number of beliefs or the horizon is not positive.
+    """
+    if horizon is not None and horizon < 1:
+        raise ConfigError(f"a horizon is a number of decisions from 1 on, not {horizon}", key="horizon")
+    if model.discount >= 1 and horizon is None:
+        raise ModelError("Perseus needs a discount below 1, or a horizon: give one (--discount)")
+    unnoticed = None if false_negative is None else model.observation_space.index(false_negative)
+    random = np.random.default_rng(seed)
+    with Watch() if watch is None else watch as watching:
+        flat = model.flatten()
+        if horizon is not None:
+            return plan(flat, watching, beliefs, random, horizon, unnoticed)
+        outlook = Outlook(flat)
+        upper = outlook.upper_bound(flat.initial_belief, watching)
+        points = outlook.points(sampled(flat, outlook, beliefs, random, watching, unnoticed))
+        search = _Search(flat, outlook, points, unnoticed, watching)
+        search.run(upper, random)
+        policy = AlphaVectors(search.sure.values, search.sure.actions.tolist(), outlook.num_actions)
+        size = len(search.sure.actions)
+        return watching.solution(policy, _NAME, search.lower, upper, iterations=search.rounds, size=size)
+
+
+class _Search:
+    """The state of a run: the vectors that rounds improve, and the best ones that are certified."""
+
+    def __init__(self, model: POMDP, outlook: Outlook, points: Matrix, unnoticed: int | None, watch: Watch) -> None:
+        self._belief = model.initial_belief
+        self._points = points
+        self._watch = watch
+        self._discount = outlook.discount
+        # A plan that is certified does not know what went unnoticed.
+        self._actual = outlook if unnoticed is None else Outlook(model, without=unnoticed)
+        count = outlook.num_actions
+        self.sure = Vectors(outlook.blind_values(), np.arange(count), np.zeros(count, dtype=np.intp))
+        self._function: _ValueFunction = (
+            _Plain(outlook, points, self.sure)
+            if unnoticed is None
+            else Constrained(outlook, points, self.sure, outlook.observations.index(unnoticed))
+        )
+        self.lower = self._value(self.sure)
+        self.rounds = 0
+
+    def _value(self, vectors: Vectors) -> float:
+        return float((vectors.values @ self._belief).max())
+
+    def run(self, upper: float, random: np.random.Generator) -> None:
+        """Improve the vectors until the watch ends it or they have converged.
+
+        Rounds that improve less than the tolerance are followed by one that backs up every point.
+        """
+        watch, function, every = self._watch, self._function, False
+        while not watch.ends(self.lower, upper, iterations=self.rounds, size=len(function.vectors.actions)):
+            scale = float(np.abs(function.vectors.values).max())
+            tolerance = max(watch.gap * (1 - self._discount) / self._discount, 1e-12 * scale)
+            change = function.round(random, watch, every=every)
+            self.rounds += 1
+            if watch.remaining < 0:
+                continue
+            if every and change <= tolerance:
+                watch.reason = "converged"
+                break
+            every = change <= tolerance
+            due = not self.rounds % _EVERY
+            if due or upper - self._value(function.vectors) <= watch.gap:
+                function.vectors = needed(Vectors.joined([function.vectors, self._certify()]), self._points)
+        self._certify()
+
+    def _certify(self) -> Vectors:
+        """Return the vectors as a policy earns them, and keep them if they are the best so far."""
+        vectors = certified(self._actual, self._points, self._function.vectors, 0.1 * max(self._watch.gap, 1e-9))
+        if (value := self._value(vectors)) > self.lower:
+            self.sure, self.lower = vectors, value
+        return vectors
+
+
+class _Plain:
+    """One set of vectors for all actions."""
+
+    def __init__(self, outlook: Outlook, points: Matrix, start: Vectors) -> None:
+        self._outlook = outlook
+        self._points = points
+        self.vectors = start
+
+    def round(self, random: np.random.Generator, watch: Watch, *, every: bool) -> float:
+        """Improve the vectors at all points; return by how much at most."""
+        backup = partial(best, self._outlook, vectors=self.vectors.values)
+        self.vectors, change = improve(self.vectors, self._points, backup, random, watch, every=every)
+        return change

@@ -1,0 +1,63 @@
+"""Value functions for agents who do not notice every event: vectors are kept for each action.
+
+After a false negative the agent goes on with what it does, since it does not know of it. In a backup for action a, the
+false negative may be followed by vectors of action a alone; they are therefore improved for each action by itself, so
+that none is ever without one, at all beliefs: Q(b, a) in place of V(b). This is how MADP plans for false negatives
+(J. V. Messias, M. T. J. Spaan and P. U. Lima, *Asynchronous execution in multiagent POMDPs: reasoning over
+partially-observable events*, MSDM 2013). It costs A times as many backups.
+
+What follows the false negative may be another vector of the same action, one whose later choices suit the belief after
+one more event that was missed. So the value is that of an agent who knows, when it notices the next event, how many it
+missed, as one with a clock may. What one that does not know earns is told by the certificate, where each vector is
+followed by itself.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.solvers.perseus.backup import Vectors, choose, improve
+
+if TYPE_CHECKING:
+    from mdm.models.matrices import Matrix, Vector
+    from mdm.solvers.perseus.outlook import Indices, Outlook
+    from mdm.solvers.watch import Watch
+
+__all__ = ["Constrained"]
+
+
+class Constrained:
+    """Vectors of each action, improved together.
+
+    Args:
+        outlook: The model.
+        points: The beliefs, n x S.
+        start: A vector for each action, at least.
+        unnoticed: The place of the false negative among the outlook's observations.
+    """
+
+    def __init__(self, outlook: Outlook, points: Matrix, start: Vectors, unnoticed: int) -> None:
+        self._outlook = outlook
+        self._points = points
+        self._unnoticed = unnoticed
+        self.vectors = start
+
+    def round(self, random: np.random.Generator, watch: Watch, *, every: bool) -> float:
+        """Improve each action's vectors at all points; return by how much at most."""
+        old, parts, changes = self.vectors, [], []
+        for action in range(self._outlook.num_actions):
+            own = np.flatnonzero(old.actions == action)
+            before = old.taken(own)
+
+            def backup(points: Matrix, action: int = action, own: Indices = own) -> tuple[Vector, Indices]:
+                chosen = choose(self._outlook, action, points, old.values, only=(self._unnoticed, own))
+                values = self._outlook.vectors(action, old.values[chosen.following])
+                return values, np.full(len(values), action)
+
+            part, change = improve(before, self._points, backup, random, watch, every=every)
+            parts.append(part)
+            changes.append(change)
+        self.vectors = Vectors.joined(parts)
+        return max(changes)

@@ -37,11 +37,11 @@ __all__ = ["Round", "bounded", "rounding", "rounds", "sweeping", "sweeps_of"]
 
 _PASS = 200_000
 """Entries that the sweeps of a round go over at least, so that its report costs little beside them."""
-_SWEEPS = 4, 64
+_SWEEPS = 3, 64
 """The least and the most sweeps of a round."""
 _LEVELLING = 16
 """The most backups of a round that even errors out."""
-_SETTLED = 0.1
+_SETTLED = 0.3
 """Sweeps end when they change values by less than this share of what is unknown of them, in one step."""
 
 

@@ -55,7 +55,7 @@ class Watch:
         for name, limit in (("gap", gap), ("seconds", seconds), ("iterations", iterations), ("memory", memory)):
             if limit is not None and not limit >= 0:
                 raise ConfigError(f"{name} is a number from 0 on, not {limit}", key=name)
-        self.gap = gap
+        self.gap = float(gap)
         self.reason: Reason | None = None
         self._seconds = float("inf") if seconds is None else seconds
         self._iterations = sys.maxsize if iterations is None else iterations

@@ -84,6 +84,7 @@ class Graph(NamedTuple):
 
     point_node: Integers
     point_value: Floats
+    point_drop: Floats
     next_point: Integers
 
     head_vector: Integers
@@ -110,12 +111,13 @@ _SIZED: dict[str, int] = {
     ),
     "values": VALUES,
     "link": LINKS,
-    **dict.fromkeys(("point_node", "point_value", "next_point"), POINTS),
+    **dict.fromkeys(("point_node", "point_value", "point_drop", "next_point"), POINTS),
 }  # fmt: skip
 """Which count the length of an array must exceed; ``informed`` has a row per node."""
 
 _FLOATS = {
     "lower", "upper", "entropy", "binned", "reward", "edge_upper", "chance", "weight", "values", "point_value",
+    "point_drop",
 }  # fmt: skip
 _LONG = {"first_weight", "first_edge", "code", "first_outcome", "first_value", "first_link"}
 

@@ -160,6 +160,7 @@ def _keep_points(graph: Graph, kept: npt.NDArray[np.bool_]) -> None:
     count = int(kept.sum())
     graph.point_node[:count] = graph.point_node[: len(kept)][kept]
     graph.point_value[:count] = graph.point_value[: len(kept)][kept]
+    graph.point_drop[:count] = graph.point_drop[: len(kept)][kept]
     graph.counts[POINTS] = count
     _link(graph.head_point, graph.next_point, graph.block[graph.point_node[:count]], np.arange(count))
     before = np.concatenate(([0], np.cumsum(kept)))

@@ -17,7 +17,34 @@ __all__ = ["add_node", "add_vector", "backup", "explore", "refresh"]
 
 _GRID = 1e9
 """Beliefs that agree to so many parts are one."""
-_DEEP, _SHALLOW = 0.3, 0.6
+_DEEP, _SHALLOW = 0.2, 0.5
+
+
+@compiled
+def _informed(graph: Graph, node: int) -> float:
+    """Return the informed bound of a belief."""
+    best = graph.informed[node, 0]
+    for action in range(1, graph.informed.shape[1]):
+        best = max(best, graph.informed[node, action])
+    return float(best)
+
+
+@compiled
+def _product(graph: Graph, at: int, first: int, last: int) -> float:
+    """Return the product of a vector and a belief, in four sums that need not wait for each other."""
+    values, place, weight = graph.values, graph.place, graph.weight
+    one = two = three = four = 0.0
+    k = first
+    while k + 3 < last:
+        one += values[at + place[k]] * weight[k]
+        two += values[at + place[k + 1]] * weight[k + 1]
+        three += values[at + place[k + 2]] * weight[k + 2]
+        four += values[at + place[k + 3]] * weight[k + 3]
+        k += 4
+    while k < last:
+        one += values[at + place[k]] * weight[k]
+        k += 1
+    return float((one + two) + (three + four))
 
 
 @compiled
@@ -29,10 +56,7 @@ def refresh(graph: Graph, scratch: Scratch, node: int) -> None:  # noqa: C901 - 
     vector = graph.head_vector[block]
     seen = graph.seen_vectors[node]
     while vector >= seen:
-        value = 0.0
-        at = graph.first_value[vector]
-        for k in range(first, last):
-            value += graph.values[at + graph.place[k]] * graph.weight[k]
+        value = _product(graph, graph.first_value[vector], first, last)
         if value > graph.lower[node]:
             graph.lower[node] = value
             graph.best[node] = vector
@@ -46,18 +70,20 @@ def refresh(graph: Graph, scratch: Scratch, node: int) -> None:  # noqa: C901 - 
         for k in range(first, last):
             dense[graph.place[k]] = graph.weight[k]
         upper = graph.upper[node]
+        most = _informed(graph, node)
         while point >= seen:
             other = graph.point_node[point]
             if graph.num_weights[other] <= last - first and graph.point_value[point] <= graph.upper[other]:
+                # A point lowers the informed bound by no more than its ratio times its own drop.
+                least = (most - upper) / graph.point_drop[point]
                 ratio = np.inf
                 begin = graph.first_weight[other]
                 for k in range(begin, begin + graph.num_weights[other]):
-                    share = dense[graph.place[k]] / graph.weight[k]
-                    if share < ratio:
-                        ratio = share
-                        if share == 0.0:
+                    if dense[graph.place[k]] < ratio * graph.weight[k]:
+                        ratio = dense[graph.place[k]] / graph.weight[k]
+                        if ratio <= least:
                             break
-                if ratio > 0.0:
+                if ratio > least:
                     rest = -np.inf
                     for action in range(num_actions):
                         value = graph.informed[node, action] - ratio * graph.informed[other, action]
@@ -328,6 +354,7 @@ def backup(layout: Layout, graph: Graph, scratch: Scratch, node: int, step: floa
             graph.counts[POINTS] += 1
             graph.point_node[point] = node
             graph.point_value[point] = upper
+            graph.point_drop[point] = _informed(graph, node) - upper
             graph.next_point[point] = graph.head_point[block]
             graph.head_point[block] = point
         graph.upper[node] = upper
@@ -356,10 +383,7 @@ def _has_room(graph: Graph, room: np.ndarray) -> bool:
 def _predicted(graph: Graph, node: int, low: float, width: float, entropy: float, bins: int) -> float:
     """Return what a belief's value may come to: the mean of those like it, or its upper bound where there are none."""
     if graph.bin[node] < 0:
-        best = -np.inf
-        for action in range(graph.informed.shape[1]):
-            best = max(best, graph.informed[node, action])
-        row = min(bins - 1, max(0, int((best - low) / width * bins)))
+        row = min(bins - 1, max(0, int((_informed(graph, node) - low) / width * bins)))
         column = min(bins - 1, max(0, int(graph.entropy[node] / entropy * bins)))
         graph.bin[node] = row * bins + column
     place = graph.bin[node]

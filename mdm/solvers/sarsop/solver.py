@@ -85,7 +85,9 @@ def _warm_up() -> None:
         text = "SARSOP runs uncompiled, a hundred times slower than with numba: install mdm[fast]"
         warnings.warn(text, ModelWarning, stacklevel=4)
     tiny = POMDP([np.eye(2)] * 2, [np.eye(2)] * 2, np.eye(2), discount=0.5)
-    _Search(tiny).run(Watch(gap=0.0))
+    search = _Search(tiny)
+    search.bounds()
+    search.run(Watch(gap=0.0))
 
 
 class _Search:

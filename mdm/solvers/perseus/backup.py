@@ -70,7 +70,7 @@ def best(outlook: Outlook, points: Matrix, vectors: Vector) -> tuple[Vector, Ind
     result = np.empty((len(actions), outlook.size))
     for action in np.unique(actions).tolist():
         at = actions == action
-        result[at] = outlook.vectors(action, vectors[each[action].following[at]])
+        result[at] = outlook.vectors(action, vectors, each[action].following[at])
     return result, actions
 
 

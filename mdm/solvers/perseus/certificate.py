@@ -24,13 +24,17 @@ from mdm.solvers.perseus.backup import Vectors, choose
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
     from mdm.solvers.perseus.outlook import Outlook
+    from mdm.solvers.watch import Watch
 
 __all__ = ["certified"]
 
 _SWEEPS = 1000
+_BLOCK = 64
+_LATE = 0.5, 0.05
+"""How long the last sweeps may take when the time is up: so many seconds, and such a share of the time before."""
 
 
-def certified(outlook: Outlook, points: Matrix, vectors: Vectors, precision: float) -> Vectors:
+def certified(outlook: Outlook, points: Matrix, vectors: Vectors, precision: float, watch: Watch) -> Vectors:
     """Return the vectors as values that choosing by them earns, at least.
 
     Args:
@@ -38,24 +42,30 @@ def certified(outlook: Outlook, points: Matrix, vectors: Vectors, precision: flo
         points: n x S.
         vectors: The vectors.
         precision: By how much they may be too low.
+        watch: Ends the sweeps, a little after its time is up; the vectors are then the lower for it.
     """
     groups = []
     for action in np.unique(vectors.actions).tolist():
         at = np.flatnonzero(vectors.actions == action)
-        groups.append((action, at, choose(outlook, action, points[vectors.points[at]], vectors.values).following))
+        blocks = np.array_split(vectors.points[at], len(at) // _BLOCK + 1)
+        chosen = [choose(outlook, action, points[block], vectors.values).following for block in blocks]
+        groups.append((action, at, np.concatenate(chosen)))
 
     def backed(values: Vector) -> Vector:
         result = np.empty_like(values)
         for action, at, following in groups:
-            result[at] = outlook.vectors(action, values[following])
+            result[at] = outlook.vectors(action, values, following)
         return result
 
     values = vectors.values
+    began = watch.seconds
     for _ in range(_SWEEPS):
         better = backed(values)
         change = float(np.abs(better - values).max())
         values = better
         if change * outlook.discount <= precision * (1 - outlook.discount):
+            break
+        if watch.remaining < 0 and watch.seconds - began > _LATE[0] + _LATE[1] * began:
             break
     excess = max(float((values - backed(values)).max()), 0.0)
     return vectors._replace(values=values - excess / (1 - outlook.discount))

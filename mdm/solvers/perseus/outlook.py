@@ -1,11 +1,12 @@
-"""What actions lead to: the model as Perseus reads it, one S x (O S') matrix of P(s', o | s, a) for each action.
+"""What actions lead to: the model as Perseus reads it, one matrix of P(s', o | s, a) for each action.
 
-A row of it holds all that may follow a state, so that one product takes a block of beliefs to what they become after
-each observation, and one product makes vectors of the ones that follow.
+A row holds all that may follow a state, a column for each pair of o and s' that ever go together, so that one product
+takes a block of beliefs to what they become after each observation, and one product makes vectors of those that follow.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -18,7 +19,6 @@ from mdm.solvers.perseus.silence import Silence
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.pomdp import POMDP
-    from mdm.solvers.watch import Watch
 
 __all__ = ["Indices", "Only", "Outlook"]
 
@@ -32,8 +32,8 @@ _DENSE = 0.2
 _WIDE = 300
 _NARROW = 0.3
 """For more states than the first, beliefs are sparse that give weight to a smaller part of them than the second."""
-_SWEEPS = 2_000
-_SETTLED = 1e-6
+_TOGETHER = 8_000_000
+"""So many numbers are gathered at once, at most, to make vectors of."""
 
 
 class Outlook:
@@ -61,14 +61,24 @@ class Outlook:
             raise ModelError("nothing is ever noticed: the model's only observation is its false negative")
         joints = [[model.joint_matrix(a, o) for o in self.observations] for a in range(self.num_actions)]
         self._compressed = _is_sparse(joints, self.size)
-        self._ahead = [self._side_by_side(each) for each in joints]
-        self._transitions = [self._own(model.transition_matrix(action)) for action in range(self.num_actions)]
+        self.ahead: list[Matrix] = []
+        """P(s', o | s, a) of each action: a row for each s, a column for each o and s' that go together."""
+        self._symbols: list[Indices] = []
+        self._successors: list[Indices] = []
+        for each in joints:
+            matrix = self._side_by_side(each)
+            columns = np.unique(matrix.nonzero()[1])
+            self.ahead.append(matrix[:, columns])
+            symbols, successors = np.divmod(columns, self.size)
+            self._symbols.append(symbols)
+            self._successors.append(successors)
+        self.transitions = [self._own(model.transition_matrix(action)) for action in range(self.num_actions)]
         self._silences: list[Silence | None] = [None] * self.num_actions
         if without is not None or model.event_observations:
             for action, each in enumerate(joints):
                 noticed = [self._own(matrix) for matrix in each]
                 name = model.action_space.names[action]
-                self._silences[action] = Silence.of(self._transitions[action], noticed, self.discount, name)
+                self._silences[action] = Silence.of(self.transitions[action], noticed, self.discount, name)
 
     def _own(self, matrix: Matrix) -> Matrix:
         """Return a matrix as this model's are."""
@@ -94,9 +104,28 @@ class Outlook:
         silence = self._silences[action]
         return points if silence is None else silence.weights(points)
 
-    def after(self, action: int, belief: Vector) -> Vector:
-        """Return what a belief becomes after each observation, unnormalised: O x S."""
-        return np.asarray(self._ahead[action].T @ belief).reshape(self.width, self.size)
+    def after(self, action: int, belief: Vector) -> tuple[Indices, Indices, Vector]:
+        """Return what a belief may become: places of observations, states, and their joint probabilities."""
+        row = (csr(belief[None]) if self._compressed else belief[None]) @ self.ahead[action]
+        weights = row.toarray()[0] if is_compressed(row) else row[0]
+        return self._symbols[action], self._successors[action], weights
+
+    def apart(self, action: int, rows: Any) -> tuple[Any, Indices]:
+        """Return rows over columns of an action's matrix as rows over s', one for each observation that is possible.
+
+        Args:
+            action: The action.
+            rows: CSR.
+
+        Returns:
+            The new rows, and the place of each: that of the old row times O, plus that of the observation.
+        """
+        rows.sort_indices()
+        owners = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
+        keys = owners * self.width + self._symbols[action][rows.indices]
+        first = np.flatnonzero(np.diff(keys, prepend=-1))
+        parts = (rows.data, self._successors[action][rows.indices], np.append(first, len(keys)))
+        return csr(parts, (len(first), self.size), copy=False), keys[first]
 
     def follow(self, action: int, points: Matrix, vectors: Vector, only: Only | None = None) -> tuple[Vector, Indices]:
         """Return the best vectors after each observation: what they are worth at points together, n, and which, n x O.
@@ -122,22 +151,29 @@ class Outlook:
     def _follow_wide(
         self, action: int, points: Vector, vectors: Vector, usual: Indices, place: int, refused: Any
     ) -> tuple[Vector, Indices]:
-        after = np.asarray(self._ahead[action].T @ points.T).reshape(self.width, self.size, len(points))
-        scores = np.matmul(vectors, after)
-        if refused is not None:
-            scores[place, refused] = -np.inf
-        following = scores.argmax(axis=1)
-        worth = np.take_along_axis(scores, following[:, None], axis=1)[:, 0]
-        return worth.sum(axis=0), np.where(after.any(axis=1), following, usual[:, None]).T
+        after = np.asarray(self.ahead[action].T @ points.T)
+        worth = np.zeros(len(points))
+        following = np.repeat(usual[None], len(points), axis=0)
+        bounds = np.searchsorted(self._symbols[action], np.arange(self.width + 1)).tolist()
+        for observation, (first, last) in enumerate(pairwise(bounds)):
+            if first == last:
+                continue
+            part = after[first:last]
+            scores = vectors[:, self._successors[action][first:last]] @ part
+            if observation == place:
+                scores[refused] = -np.inf
+            possible = part.any(axis=0)
+            chosen = scores.argmax(axis=0)
+            following[possible, observation] = chosen[possible]
+            worth += np.where(possible, scores[chosen, np.arange(len(points))], 0.0)
+        return worth, following
 
     def _follow_narrow(
         self, action: int, points: Any, vectors: Vector, usual: Indices, place: int, refused: Any
     ) -> tuple[Vector, Indices]:
         shape = points.shape[0], self.width
-        after = (points @ self._ahead[action]).reshape(shape[0] * shape[1], self.size).tocsr()
-        at = np.flatnonzero(np.diff(after.indptr))
-        starts = np.append(after.indptr[at], after.nnz)
-        scores = csr((after.data, after.indices, starts), (len(at), self.size), copy=False) @ vectors.T
+        after, at = self.apart(action, points @ self.ahead[action])
+        scores = after @ np.ascontiguousarray(vectors.T)
         if refused is not None:
             scores[np.ix_(at % self.width == place, refused)] = -np.inf
         following = np.tile(usual, shape[0])
@@ -146,72 +182,26 @@ class Outlook:
         worth.flat[at] = scores[np.arange(len(at)), following[at]]
         return worth.sum(axis=1), following.reshape(shape)
 
-    def vectors(self, action: int, following: Vector) -> Vector:
-        """Return the vectors of an action that are followed by others: k x S, of k x O x S."""
-        earned = self._ahead[action] @ following.reshape(len(following), -1).T
+    def vectors(self, action: int, vectors: Vector, following: Indices) -> Vector:
+        """Return the vectors of an action that are followed by others: k x S, of N x S and k x O."""
+        most = max(1, _TOGETHER // len(self._symbols[action]))
+        if len(following) > most:
+            return np.concatenate(
+                [
+                    self.vectors(action, vectors, following[first : first + most])
+                    for first in range(0, len(following), most)
+                ]
+            )
+        gathered = vectors[following[:, self._symbols[action]], self._successors[action]]
+        earned = self.ahead[action] @ np.ascontiguousarray(gathered.T)
         earned *= self.discount
         earned += self.rewards[action][:, None]
+        return np.ascontiguousarray(self.earned(action, earned).T)
+
+    def earned(self, action: int, values: Vector) -> Vector:
+        """Return what an action earns until something is noticed and, with it, then: of what it earns in a step."""
         silence = self._silences[action]
-        return np.ascontiguousarray((earned if silence is None else silence.values(earned)).T)
-
-    def blind_values(self) -> Vector:
-        """Return what each action is worth, at least, if it is done for ever: A x S.
-
-        It is approached from below, so that it holds wherever the sweeps end.
-
-        Raises:
-            ModelError: If the rewards are too large for numbers.
-        """
-        result = np.empty_like(self.rewards)
-        for action, rewards in enumerate(self.rewards):
-            values = np.full(self.size, self._limit(rewards.min()))
-            for _ in range(_SWEEPS):
-                better = rewards + self.discount * (self._transitions[action] @ values)
-                change = np.abs(better - values).max()
-                values = better
-                if change <= _SETTLED * np.ptp(rewards):
-                    break
-            result[action] = values
-        return result
-
-    def upper_bound(self, belief: Vector, watch: Watch, horizon: int | None = None) -> float:
-        """Return the fast informed bound: no policy earns more from a belief.
-
-        It is approached from above (M. Hauskrecht, *Value-function approximations for partially observable Markov
-        decision processes*, JAIR 13, 2000, section 4.5), so that it holds wherever the watch ends it. With a horizon it
-        is that of so many decisions, and inf where it was ended.
-
-        Raises:
-            ModelError: If the rewards are too large for numbers.
-        """
-        shape = self.num_actions, self.size
-        values = np.full(shape, 0.0 if horizon is not None else self._limit(self.rewards.max()))
-        rows = [each.reshape(self.size * self.width, self.size) for each in self._ahead]
-        for _ in range(_SWEEPS if horizon is None else horizon):
-            if watch.remaining < 0:
-                if horizon is not None:
-                    return np.inf
-                break
-            columns = np.ascontiguousarray(values.T)
-            better = np.empty(shape)
-            for action in range(self.num_actions):
-                best = (rows[action] @ columns).max(axis=1).reshape(self.size, self.width).sum(axis=1)
-                earned = self.rewards[action] + self.discount * best
-                silence = self._silences[action]
-                better[action] = earned if silence is None else silence.values(earned)
-            change = np.abs(better - values).max()
-            values = better
-            if horizon is None and change <= _SETTLED * np.ptp(values):
-                break
-        return float((values @ belief).max())
-
-    def _limit(self, reward: float) -> float:
-        """Return what a reward in every step is worth."""
-        with np.errstate(over="ignore"):
-            value = float(np.float64(reward) / (1 - self.discount))
-        if not np.abs(value) < np.finfo(np.float64).max / 1e3:
-            raise ModelError(f"a reward of {reward:g} in every step is too much for numbers: scale the rewards down")
-        return value
+        return values if silence is None else silence.values(values)
 
 
 def _is_sparse(joints: list[list[Matrix]], size: int) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from mdm.models.matrices import Vector  # noqa: TC001 - the fields' types are looked at
 from mdm.policies import FiniteStateController
 from mdm.solvers.perseus.backup import choose
+from mdm.solvers.perseus.bounds import upper_bound
 from mdm.solvers.perseus.outlook import Indices, Outlook
 from mdm.solvers.perseus.points import sampled
 
@@ -42,6 +43,7 @@ class _Stage(NamedTuple):
 
 def plan(
     model: POMDP,
+    first: Vector,
     watch: Watch,
     beliefs: int | npt.ArrayLike,
     random: np.random.Generator,
@@ -53,8 +55,8 @@ def plan(
     Where it has to stop early, what is missing is planned for the initial belief alone.
     """
     outlook = Outlook(model, without=unnoticed)
-    upper = outlook.upper_bound(model.initial_belief, watch, horizon)
-    points = outlook.points(sampled(model, outlook, beliefs, random, watch, unnoticed))
+    upper = upper_bound(outlook, first, watch, horizon)
+    points = outlook.points(sampled(model, outlook, model.initial_belief[None], beliefs, random, watch, unnoticed))
     stages: list[_Stage] = []
     values = np.zeros((1, outlook.size))
     stopped = False
@@ -82,7 +84,7 @@ def _stage(outlook: Outlook, points: Matrix, values: Vector) -> _Stage:
     actions, following = np.array([action for action, _ in found]), np.stack(list(found.values()))
     result = np.empty((len(found), outlook.size))
     for action in np.unique(actions).tolist():
-        result[actions == action] = outlook.vectors(action, values[following[actions == action]])
+        result[actions == action] = outlook.vectors(action, values, following[actions == action])
     return _Stage(result, actions, following)
 
 

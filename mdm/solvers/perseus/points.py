@@ -9,6 +9,7 @@ import numpy as np
 from mdm.errors import ConfigError
 from mdm.models.false_negatives import Unnoticed
 from mdm.models.matrices import distribution
+from mdm.models.mixed import MixedPOMDP
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from mdm.solvers.perseus.outlook import Outlook
     from mdm.solvers.watch import Watch
 
-__all__ = ["sampled"]
+__all__ = ["sampled", "starts"]
 
 _DIGITS = 7
 """Beliefs that are the same to so many digits are one."""
@@ -30,19 +31,32 @@ _ENDS = 0.01, 0.1
 """The least and the greatest chance that a walk ends after a step."""
 
 
+def starts(model: POMDP) -> Vector:
+    """Return the beliefs before the first action, each times its probability: k x S.
+
+    It is one, but where factors of the state are observed from the start.
+    """
+    belief = model.initial_belief
+    if not isinstance(model, MixedPOMDP):
+        return belief[None]
+    return np.stack([np.where(model.seen_in == seen, belief, 0.0) for seen in np.unique(model.seen_in[belief > 0])])
+
+
 def sampled(
     model: POMDP,
     outlook: Outlook,
+    first: Vector,
     beliefs: int | npt.ArrayLike,
     random: np.random.Generator,
     watch: Watch,
     unnoticed: int | None = None,
 ) -> Vector:
-    """Return different beliefs as an n x S array, the initial one first.
+    """Return different beliefs as an n x S array, those at the start first.
 
     Args:
         model: The model.
         outlook: What its actions lead to.
+        first: Its `starts`.
         beliefs: How many to find, fewer where no more are met; or an n x S array of them.
         random: Draws actions and observations.
         watch: Ends the search.
@@ -56,25 +70,29 @@ def sampled(
     if not isinstance(beliefs, int | np.integer):
         size = len(model.state_space)
         rows = [distribution(row, what=f"belief {at}", size=size) for at, row in enumerate(np.atleast_2d(beliefs))]
-        return np.stack(list(_each_once([model.initial_belief, *rows])))
+        return np.stack(list(_each_once([*_normalised(first), *rows])))
     if beliefs < 1:
         raise ConfigError(f"Perseus needs at least 1 belief, not {beliefs}", key="beliefs")
     found = []
-    for belief in _each_once(_walks(_Step(model, outlook, unnoticed), model, _TRIES * int(beliefs), random)):
+    walks = _walks(_Step(model, outlook, unnoticed), first, model.discount, _TRIES * int(beliefs), random)
+    for belief in _each_once(walks):
         found.append(belief)
         if len(found) == beliefs or watch.remaining < 0:
             break
     return np.stack(found)
 
 
-def _walks(step: _Step, model: POMDP, steps: int, random: np.random.Generator) -> Iterator[Vector]:
-    """Yield the beliefs of random walks from the initial belief."""
-    chance = min(max(1 - model.discount, _ENDS[0]), _ENDS[1])
-    belief = model.initial_belief
+def _walks(step: _Step, first: Vector, discount: float, steps: int, random: np.random.Generator) -> Iterator[Vector]:
+    """Yield the beliefs at the start, and those of random walks from there."""
+    chance = min(max(1 - discount, _ENDS[0]), _ENDS[1])
+    shares = first.sum(axis=1)
+    first = _normalised(first)
+    yield from first
+    after: Vector | None = None
     for _ in range(steps):
+        belief = first[random.choice(len(first), p=shares / shares.sum())] if after is None else after
         yield belief
         after = None if random.random() < chance else step(belief, random)
-        belief = model.initial_belief if after is None else after
 
 
 class _Step:
@@ -91,13 +109,19 @@ class _Step:
         """Return the next belief; None where nothing is ever noticed."""
         action = int(random.integers(self._outlook.num_actions))
         before = belief if self._silent is None else self._silent[action](belief)
-        after = np.maximum(self._outlook.after(action, before), 0.0)
-        chances = np.where(self._noticed, after.sum(axis=1), 0.0)
+        symbols, states, weights = self._outlook.after(action, np.maximum(before, 0.0))
+        chances = np.bincount(symbols, weights, minlength=len(self._noticed)) * self._noticed
         total = chances.sum()
         if not total > 0:
             return None
         chosen = random.choice(len(chances), p=chances / total)
-        return np.asarray(after[chosen] / chances[chosen])
+        belief = np.zeros(self._outlook.size)
+        belief[states[symbols == chosen]] = weights[symbols == chosen]
+        return np.asarray(belief / belief.sum())
+
+
+def _normalised(rows: Vector) -> Vector:
+    return np.asarray(rows / rows.sum(axis=1, keepdims=True))
 
 
 def _each_once(beliefs: Iterable[Vector]) -> Iterator[Vector]:

@@ -25,10 +25,11 @@ import numpy as np
 from mdm.errors import ConfigError, ModelError
 from mdm.policies import AlphaVectors
 from mdm.solvers.perseus.backup import Vectors, best, improve, needed
+from mdm.solvers.perseus.bounds import blind_values, upper_bound
 from mdm.solvers.perseus.certificate import certified
 from mdm.solvers.perseus.outlook import Outlook
 from mdm.solvers.perseus.plan import plan
-from mdm.solvers.perseus.points import sampled
+from mdm.solvers.perseus.points import sampled, starts
 from mdm.solvers.perseus.unnoticed import Constrained
 from mdm.solvers.watch import Watch
 
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.models import POMDP
-    from mdm.models.matrices import Matrix
+    from mdm.models.matrices import Matrix, Vector
     from mdm.models.space import Symbol
     from mdm.solvers.solution import Solution
 
@@ -68,6 +69,8 @@ def perseus(
 ) -> Solution:
     """Solve a POMDP at the beliefs that random exploration meets.
 
+    Where factors of the state are observed from the start (`POMDP.revealed`), the bounds are for who sees them.
+
     It has ``converged`` when no belief is improved so far that more rounds could add more than the watch's gap.
 
     Args:
@@ -92,13 +95,13 @@ def perseus(
     unnoticed = None if false_negative is None else model.observation_space.index(false_negative)
     random = np.random.default_rng(seed)
     with Watch() if watch is None else watch as watching:
-        flat = model.flatten()
+        flat, first = model.flatten(), starts(model)
         if horizon is not None:
-            return plan(flat, watching, beliefs, random, horizon, unnoticed)
+            return plan(flat, first, watching, beliefs, random, horizon, unnoticed)
         outlook = Outlook(flat)
-        upper = outlook.upper_bound(flat.initial_belief, watching)
-        points = outlook.points(sampled(flat, outlook, beliefs, random, watching, unnoticed))
-        search = _Search(flat, outlook, points, unnoticed, watching)
+        upper = upper_bound(outlook, first, watching)
+        points = outlook.points(sampled(flat, outlook, first, beliefs, random, watching, unnoticed))
+        search = _Search(flat, first, outlook, points, unnoticed, watching)
         search.run(upper, random)
         policy = AlphaVectors(search.sure.values, search.sure.actions.tolist(), outlook.num_actions)
         size = len(search.sure.actions)
@@ -108,15 +111,17 @@ def perseus(
 class _Search:
     """The state of a run: the vectors that rounds improve, and the best ones that are certified."""
 
-    def __init__(self, model: POMDP, outlook: Outlook, points: Matrix, unnoticed: int | None, watch: Watch) -> None:
-        self._belief = model.initial_belief
+    def __init__(
+        self, model: POMDP, first: Vector, outlook: Outlook, points: Matrix, unnoticed: int | None, watch: Watch
+    ) -> None:
+        self._starts = first
         self._points = points
         self._watch = watch
         self._discount = outlook.discount
         # A plan that is certified does not know what went unnoticed.
         self._actual = outlook if unnoticed is None else Outlook(model, without=unnoticed)
         count = outlook.num_actions
-        self.sure = Vectors(outlook.blind_values(), np.arange(count), np.zeros(count, dtype=np.intp))
+        self.sure = Vectors(blind_values(outlook), np.arange(count), np.zeros(count, dtype=np.intp))
         self._function: _ValueFunction = (
             _Plain(outlook, points, self.sure)
             if unnoticed is None
@@ -126,7 +131,7 @@ class _Search:
         self.rounds = 0
 
     def _value(self, vectors: Vectors) -> float:
-        return float((vectors.values @ self._belief).max())
+        return float((self._starts @ vectors.values.T).max(axis=1).sum())
 
     def run(self, upper: float, random: np.random.Generator) -> None:
         """Improve the vectors until the watch ends it or they have converged.
@@ -152,7 +157,8 @@ class _Search:
 
     def _certify(self) -> Vectors:
         """Return the vectors as a policy earns them, and keep them if they are the best so far."""
-        vectors = certified(self._actual, self._points, self._function.vectors, 0.1 * max(self._watch.gap, 1e-9))
+        precision = 0.1 * max(self._watch.gap, 1e-9)
+        vectors = certified(self._actual, self._points, self._function.vectors, precision, self._watch)
         if (value := self._value(vectors)) > self.lower:
             self.sure, self.lower = vectors, value
         return vectors

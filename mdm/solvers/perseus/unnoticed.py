@@ -53,7 +53,7 @@ class Constrained:
 
             def backup(points: Matrix, action: int = action, own: Indices = own) -> tuple[Vector, Indices]:
                 chosen = choose(self._outlook, action, points, old.values, only=(self._unnoticed, own))
-                values = self._outlook.vectors(action, old.values[chosen.following])
+                values = self._outlook.vectors(action, old.values, chosen.following)
                 return values, np.full(len(values), action)
 
             part, change = improve(before, self._points, backup, random, watch, every=every)

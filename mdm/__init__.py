@@ -46,6 +46,7 @@ from mdm.policies import (
     Policy,
     QTable,
     RandomPolicy,
+    StagedPolicy,
     StochasticPolicy,
     TreeSearch,
 )
@@ -111,6 +112,7 @@ __all__ = [
     "Sensor",
     "SimulationResult",
     "Space",
+    "StagedPolicy",
     "StateFactor",
     "StateLayer",
     "StochasticPolicy",

@@ -19,7 +19,7 @@ from mdm.actors.scope import Scope
 from mdm.errors import ConfigError, Error, ModelError
 from mdm.messages import Action, Belief, Control, Decision, Fault, Observation, Reward, State, Tick
 from mdm.models import POMDP, BeliefTracker, Support, Tracker
-from mdm.policies import FiniteStateController, JointController
+from mdm.policies import FiniteStateController, JointController, StagedPolicy
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 
 if TYPE_CHECKING:
@@ -64,7 +64,8 @@ class ControlLayer(Layer):
         policy: From a state index or a belief to a joint action; or a controller.
         model: Needed by a policy over beliefs, and for rewards.
         drive: When to decide.
-        horizon: Decisions in an episode; the next stimulus after them starts a new one.
+        horizon: Decisions in an episode; the next stimulus after them starts a new one. By default, and at most, those
+            of a `StagedPolicy`, which is asked at each decision for that of its epoch.
         on_impossible: What becomes of the belief at an observation that has probability 0: ``predict`` (time passes,
             nothing seen), ``keep`` it, ``reset`` it, or ``safe_action`` (predict, and run the safe action).
         on_no_observation: What a fixed-rate tick without a new observation means: ``predict``, ``repeat`` the last
@@ -128,6 +129,9 @@ class ControlLayer(Layer):
             if tracker is None and policy.input == "belief" and isinstance(model, POMDP):
                 self._tracker = BeliefTracker(model, false_negative=self.false_negative)
             self._choose = policy.action
+            if isinstance(policy, StagedPolicy):
+                self.horizon = policy.horizon if horizon is None else horizon
+                self._choose = lambda state: policy.action(state, self.epoch)
             self._rewards = _rewards(rewards, model)
         self._num_states = 0 if policy.num_states is None else policy.num_states
         # Where beliefs can be had, and chosen by, without an array of all states.
@@ -141,7 +145,7 @@ class ControlLayer(Layer):
         self._check_start()
         self._no_observation = self._no_observation_symbol()
         self._deadline_ns = None if deadline is None else round(deadline * 1e9)
-        self._horizon = sys.maxsize if horizon is None else horizon
+        self._horizon = sys.maxsize if self.horizon is None else self.horizon
         self._event_driven = isinstance(self.drive, OnEvent)
         self._latencies = Latencies()
         self._record = self._latencies.record
@@ -158,6 +162,11 @@ class ControlLayer(Layer):
         policy, model = self.policy, self.model
         if self.horizon is not None and self.horizon < 1:
             raise ConfigError(f"a horizon is at least 1 decision, not {self.horizon}", key="horizon")
+        if isinstance(policy, StagedPolicy) and self.horizon is not None and self.horizon > policy.horizon:
+            raise ConfigError(
+                f"the policy is for episodes of at most {policy.horizon} decisions, not of {self.horizon}",
+                key="horizon",
+            )
         if self.deadline is not None and not self.deadline > 0:
             raise ConfigError(f"a deadline is a number of seconds above 0, not {self.deadline}", key="deadline")
         if self.on_impossible not in {"predict", "keep", "reset", "safe_action"}:

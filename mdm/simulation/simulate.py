@@ -75,8 +75,8 @@ def simulate(
         policy: What decides.
         episodes: How many to run.
         seed: The same seed gives the same result.
-        steps: Decisions in each episode; by default as many as the policy's plan has, or as leave out less than 1e-4
-            of the discounted weight.
+        steps: Decisions in each episode; by default, and at most, as many as the policy's plan has, or where it has no
+            end, as leave out less than 1e-4 of the discounted weight.
         drive: When to decide; on events by default.
         on_impossible: See `ControlLayer`.
         on_no_observation: See `ControlLayer`.
@@ -88,7 +88,10 @@ def simulate(
     if episodes < 1:
         raise ConfigError(f"a simulation needs at least 1 episode, not {episodes}")
     planned: int | None = getattr(policy, "horizon", None)
-    count = steps if steps is not None else planned or steps_for(model.discount)
+    if planned is not None:
+        count = planned if steps is None else min(steps, planned)
+    else:
+        count = steps_for(model.discount) if steps is None else steps
     returns: list[float] = []
 
     async def main() -> None:

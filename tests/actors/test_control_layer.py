@@ -17,6 +17,7 @@ from mdm import (
     Ensemble,
     FixedRate,
     QTable,
+    StagedPolicy,
     StochasticPolicy,
     VirtualClock,
     load_model,
@@ -210,6 +211,18 @@ def test_a_horizon_at_a_fixed_rate_and_for_an_mdp():
     options = {"model": None, "policy": DeterministicPolicy([1, 0]), "actions": dict.fromkeys(range(2), nothing)}
     decisions, _, _ = decided([be(0), be(1), be(0)], horizon=2, **options)
     assert [(d.epoch, d.cause) for d in decisions] == [(0, "state"), (1, "state"), (0, "episode")]
+
+
+def test_each_epoch_has_its_stage_of_a_staged_policy():
+    staged = StagedPolicy([[[0, 1], [1, 0]], [[1, 0], [0, 1]], [[0, 1], [0, 1]]])
+    options = {"model": None, "policy": staged, "actions": dict.fromkeys(range(2), nothing)}
+    decisions, _, robot = decided([be(0), be(0), be(1), be(1), lambda robot: robot.reset()], **options)
+    assert robot.control.horizon == 3
+    assert [(d.epoch, d.action) for d in decisions] == [(0, 1), (1, 0), (2, 1), (0, 0), (0, 0)]
+    decisions, _, _ = decided([be(0), 3.5], drive=FixedRate(1), horizon=2, **options)
+    assert [(d.epoch, d.action) for d in decisions] == [(0, 1), (1, 0), (0, 1), (1, 0)]
+    with pytest.raises(ConfigError, match="horizon: the policy is for episodes of at most 3 decisions, not of 4"):
+        ensemble(horizon=4, **options)
 
 
 def test_commands_by_method_and_by_message():

@@ -24,13 +24,13 @@ from mdm import (
     ModelWarning,
     QTable,
     Space,
+    StagedPolicy,
     StochasticPolicy,
     evaluate,
     load_model,
     load_policy,
     simulate,
 )
-from mdm.policies import StagedPolicy
 from mdm.simulation.crowd import Crowd
 from mdm.simulation.draws import Draws
 from mdm.simulation.episodes import Limits, one_by_one
@@ -348,5 +348,8 @@ def test_a_staged_policy_goes_through_its_stages():
     policy = StagedPolicy([[[0, 1], [0, 0]], [[0, 0], [0, 1]], [[1, 0], [1, 0]]])
     result = evaluate(model, policy, episodes=10, seed=1)  # change over, change back, stay
     assert list(result.returns) == [0.5 * 3 + 0.25 * 1] * 10
+    assert simulate(model, policy, episodes=10, seed=1).returns == (0.5 * 3 + 0.25 * 1,) * 10
+    assert simulate(model, policy, episodes=2, steps=9).steps == 3
+    assert simulate(model, policy, episodes=2, steps=2).returns == (0.5 * 3,) * 2
     assert exact_values(model, policy)[0] == pytest.approx(result.mean)
     assert evaluate(model, policy, episodes=1, steps=2).mean == pytest.approx(exact_values(model, policy, steps=2)[0])

@@ -65,11 +65,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
-    from mdm.cli.worth import load, load_for, seen_factors  # noqa: PLC0415
+    from mdm.cli.worth import load, load_for, shown  # noqa: PLC0415
 
     policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments.seed)
-    if names := seen_factors(model):  # the decision loop begins before anything is observed
-        print(f"mdm simulate: the agent sees {', '.join(names)} at every step but the first", file=sys.stderr)
+    if sentence := shown(model):
+        print(f"mdm simulate: {sentence}", file=sys.stderr)
     return {
         "model": model,
         "false_negative": arguments.false_negative,

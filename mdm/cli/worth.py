@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.models.matrices import Vector
 
-__all__ = ["claim", "load", "load_for", "revealed", "seen_factors", "shown"]
+__all__ = ["claim", "load", "load_for", "revealed", "shown"]
 
 
 def load(path: str, discount: float | None) -> MDP:
@@ -30,17 +30,12 @@ def revealed(model: MDP) -> MDP:
     return model.revealed() if isinstance(model, POMDP) and not model.event_observations else model
 
 
-def seen_factors(model: MDP) -> list[str]:
-    """Return the names of the factors of the state that the agent sees."""
-    if not isinstance(model, MixedPOMDP):
-        return []
-    return [model.state_space.factors[place].name for place in model.observed]
-
-
 def shown(model: MDP) -> str | None:
     """Return a sentence about what is seen of the state; None where nothing is but by observations."""
-    names = seen_factors(model)
-    return f"the agent sees {', '.join(names)} at every step, and at the start: as the model says" if names else None
+    if not isinstance(model, MixedPOMDP):
+        return None
+    names = [model.state_space.factors[place].name for place in model.observed]
+    return f"the agent sees {', '.join(names)} at every step, and at the start: as the model says"
 
 
 def load_for(model: MDP, path: str, seed: int | None) -> tuple[Any, MDP]:

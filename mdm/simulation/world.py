@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from mdm.actors import Ensemble, FixedRate
 from mdm.errors import ConfigError
-from mdm.messages import Action, Fault, Observation, State
-from mdm.models import POMDP
+from mdm.messages import Action, Belief, Fault, Observation, State
+from mdm.models import POMDP, MixedPOMDP
 from mdm.runtime import Actor
 from mdm.simulation.sampler import Sampler
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from mdm.actors import StateLayer
     from mdm.models import MDP
+    from mdm.models.matrices import Vector
 
 __all__ = ["World"]
 
@@ -28,7 +29,8 @@ class World(Actor):
 
     After each decision it draws the next state and, for a POMDP, an observation, and makes them known: by the sensors
     of the ensemble's state factors and the events of its observation factors where it has such and code sets them, and
-    as messages on its channels otherwise. Start it before the ensemble.
+    as messages on its channels otherwise. Start it before the ensemble. What a `MixedPOMDP` shows of an episode's first
+    state is the ensemble's initial belief.
 
     What nobody notices (the ensemble's false negative, or an event without observation) leads to no decision: the
     action goes on, each such step with its reward, until something is noticed; a fixed-rate ensemble decides all the
@@ -70,6 +72,10 @@ class World(Actor):
         self.model: MDP = given
         self.state = 0
         self.steps = ensemble.control.horizon if steps is None else steps
+        # A controller that has nothing to do with states has no use for a belief.
+        self._belief_at_start: Callable[[int], Vector] | None = None
+        if isinstance(given, MixedPOMDP) and ensemble.control.policy.num_states is not None:
+            self._belief_at_start = given.belief_at_start
         self._unnoticed = ensemble.control.false_negative
         self._waits = not isinstance(ensemble.control.drive, FixedRate)
         self._period = 0.0 if isinstance(ensemble.control.drive, FixedRate) else period
@@ -85,6 +91,7 @@ class World(Actor):
         path, channel = self.ensemble.path, self.runtime.channel
         self._states = channel(f"{path}/state", State, retain=True)
         self._observations = channel(f"{path}/observation", Observation)
+        self._initial_beliefs = channel(f"{path}/initial_belief", Belief, retain=True)
         self.subscribe(channel(f"{path}/action", Action), self._on_action)
         self._begin_episode()
         if self.ensemble.control.policy.input == "state":
@@ -95,6 +102,8 @@ class World(Actor):
         self._return = 0.0
         self._weight = 1.0
         self._step = 0
+        if self._belief_at_start is not None:
+            self._initial_beliefs.publish(Belief(self.runtime.clock.now(), self._belief_at_start(self.state)))
 
     def _on_action(self, action: Action) -> None:
         self._return += self._weight * self._rewards[self.state][action.index]

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import asyncio
 import math
 from pathlib import Path
 
@@ -14,21 +15,28 @@ from mdm import (
     ConfigError,
     DeterministicPolicy,
     Ensemble,
+    Factor,
+    FactoredPOMDP,
     FiniteStateController,
     FixedRate,
     JointController,
+    MixedAlphaVectors,
     PredicateManager,
+    Space,
     StateFactor,
     World,
+    evaluate,
     load_model,
     load_policy,
     simulate,
 )
 from mdm.messages import Action
+from mdm.models import MixedPOMDP
+from mdm.models.factoring import as_network
 from mdm.simulation import Sampler
 from mdm.simulation.simulate import steps_for
 from mdm.solvers import solve
-from mdm.testing import capture_decisions, run_virtual
+from mdm.testing import capture_decisions, probe, run_virtual
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
@@ -217,3 +225,34 @@ def test_robots_that_run_their_own_parts_are_worth_what_the_team_is(corpus):
     run_virtual(main)
     error = np.std(returns) / math.sqrt(len(returns))
     assert abs(np.mean(returns) - solution.lower) < 4 * error
+
+
+@pytest.mark.parametrize("drive", [None, FixedRate(10)])
+def test_what_is_seen_of_the_first_state_is_known_at_the_first_decision(drive):
+    """A switch and a lamp that nobody sees, which stay as they are: the action that names the switch's place earns."""
+    states = Space([Factor("switch", 2), Factor("lamp", 2)])
+    rewards = np.repeat(np.eye(2), 2, axis=0)
+    flat = POMDP([np.eye(4)] * 2, [np.full((4, 2), 0.5)] * 2, rewards, discount=0.5, states=states)
+    model = MixedPOMDP(FactoredPOMDP(as_network(flat), discount=0.5), [0])
+    policy = MixedAlphaVectors([[1, 1], [0, 0], [0, 0], [1, 1]], [0, 1, 0, 1], [0, 0, 1, 1], states=model.layout)
+    result = simulate(model, policy, episodes=50, steps=2, seed=1, drive=drive)
+    assert result.returns == (1.5,) * 50
+    assert result.mean == evaluate(model, policy, episodes=50, steps=2, seed=1).mean
+
+
+def test_a_controller_without_values_is_told_nothing_of_the_first_state():
+    flat = POMDP([np.eye(2)], [np.full((2, 2), 0.5)], np.zeros((2, 1)), discount=0.5, states=Space([Factor("lamp", 2)]))
+    model = MixedPOMDP(FactoredPOMDP(as_network(flat), discount=0.5), [0])
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        robot = Ensemble(
+            "robot", policy=FiniteStateController([0], [[0] * 4]), model=model, actions={0: lambda: None}, horizon=2
+        )
+        await runtime.start(World(robot, seed=1))
+        await runtime.start(robot)
+        await asyncio.sleep(9.5)
+        assert robot.control.statistics().decisions == 10
+        assert not list(faults)
+
+    run_virtual(main)

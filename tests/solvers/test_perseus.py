@@ -181,6 +181,17 @@ def test_backups_with_false_negatives_are_what_recursion_says(rounds):
             assert max(own @ belief) <= worth(belief, action, rounds) + 1e-9
 
 
+@pytest.mark.parametrize("sparse", [False, True])
+def test_what_is_never_noticed_goes_on(monkeypatch, sparse):
+    monkeypatch.setattr(outlooks, "_SMALL", 0 if sparse else 10**9)
+    monkeypatch.setattr(outlooks, "_DENSE", 2.0)
+    model = POMDP([np.eye(2)] * 2, [np.array([[1, 0], [1, 0]])] * 2, [[1, 2], [3, 1]], discount=0.5, sparse=sparse)
+    for horizon in (None, 1, 2):
+        solution = perseus(model, horizon=horizon, false_negative=0, watch=Watch(gap=0))
+        assert solution.lower == pytest.approx(4, abs=1e-5)  # the first for ever, 2 a step
+        assert solution.upper == pytest.approx(4, abs=1e-5)
+
+
 @pytest.mark.parametrize("told", [1.0, 0.9])
 def test_what_goes_unnoticed_is_part_of_the_bound(told):
     model = events(5, told=told)

@@ -184,7 +184,7 @@ class Outlook:
 
     def vectors(self, action: int, vectors: Vector, following: Indices) -> Vector:
         """Return the vectors of an action that are followed by others: k x S, of N x S and k x O."""
-        most = max(1, _TOGETHER // len(self._symbols[action]))
+        most = max(1, _TOGETHER // max(1, len(self._symbols[action])))
         if len(following) > most:
             return np.concatenate(
                 [

@@ -99,9 +99,11 @@ def perseus(
         if horizon is not None:
             return plan(flat, first, watching, beliefs, random, horizon, unnoticed)
         outlook = Outlook(flat)
-        upper = upper_bound(outlook, first, watching)
+        # As it is for an agent that does not know what went unnoticed: bounds are for that one.
+        actual = outlook if unnoticed is None else Outlook(flat, without=unnoticed)
+        upper = upper_bound(actual, first, watching)
         points = outlook.points(sampled(flat, outlook, first, beliefs, random, watching, unnoticed))
-        search = _Search(flat, first, outlook, points, unnoticed, watching)
+        search = _Search(first, outlook, actual, points, unnoticed, watching)
         search.run(upper, random)
         policy = AlphaVectors(search.sure.values, search.sure.actions.tolist(), outlook.num_actions)
         size = len(search.sure.actions)
@@ -112,14 +114,13 @@ class _Search:
     """The state of a run: the vectors that rounds improve, and the best ones that are certified."""
 
     def __init__(
-        self, model: POMDP, first: Vector, outlook: Outlook, points: Matrix, unnoticed: int | None, watch: Watch
+        self, first: Vector, outlook: Outlook, actual: Outlook, points: Matrix, unnoticed: int | None, watch: Watch
     ) -> None:
         self._starts = first
         self._points = points
         self._watch = watch
         self._discount = outlook.discount
-        # A plan that is certified does not know what went unnoticed.
-        self._actual = outlook if unnoticed is None else Outlook(model, without=unnoticed)
+        self._actual = actual
         count = outlook.num_actions
         self.sure = Vectors(blind_values(outlook), np.arange(count), np.zeros(count, dtype=np.intp))
         self._function: _ValueFunction = (

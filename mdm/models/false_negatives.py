@@ -34,7 +34,9 @@ class Unnoticed:
         self._factors: Any = None
         heard = _ever_heard_of(joint)
         if not is_compressed(joint):
-            self._inverse = np.linalg.inv(np.eye(len(heard)) - joint * heard[:, None])
+            # By its transpose, no column of which sums to less than 0: factorised without a row exchanged, it gives
+            # sums of positive numbers alone, and where nothing leads exactly 0.
+            self._inverse = np.linalg.inv((np.eye(len(heard)) - joint * heard[:, None]).T).T
             return
         from scipy.sparse import diags_array, eye_array  # noqa: PLC0415 - takes as long to import as all the rest
         from scipy.sparse.linalg import splu  # noqa: PLC0415

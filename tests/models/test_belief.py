@@ -360,6 +360,31 @@ def test_false_negatives_by_hand(sparse):
     np.testing.assert_allclose(tracker.belief, [first * 0.75, first * 0.75**2, first], atol=1e-12)
 
 
+def test_what_may_go_unnoticed_leads_nowhere_else_by_rounding():
+    """A state that cannot be reached has no weight at all, and what cannot be noticed probability 0."""
+    size = 8
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+
+        def rows(count, share, random=random):
+            array = np.where(random.random((1, size, count)) < share, random.random((1, size, count)), 0.0)
+            array[..., 0] += array.sum(axis=-1) == 0
+            return array / array.sum(axis=-1, keepdims=True)
+
+        moves, told = rows(size, 0.3), rows(3, 0.5)
+        tracker = BeliefTracker(POMDP(moves, told, np.zeros((size, 1)), discount=0.9), false_negative=0)
+        for start in np.eye(size):
+            before, silent = start > 0, moves[0] * told[0, :, 0] > 0
+            for _ in range(size):
+                before = before | (before @ silent)
+            for symbol in (1, 2):
+                reached = before @ (moves[0] * told[0, :, symbol] > 0)
+                tracker.reset(start)
+                assert (tracker.update(0, symbol) > 0) == reached.any()
+                assert (tracker.belief >= 0).all()
+                assert not tracker.belief[~reached].any() or not reached.any()
+
+
 @pytest.mark.parametrize("sparse", [False, True])
 def test_what_is_heard_of_many_unnoticed_steps_later_counts(sparse):
     """Five states in a row, of which only the step out of the last makes a sound; it leads back to the first."""

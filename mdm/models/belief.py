@@ -11,6 +11,7 @@ their rows of T).
 
 from __future__ import annotations
 
+import operator
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
@@ -195,7 +196,7 @@ class BeliefTracker:
                 raise ModelError(
                     f"there is no observation {observation}; the model's {self._num_observations} count from 0"
                 )
-            return [int(observation)]
+            return [operator.index(observation)]
         factors = self._space.factors
         if len(observation) != len(factors):
             raise ModelError(f"an observation has {len(factors)} components, not {len(observation)}")
@@ -225,7 +226,8 @@ def _checked(belief: Support, size: int) -> Support:
         ModelError: If a state does not exist or comes twice, or the probabilities are no distribution.
     """
     states = np.asarray(belief.states)
-    if states.ndim != 1 or len(states) == 0 or states.min() < 0 or states.max() >= size:
+    whole = states.ndim == 1 and len(states) > 0 and states.dtype.kind in "iu"
+    if not whole or states.min() < 0 or states.max() >= size:
         raise ModelError(f"the belief's support is not among the {size} states")
     if len(np.unique(states)) < len(states):
         raise ModelError("the belief's support has a state twice")

@@ -138,6 +138,8 @@ def test_begins_from_a_support():
         ([0, 2], [0.5, 0.5], "not among the 2 states"),
         ([-1], [1.0], "not among the 2 states"),
         ([], [], "not among the 2 states"),
+        ([0.5], [1.0], "not among the 2 states"),
+        ([False, True], [0.5, 0.5], "not among the 2 states"),
         ([1, 1], [0.5, 0.5], "a state twice"),
         ([0, 1], [0.5, 0.6], "sums to 1.1"),
         ([0, 1], [1.0], "needs 2 numbers"),
@@ -150,6 +152,15 @@ def test_a_support_that_is_none_is_refused_and_changes_nothing(states, probabili
     before = tracker.belief
     with pytest.raises(ModelError, match=message):
         tracker.reset(Support(np.array(states), np.array(probabilities)))
+    assert tracker.belief is before
+
+
+@pytest.mark.parametrize("step", [(0, 0.5), (0.5, 0), (0, "hear"), (None, None), (0, [0])])
+def test_what_is_no_symbol_is_taken_for_none(step):
+    tracker = BeliefTracker(tiger())
+    before = tracker.belief
+    with pytest.raises(TypeError):
+        tracker.update(*step)
     assert tracker.belief is before
 
 

@@ -58,6 +58,11 @@ class DeliberatingControlLayer(ControlLayer):
         self._questions = self.owner.channel("question", Question)
         self.subscribe(self.owner.channel("answer", Answer), self._on_answer)
 
+    def _begin_episode(self, *, keep_belief: bool = False) -> None:
+        """Start an episode; what was asked in the one before decides nothing in it."""
+        self._stimulus = None
+        super()._begin_episode(keep_belief=keep_belief)
+
     def _decide(self, time: int, cause: str, observation: int | tuple[int | None, ...] | None = None) -> None:
         """Ask for a decision."""
         state = self._state

@@ -165,6 +165,24 @@ def test_a_stimulus_meanwhile_is_taken_in_and_asked_about_anew(tiger):
     assert statistics.superseded == 1
 
 
+def test_what_was_asked_before_a_reset_decides_nothing(tiger):
+    async def main(runtime):
+        one = ensemble(tiger, drive=mdm.FixedRate(20.0), seconds=0.01)
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(one)
+            while not (asked := one.control.planner.statistics().asked):  # nothing answers before there is a process
+                await asyncio.sleep(0.005)
+            one.reset()
+            runtime.channel("tiger/answer", Answer).publish(Answer(runtime.clock.now(), asked, 1, "search"))
+            assert not decisions
+            await one.ready()
+            while not decisions:
+                await asyncio.sleep(0.005)
+        assert (decisions[0].epoch, decisions[0].cause, decisions[0].action) == (0, "tick", 0)
+
+    live(main)
+
+
 def test_a_process_that_dies_is_reported_and_started_anew(tiger):
     async def main(runtime):
         one = ensemble(tiger, seconds=30.0, deadline=20.0, fallback=LISTEN)

@@ -30,6 +30,8 @@ def at_belief(by_state: Vector, belief: Vector) -> Vector:
 @compiled
 def at_support(by_state: Vector, states: Any, weights: Vector) -> Vector:
     """Return the values of N vectors at a belief in a few states."""
+    if states.size != weights.size:
+        raise IndexError("each state has one weight")
     for index in range(states.size):
         if not 0 <= states[index] < by_state.shape[0]:
             raise IndexError("there is no such state")

@@ -151,5 +151,7 @@ def _at_support(
     by_state: npt.NDArray[np.float64], states: npt.NDArray[np.intp], weights: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
     """Return the values of N vectors at a belief in a few states."""
+    if states.min(initial=0) < 0:  # which would count from the end
+        raise IndexError
     values: npt.NDArray[np.float64] = weights.dot(by_state.take(states, 0))
     return values

@@ -39,6 +39,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/policy.py
 	$(BIN)/python benchmarks/sarsop.py
 	$(BIN)/python benchmarks/solvers.py
+	$(BIN)/python benchmarks/tree_search.py
 
 clean:
 	rm -rf .venv build dist docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis

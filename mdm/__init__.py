@@ -28,6 +28,7 @@ from mdm.models import (
     Factor,
     FactoredMDP,
     FactoredPOMDP,
+    MixedPOMDP,
     Node,
     Space,
     Table,
@@ -64,6 +65,7 @@ from mdm.runtime import (
     run,
 )
 from mdm.simulation import Evaluation, SimulationResult, World, evaluate, simulate
+from mdm.solvers import Progress, Solution, Watch, solve
 
 __all__ = [
     "MDP",
@@ -96,6 +98,7 @@ __all__ = [
     "JointController",
     "MaskedAlphaVectors",
     "MixedAlphaVectors",
+    "MixedPOMDP",
     "ModelError",
     "ModelWarning",
     "Node",
@@ -105,12 +108,14 @@ __all__ = [
     "P",
     "Policy",
     "PredicateManager",
+    "Progress",
     "QTable",
     "RandomPolicy",
     "Restart",
     "Runtime",
     "Sensor",
     "SimulationResult",
+    "Solution",
     "Space",
     "StagedPolicy",
     "StateFactor",
@@ -125,6 +130,7 @@ __all__ = [
     "VirtualClock",
     "VirtualEventLoop",
     "WallClock",
+    "Watch",
     "World",
     "bind",
     "evaluate",
@@ -137,4 +143,5 @@ __all__ = [
     "save_model",
     "save_policy",
     "simulate",
+    "solve",
 ]

@@ -77,8 +77,9 @@ class AlphaVectors:
             from mdm.policies.alpha_kernels import at_belief, at_support  # noqa: PLC0415 - numba takes long to import
 
             self._at_belief, self._at_support = at_belief, at_support
-            self._at(Support(np.zeros(1, np.intp), np.ones(1)))  # compiled now, not at the first choice
-            self._at(Support(np.zeros(1, np.intp), np.ones(1)).dense(self.num_states))
+            one = Support(np.zeros(1, np.intp), np.ones(1))
+            for belief in (one, one.dense(self.num_states), np.zeros(self.num_states)):
+                self._at(belief)  # compiled now, not at the first choice; once more for arrays that can be written to
         self.actions: list[int] = [int(actions[index]) for index in order]
 
     def action(self, belief: npt.NDArray[np.float64] | Support) -> int:

@@ -68,6 +68,19 @@ def test_ties_go_to_the_lowest_action_however_the_belief_is_given(count):
         assert policy.action(support) == policy.action(support.dense(10)) == 1
 
 
+@pytest.mark.skipif(not can_compile(), reason="needs numba")
+def test_no_choice_has_to_wait_for_the_compiler():
+    from mdm.policies import alpha_kernels
+
+    policy = AlphaVectors(np.ones((1000, 30)), [0] * 1000)
+    kernels = (alpha_kernels.at_belief, alpha_kernels.at_support)
+    before = [len(kernel.signatures) for kernel in kernels]
+    for belief in (np.full(30, 1 / 30), tuple([1.0] + [0.0] * 29), Support(np.array([2]), np.ones(1)).dense(30)):
+        policy.action(belief)
+    policy.action(Support(np.array([2]), np.ones(1)))
+    assert [len(kernel.signatures) for kernel in kernels] == before
+
+
 @pytest.mark.parametrize("name", TABLES)
 def test_agrees_with_madp(corpus, name):
     """Q-values at random beliefs as MADP evaluates its own value functions."""

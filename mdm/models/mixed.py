@@ -51,6 +51,8 @@ class MixedPOMDP(FactoredPOMDP):
             raise ModelError(
                 f"the observed factors {list(observed)} are not among the {len(states.factors)} of the states"
             )
+        if len(set(observed)) < len(observed):
+            raise ModelError(f"the observed factors {list(observed)} have one twice")
         if model.event_observations:
             raise ModelError("observed factors and observations that are events do not go together")
         super().__init__(_network(model.network, observed), discount=model.discount, sparse=True)

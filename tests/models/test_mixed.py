@@ -89,6 +89,8 @@ def test_what_goes_wrong_is_told():
     model = model_of(1, [2, 2])
     with pytest.raises(ModelError, match=r"observed factors \[2\] are not among the 2"):
         MixedPOMDP(model, [2])
+    with pytest.raises(ModelError, match=r"observed factors \[1, 0, 1\] have one twice"):
+        MixedPOMDP(model, [1, 0, 1])
     never = np.flatnonzero(MixedPOMDP(model, [0, 1]).initial_belief == 0)
     for s in never:
         with pytest.raises(ModelError, match="cannot begin in state"):

@@ -47,6 +47,7 @@ def worth(model, weights):
 def test_they_earn_what_linear_algebra_says(model, seed):
     model = model.with_discount(min(model.discount, 0.8))
     actions, size = len(model.action_space), len(model.state_space)
+    left_out = 2e-6 * np.abs(model.rewards).max() / (1 - model.discount)  # what comes after the last step, and rounding
     kinds = ["state"] if model.kind == "MDP" else ["state", "belief"]
     for kind in kinds:
         for policy, weights in (
@@ -54,7 +55,7 @@ def test_they_earn_what_linear_algebra_says(model, seed):
             (ConstantPolicy(actions - 1, actions, size, input=kind), np.eye(actions)[-1]),
         ):
             result = evaluate(model, policy, episodes=2000, seed=seed)
-            assert abs(result.mean - worth(model, weights)) < 6 * result.standard_error + 1e-4
+            assert abs(result.mean - worth(model, weights)) < 6 * result.standard_error + left_out + 1e-9
 
 
 def test_control_layers_run_them():

@@ -18,6 +18,7 @@ from mdm.models import POMDP
 from mdm.models.compressed import csr
 from mdm.models.event_observations import DenseEvents, TransitionEvents
 from mdm.models.matrices import ROUNDING
+from mdm.policies.blind_policy import blind_values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from mdm.models.event_observations import EventObservations
     from mdm.models.matrices import Matrix
 
-__all__ = ["Rows", "SearchTables", "blind_values", "known_state_values", "search_tables"]
+__all__ = ["Rows", "SearchTables", "known_state_values", "search_tables"]
 
 Whole = npt.NDArray[np.int64]
 Real = npt.NDArray[np.float64]
@@ -109,7 +110,8 @@ def search_tables(
         observations = Rows(np.zeros(count, dtype=np.int64), states, np.ones(len(states) - 1), states[:-1])
     if unnoticed is not None and isinstance(flat, POMDP):
         observations.symbols[observations.symbols == unnoticed] = len(flat.observation_space)
-    values, actions = blind_values(flat), list(range(count))
+    values = blind_values(np.ascontiguousarray(flat.rewards.T), matrices, flat.discount, _CLOSE)
+    actions = list(range(count))
     if lower is not None:
         values, actions = np.concatenate([values, lower[0]]), [*actions, *lower[1]]
     return SearchTables(
@@ -138,22 +140,6 @@ def known_state_values(model: MDP) -> Real:
         values = newer
         if done:
             break
-    return values
-
-
-def blind_values(model: MDP) -> Real:
-    """Return what each action for ever is worth, A x S: never too large, and by less than 1e-6 too small."""
-    rewards, discount = model.rewards, model.discount
-    values = np.empty(rewards.T.shape)
-    for action in range(len(values)):
-        value = np.full(len(rewards), rewards[:, action].min() / (1 - discount))
-        for _ in range(_SWEEPS):
-            newer = rewards[:, action] + discount * (model.transition_matrix(action) @ value)
-            done = np.abs(newer - value).max() * discount <= _CLOSE * (1 - discount)
-            value = newer
-            if done:
-                break
-        values[action] = value
     return values
 
 

@@ -24,8 +24,9 @@ import numpy as np
 
 from mdm.errors import ConfigError, ModelError
 from mdm.policies import AlphaVectors
+from mdm.policies.blind_policy import blind_values
 from mdm.solvers.perseus.backup import Vectors, best, improve, needed
-from mdm.solvers.perseus.bounds import blind_values, upper_bound
+from mdm.solvers.perseus.bounds import upper_bound
 from mdm.solvers.perseus.certificate import certified
 from mdm.solvers.perseus.outlook import Outlook
 from mdm.solvers.perseus.plan import plan
@@ -122,7 +123,9 @@ class _Search:
         self._discount = outlook.discount
         self._actual = actual
         count = outlook.num_actions
-        self.sure = Vectors(blind_values(outlook), np.arange(count), np.zeros(count, dtype=np.intp))
+        close = 1e-6 * float(np.ptp(outlook.rewards)) / (1 - outlook.discount)
+        blind = blind_values(outlook.rewards, outlook.transitions, outlook.discount, close)
+        self.sure = Vectors(blind, np.arange(count), np.zeros(count, dtype=np.intp))
         self._function: _ValueFunction = (
             _Plain(outlook, points, self.sure)
             if unnoticed is None

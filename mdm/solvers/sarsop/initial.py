@@ -14,6 +14,7 @@ import numpy as np
 
 from mdm.models.compilation import compiled
 from mdm.models.compressed import csr
+from mdm.policies import blind_policy
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,22 +29,8 @@ _SWEEPS = 1000
 
 def blind_values(layout: Layout) -> Vector:
     """Return what doing one action for ever is worth at least: A x S."""
-    num_actions, num_states = layout.rewards.shape
-    matrices = _transitions(layout)
-    result = np.empty((num_actions, num_states))
-    for action in range(num_actions):
-        rewards = layout.rewards[action]
-        values = np.full(num_states, rewards.min() / (1 - layout.discount))
-        slack = 1e-6 * max(1e-12, np.ptp(rewards))
-        for _ in range(_SWEEPS):
-            better = rewards + layout.discount * (matrices[action] @ values)
-            change = np.abs(better - values).max()
-            values = better
-            if change <= slack:
-                break
-        # What rounding may have added is taken off again.
-        result[action] = values - 1e-12 * np.abs(values).max()
-    return result
+    close = 1e-6 * float(np.ptp(layout.rewards)) / (1 - layout.discount)
+    return blind_policy.blind_values(layout.rewards, _transitions(layout), layout.discount, close)
 
 
 def informed_values(layout: Layout, precision: float, is_late: Callable[[], bool] = lambda: False) -> Vector:
@@ -56,7 +43,7 @@ def informed_values(layout: Layout, precision: float, is_late: Callable[[], bool
     """
     matrices = _transitions(layout)
     num_actions, num_states = layout.rewards.shape
-    values = np.full(num_states, layout.rewards.max() / (1 - layout.discount))
+    values = np.full(num_states, blind_policy.for_ever(layout.rewards.max(), layout.discount))
     worth = np.empty((num_actions, num_states))
     for _ in range(_SWEEPS):
         for action in range(num_actions):

@@ -99,9 +99,14 @@ class Watch:
         """How many seconds it has left; below 0 where they are used up or it was interrupted."""
         return -1.0 if self._interrupted else self._seconds - self.seconds
 
+    @property
+    def room(self) -> int:
+        """How many more bytes the process may hold, at least 0."""
+        return max(0, self._memory - _held())
+
     def allows(self, size: int) -> bool:
         """Whether so many more bytes may be taken; where not, the run ends for lack of memory at its next report."""
-        if _held() + size < self._memory:
+        if size < self.room:
             return True
         self.reason = "memory"
         return False

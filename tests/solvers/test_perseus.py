@@ -18,6 +18,7 @@ from mdm.solvers import Watch, controller_values, solve
 from mdm.solvers.perseus import outlook as outlooks, perseus
 from mdm.solvers.perseus.backup import Vectors
 from mdm.solvers.perseus.outlook import Outlook
+from mdm.solvers.perseus.points import sampled, starts
 from mdm.solvers.perseus.unnoticed import Constrained
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -316,3 +317,12 @@ def test_refusals():
     never = POMDP([np.eye(2)], [[[1, 0], [0, 1]]], [[1], [0]], discount=1.0)
     with pytest.raises(ModelError, match="may go on for ever without anything being noticed"):
         perseus(never, horizon=2, false_negative=0)
+
+
+def test_fewer_beliefs_are_sampled_where_there_is_no_room_for_all():
+    model = tiger()
+    watch = Watch(memory=1)
+    outlook = Outlook(model)
+    found = sampled(model, outlook, starts(model), 50, np.random.default_rng(0), watch)
+    assert len(found) == 1
+    assert len(sampled(model, outlook, starts(model), 50, np.random.default_rng(0), Watch())) > 1

@@ -27,6 +27,8 @@ _DIGITS = 7
 """Beliefs that are the same to so many digits are one."""
 _TRIES = 20
 """So many steps for each belief asked for, before it is taken that there are no more."""
+_COPIES = 8 * 8
+"""Bytes that are set aside for each number of a belief: what is worked out at all beliefs is as large as they are."""
 _ENDS = 0.01, 0.1
 """The least and the greatest chance that a walk ends after a step."""
 
@@ -57,7 +59,7 @@ def sampled(
         model: The model.
         outlook: What its actions lead to.
         first: Its `starts`.
-        beliefs: How many to find, fewer where no more are met; or an n x S array of them.
+        beliefs: How many to find, fewer where no more are met or there is no room for them; or an n x S array of them.
         random: Draws actions and observations.
         watch: Ends the search.
         unnoticed: The observation that stands for an event that nobody noticed; what goes unnoticed is taken into
@@ -73,8 +75,9 @@ def sampled(
         return np.stack(list(_each_once([*_normalised(first), *rows])))
     if beliefs < 1:
         raise ConfigError(f"Perseus needs at least 1 belief, not {beliefs}", key="beliefs")
-    found = []
-    walks = _walks(_Step(model, outlook, unnoticed), first, model.discount, _TRIES * int(beliefs), random)
+    found: list[Vector] = []
+    beliefs = max(1, min(int(beliefs), watch.room // (_COPIES * outlook.size)))
+    walks = _walks(_Step(model, outlook, unnoticed), first, model.discount, _TRIES * beliefs, random)
     for belief in _each_once(walks):
         found.append(belief)
         if len(found) == beliefs or watch.remaining < 0:

@@ -148,7 +148,7 @@ def test_the_fallback_decides_until_the_process_is_ready_and_by_the_deadline(tig
 
 def test_a_stimulus_meanwhile_is_taken_in_and_asked_about_anew(tiger):
     async def main(runtime):
-        one = ensemble(tiger, seconds=0.2)
+        one = ensemble(tiger, looks=300)
         with capture_decisions(runtime) as decisions:
             await runtime.start(one)
             answers = runtime.channel("tiger/answer", Answer).stream()

@@ -12,7 +12,7 @@ from mdm.actors.control_layer import ControlLayer
 from mdm.actors.drive import FixedRate
 from mdm.actors.planner import Planner
 from mdm.errors import ConfigError
-from mdm.messages import Answer, Fault, Question
+from mdm.messages import Answer, Belief, Fault, Question
 
 if TYPE_CHECKING:
     from mdm.policies.tree_search import TreeSearch
@@ -62,6 +62,14 @@ class DeliberatingControlLayer(ControlLayer):
         """Start an episode; what was asked in the one before decides nothing in it."""
         self._stimulus = None
         super()._begin_episode(keep_belief=keep_belief)
+
+    def _on_external_belief(self, belief: Belief) -> None:
+        """Take a belief from outside; at a fixed rate, too, what a tick has asked is asked anew from there."""
+        super()._on_external_belief(belief)
+        if self._given and self._stimulus is not None:
+            self._given = False
+            time, cause, observation, _ = self._stimulus
+            self._decide(time, cause, observation)
 
     def _decide(self, time: int, cause: str, observation: int | tuple[int | None, ...] | None = None) -> None:
         """Ask for a decision."""

@@ -183,6 +183,24 @@ def test_what_was_asked_before_a_reset_decides_nothing(tiger):
     live(main)
 
 
+def test_at_a_fixed_rate_what_was_asked_is_asked_anew_from_a_belief_from_outside(tiger):
+    async def main(runtime):
+        one = ensemble(tiger, drive=mdm.FixedRate(20.0), seconds=0.01)
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(one)
+            while not (asked := one.control.planner.statistics().asked):  # nothing answers before there is a process
+                await asyncio.sleep(0.005)
+            one.publish_belief([1.0, 0.0])
+            one.publish_belief([np.nan, 0.0])
+            for number in (asked, asked + 1):
+                runtime.channel("tiger/answer", Answer).publish(Answer(runtime.clock.now(), number, 0, "search"))
+        return decisions, one.control.planner.statistics()
+
+    decisions, statistics = live(main)
+    assert [(tuple(d.belief), d.epoch, d.cause) for d in decisions] == [((1.0, 0.0), 0, "tick")]
+    assert (statistics.asked, statistics.superseded) == (2, 1)
+
+
 def test_a_process_that_dies_is_reported_and_started_anew(tiger):
     async def main(runtime):
         one = ensemble(tiger, seconds=30.0, deadline=20.0, fallback=LISTEN)

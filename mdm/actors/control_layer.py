@@ -432,7 +432,7 @@ class ControlLayer(Layer):
             self.report("observation", str(error), time=time)
             return
         self._last_observation = observation
-        if probability <= 0:
+        if not probability > 0:  # nor is it, where a tracker of the user's says NaN
             self._on_impossible(observation, action, time)
 
     def _on_impossible(self, observation: int | tuple[int | None, ...] | None, action: int, time: int) -> None:

@@ -225,6 +225,16 @@ def test_each_epoch_has_its_stage_of_a_staged_policy():
         ensemble(horizon=4, **options)
 
 
+def test_a_probability_that_is_no_number_is_reported_as_impossible():
+    class Own(BeliefTracker):
+        def update(self, action, observation):
+            return super().update(action, observation) if observation is None else np.nan
+
+    _, faults, robot = decided([see(0)], tracker=Own(tiger()))
+    assert faults == [("impossible_observation", "robot/control")]
+    assert robot.control.impossible == 1
+
+
 def test_commands_by_method_and_by_message():
     def command(word):
         return lambda robot: robot.channel("control", Control).publish(Control(0, word))

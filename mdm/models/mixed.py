@@ -99,7 +99,12 @@ class MixedPOMDP(FactoredPOMDP):
         return self
 
     def belief_at_start(self, state: int) -> Vector:
-        """Return the belief of who sees the observed factors of the first state."""
+        """Return the belief of who sees the observed factors of the first state.
+
+        Raises:
+            ModelError: If no episode begins in a state where they are so.
+        """
+        self.state_space.unravel(state)
         weights = np.where(self.seen_in == self.seen_in[state], self.initial_belief, 0.0)
         total = weights.sum()
         if not total > 0:

@@ -184,6 +184,9 @@ class POMDP(MDP):
         """Return the model as its agent sees it, a `MixedPOMDP`, where factors of the state are fully observed.
 
         Any other model is returned as it is.
+
+        Raises:
+            ModelError: If factors are fully observed, and observations are events.
         """
         return self
 

@@ -91,6 +91,8 @@ def test_what_goes_wrong_is_told():
         MixedPOMDP(model, [2])
     with pytest.raises(ModelError, match=r"observed factors \[1, 0, 1\] have one twice"):
         MixedPOMDP(model, [1, 0, 1])
+    with pytest.raises(ModelError, match="there is no symbol -1"):
+        MixedPOMDP(model, [0]).belief_at_start(-1)
     never = np.flatnonzero(MixedPOMDP(model, [0, 1]).initial_belief == 0)
     for s in never:
         with pytest.raises(ModelError, match="cannot begin in state"):

@@ -241,7 +241,22 @@ def test_memory_and_time_end_it():
     assert sarsop(model, watch=Watch(gap=0, seconds=5, clock=lambda: next(times))).reason == "time"
 
 
+def test_a_gap_of_nothing_ends_where_numbers_end():
+    model = load_model(TIGER).with_discount(0.95)
+    found = sarsop(model, watch=Watch(gap=0, seconds=60))
+    assert found.reason == "converged"
+    assert found.lower == pytest.approx(19.37136, abs=1e-4)
+    assert found.gap < 1e-8
+    assert found.history[-1].size == len(found.policy.actions)
+    single = POMDP(np.ones((1, 1, 1)), np.ones((1, 1, 1)), np.full((1, 1), 2.0), discount=0.9)
+    found = sarsop(single, watch=Watch(gap=0, seconds=60))
+    assert (found.reason, found.lower) == ("converged", pytest.approx(20))
+
+
 def test_what_it_cannot_solve_is_told():
+    huge = POMDP(np.ones((1, 1, 1)), np.ones((1, 1, 1)), np.full((1, 1), 1e308), discount=0.9)
+    with pytest.raises(ModelError, match="scale the rewards down"):
+        sarsop(huge)
     with pytest.raises(ModelError, match="discount below 1"):
         sarsop(load_model(TIGER).with_discount(1.0))
     events = POMDP(np.ones((1, 1, 1)), np.ones((1, 1, 1, 1)), np.ones((1, 1)), discount=0.5, event_observations=True)
@@ -268,6 +283,6 @@ def test_without_compilation_the_numbers_are_the_same():
         for flag in "01"
     ]
     outputs = [run.stdout.split() for run in runs]
-    assert "install mdm[fast]" in runs[0].stderr
+    assert "markov-decision-making[fast]" in runs[0].stderr
     assert not runs[1].stderr
     assert [float(word) for word in outputs[0][:2]] == pytest.approx([float(word) for word in outputs[1][:2]], abs=1e-3)

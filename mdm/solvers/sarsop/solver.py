@@ -45,6 +45,8 @@ _BINS = 50
 _DEPTH = 1000
 _LEFT = 3
 """First bounds take no more than a quarter of the time."""
+_ROUNDING = 4e-12
+"""How near bounds come, as a share of the values: what was taken off them for rounding."""
 _LEAST_VECTORS = 200
 _LEAST_NODES = 50_000
 
@@ -74,15 +76,17 @@ def sarsop(model: POMDP, *, watch: Watch | None = None) -> Solution:
         while not guard.ends(lower, upper, iterations=search.backups, size=search.size):
             search.run(guard)
             lower, upper = search.bounds()
+            if guard.gap < upper - lower <= search.rounding:
+                guard.reason = "converged"
         policy = search.policy()
-        return guard.solution(policy, "sarsop", lower, upper, iterations=search.backups, size=search.size)
+        return guard.solution(policy, "sarsop", lower, upper, iterations=search.backups, size=search.kept)
 
 
 @cache
 def _warm_up() -> None:
     """Have the steps compiled, or found compiled, before anybody's time is counted."""
     if not can_compile():
-        text = "SARSOP runs uncompiled, a hundred times slower than with numba: install mdm[fast]"
+        text = "SARSOP runs uncompiled, a hundred times slower: for numba, pip install 'markov-decision-making[fast]'"
         warnings.warn(text, ModelWarning, stacklevel=4)
     tiny = POMDP([np.eye(2)] * 2, [np.eye(2)] * 2, np.eye(2), discount=0.5)
     search = _Search(tiny)
@@ -96,12 +100,16 @@ class _Search:
     def __init__(self, model: POMDP, is_late: Callable[[], bool] = lambda: False) -> None:
         self._model = model
         self._layout, self._order = layout_of(model)
+        most = float(np.abs(self._layout.rewards).max())
+        if not most / (1 - model.discount) < np.finfo(np.float64).max / 1e3:
+            raise ModelError(f"a reward of {most:g} in every step is too much for numbers: scale the rewards down")
         self._graph = new_graph(self._layout, _BINS)
         self._scratch = new_scratch(self._layout, _DEPTH)
         room = room_for(self._layout)
         self._room = np.array([room[count] for count in range(8)], dtype=np.int64)
         self._informed = informed_values(self._layout, 1e-3, is_late)
         self.backups = 0
+        self.kept = 0
         self._budget = 16
         self._start()
         self._kept_vectors = self.size
@@ -140,6 +148,7 @@ class _Search:
         self._roots, self._shares = np.array(roots), np.array(shares)
         values = self._informed.max(axis=0)
         low, high = float(blind.min()), float(values.max())
+        self.rounding = _ROUNDING * float(np.abs(self._informed).max())
         self._scale = np.array([low, max(high - low, 1e-12), max(np.log(len(belief)), 1.0), _BINS])
 
     def _link(self, vector: int, parts: npt.NDArray[np.intp]) -> None:
@@ -228,6 +237,7 @@ class _Search:
         needed[graph.best[self._roots]] = True
         needed[graph.default_vector] = True
         kept = np.flatnonzero(parts_of(graph, needed))
+        self.kept = len(kept)
         vectors = np.stack([self._values(vector) for vector in kept.tolist()])
         actions = graph.vector_action[kept].tolist()
         num_actions = len(self._model.action_space)

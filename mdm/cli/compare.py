@@ -25,7 +25,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         description=(
             "Tell what several policies are worth at the start of one model. All meet the same luck in simulation, so "
             "that their differences are known far better than their values; the differences to the first are told "
-            "with their 95 %% confidence."
+            "with their 95 % confidence."
         ),
         epilog="example: mdm compare tiger.pomdp tiger.vf tiger.npz --seed 1",
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import count
+from mdm.cli.usage import count, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -21,7 +21,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         description=(
             "Tell what a policy is worth at the start of its model. For tables and controllers it is the exact value; "
             "for policies over beliefs what they claim themselves, and an estimate over simulated episodes with a "
-            "95 %% confidence interval. Whether the two contradict each other is said."
+            "95 % confidence interval. Whether the two contradict each other is said."
         ),
         epilog="example: mdm evaluate tiger.pomdp tiger.vf --seed 1",
     )
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="simulate so many, even where the exact value is known (10000; 1000 where they go one by one)",
     )
     parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode; by default there is no end")
-    parser.add_argument("--seed", metavar="S", type=int, help="the same seed gives the same result")
+    parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
     parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
     parser.add_argument(
         "--false-negative",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, count
+from mdm.cli.usage import UsageError, count, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -56,7 +56,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     _add_inputs(belief)
     belief.add_argument("--steps", metavar="H", type=count, default=25, help="decisions (25)")
     for each in (policy, belief):
-        each.add_argument("--seed", metavar="S", type=int, default=0, help="of the simulated episodes (0)")
+        each.add_argument("--seed", metavar="S", type=seed, default=0, help="of the simulated episodes (0)")
         each.add_argument(
             "--false-negative",
             metavar="O",

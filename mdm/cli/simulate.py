@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.usage import count, seed
+
 if TYPE_CHECKING:
     import argparse
 
@@ -26,15 +28,15 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--ensemble", metavar="NAME", help="which of its ensembles; by default the first")
     parser.add_argument("--model", metavar="M", help="a model, in place of a TOML file")
     parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
-    parser.add_argument("--episodes", metavar="N", type=int, default=100, help="how many episodes (100)")
-    parser.add_argument("--seed", metavar="S", type=int, help="the same seed gives the same result")
+    parser.add_argument("--episodes", metavar="N", type=count, default=100, help="how many episodes (100)")
+    parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
     parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
     parser.add_argument(
         "--false-negative",
         metavar="O",
         help="the observation, by name or index, that stands for an event that nobody noticed",
     )
-    parser.add_argument("--steps", metavar="H", type=int, help="decisions in an episode")
+    parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
 
@@ -49,8 +51,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise Error("give a TOML file, or both --model and --policy")
     if arguments.file is not None and (arguments.discount is not None or arguments.false_negative is not None):
         raise Error("--discount and --false-negative are for --model; a TOML file says these itself")
-    if arguments.steps is not None and arguments.steps < 1:
-        raise Error(f"an episode needs at least 1 step, not {arguments.steps}")
     options = _from_file(arguments) if arguments.file is not None else _from_model(arguments)
     result = simulate(**options, episodes=arguments.episodes, seed=arguments.seed)
     if arguments.json:

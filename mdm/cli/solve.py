@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, count
+from mdm.cli.usage import UsageError, count, limit, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -43,10 +43,10 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("--solver", metavar="NAME", help="by default what suits the model; 'help' lists them")
     parser.add_argument(
-        "--gap", metavar="G", type=float, default=1e-3, help="stop when the bounds are so close (0.001)"
+        "--gap", metavar="G", type=limit, default=1e-3, help="stop when the bounds are so close (0.001)"
     )
-    parser.add_argument("--time", metavar="S", type=float, help="stop after so many seconds")
-    parser.add_argument("--memory", metavar="MB", type=float, help="stop at so much memory (80 %% of the machine's)")
+    parser.add_argument("--time", metavar="S", type=limit, help="stop after so many seconds")
+    parser.add_argument("--memory", metavar="MB", type=limit, help="stop at so much memory (80 %% of the machine's)")
     parser.add_argument("--iterations", metavar="N", type=count, help="stop after so many sweeps, trials or rounds")
     parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
     parser.add_argument("--horizon", metavar="H", type=count, help="decisions, for solvers of finite horizons")
@@ -55,7 +55,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         metavar="O",
         help="the observation, by name or index, that stands for an event that nobody noticed",
     )
-    parser.add_argument("--seed", metavar="S", type=int, help="for solvers that draw")
+    parser.add_argument("--seed", metavar="S", type=seed, help="for solvers that draw")
     parser.add_argument("--history", metavar="FILE.json", help="write the bounds over time, for mdm plot bounds")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
@@ -68,6 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.cli.worth import load, revealed, shown  # noqa: PLC0415
     from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
     from mdm.formats.fit import misfit  # noqa: PLC0415
+    from mdm.formats.target import check_place, write_text  # noqa: PLC0415
     from mdm.solvers import SOLVERS, Watch, solve  # noqa: PLC0415
     from mdm.solvers.solve import default_solver  # noqa: PLC0415
 
@@ -79,6 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     options = _options(arguments, solver)
     if arguments.output is not None:
         check_policy_file(_kind(solver, world, arguments), arguments.output)
+    if arguments.history is not None:
+        check_place(arguments.history)
     if (note := shown(world)) is not None:
         print(f"mdm solve: {note}", file=sys.stderr)
     line = ProgressLine()
@@ -86,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
         gap=arguments.gap,
         seconds=arguments.time,
         iterations=arguments.iterations,
-        memory=None if arguments.memory is None else int(arguments.memory * 1e6),
+        memory=None if arguments.memory is None else int(min(arguments.memory * 1e6, sys.maxsize)),
         progress=line,
     )
     try:
@@ -99,7 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
     facts = _facts(solution, arguments)
     if arguments.history is not None:
         history = [{key: getattr(entry, key) for key in entry.__struct_fields__} for entry in solution.history]
-        Path(arguments.history).write_text(as_json(facts | {"history": history}) + "\n", encoding="utf-8")
+        write_text(arguments.history, as_json(facts | {"history": history}) + "\n")
     if arguments.json:
         print(as_json(facts))
     else:
@@ -113,6 +116,8 @@ def _options(arguments: argparse.Namespace, solver: str) -> dict[str, Any]:
 
     from mdm.solvers import SOLVERS  # noqa: PLC0415
 
+    if solver == "jesp" and arguments.horizon is None:
+        raise UsageError("jesp plans a number of decisions: give it (--horizon)")
     given = {name: value for name in _OPTIONS if (value := getattr(arguments, name)) is not None}
     if given:
         module, function, _ = SOLVERS[solver]

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, count
+from mdm.cli.usage import UsageError, count, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -67,7 +67,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         metavar="predict|repeat|NAME",
         help="what a tick without an observation means (predict)",
     )
-    parser.add_argument("--seed", metavar="S", type=int, help="for the draws of a stochastic policy")
+    parser.add_argument("--seed", metavar="S", type=seed, help="for the draws of a stochastic policy")
     return parser
 
 

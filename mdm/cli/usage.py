@@ -6,7 +6,7 @@ import argparse
 
 from mdm.errors import Error
 
-__all__ = ["UsageError", "count"]
+__all__ = ["UsageError", "count", "limit", "seed"]
 
 
 class UsageError(Error):
@@ -21,4 +21,26 @@ def count(text: str) -> int:
         number = 0
     if number < 1:
         raise argparse.ArgumentTypeError(f"a whole number of 1 or more was expected, not {text!r}")
+    return number
+
+
+def seed(text: str) -> int:
+    """Return an argument as a whole number of 0 or more."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = -1
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"a whole number of 0 or more was expected, not {text!r}")
+    return number
+
+
+def limit(text: str) -> float:
+    """Return an argument as a number of 0 or more, which may be infinite."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not number >= 0:
+        raise argparse.ArgumentTypeError(f"a number of 0 or more was expected, not {text!r}")
     return number

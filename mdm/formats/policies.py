@@ -26,6 +26,7 @@ from mdm.formats import (
 from mdm.formats.fit import LoadedPolicy, misfit
 from mdm.formats.source import Source, suffixes
 from mdm.formats.state_table import PolicyKind
+from mdm.formats.target import check_place
 from mdm.models import POMDP
 from mdm.policies import (
     AlphaVectors,
@@ -144,12 +145,11 @@ def check_policy_file(kind: type, path: str | Path) -> None:
 
     Raises:
         ModelError: If the format cannot hold such a policy.
-        FormatError: If there is no such folder.
+        FormatError: If it is a folder, or its folder is none that can be written to.
     """
     path = Path(path)
     _writer(kind, path)
-    if not path.parent.is_dir() or path.is_dir():
-        raise FormatError("the file cannot be written: there is no such folder, or it is one", file=path)
+    check_place(path)
 
 
 def _writer(kind: type, path: Path) -> Callable[[Any, Path, MDP | None], object]:

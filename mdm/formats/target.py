@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import os
 import tempfile
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from mdm.errors import FormatError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["replacing", "write_text"]
+__all__ = ["check_place", "replacing", "write_text"]
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -30,6 +30,20 @@ def write_text(path: str | Path, text: str) -> None:
         file.write(data)
 
 
+def check_place(path: str | Path) -> None:
+    """Refuse a file that could not be written, before there is something to write.
+
+    Raises:
+        FormatError: If it is a folder, or nothing can be written beside it.
+    """
+    with suppress(_Unwritten), replacing(path):
+        raise _Unwritten
+
+
+class _Unwritten(Exception):
+    """Nothing is to be written after all."""
+
+
 @contextmanager
 def replacing(path: str | Path) -> Iterator[IO[bytes]]:
     """Open a neighbour of a file, which takes its place when all is written.
@@ -41,6 +55,10 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
     if path.is_dir():
         raise FormatError("this is a folder, not a file", file=path)
     try:
+        if path.exists() and not path.is_file():  # a device, such as /dev/null, keeps its place
+            with path.open("wb") as file:
+                yield file
+            return
         descriptor, neighbour = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
             with os.fdopen(descriptor, "wb") as file:

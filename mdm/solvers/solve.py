@@ -57,6 +57,6 @@ def solve(model: MDP, solver: str | None = None, *, watch: Watch | None = None, 
     module, function, kind = SOLVERS[name]
     if kind != model.kind:
         others = ", ".join(other for other, (*_, of) in SOLVERS.items() if of == model.kind)
-        raise ConfigError(f"{name} solves {kind}s, and the model is an {model.kind}: take {others}", key="solver")
+        raise ConfigError(f"{name} solves {kind}s, not {model.kind}s: take {others}", key="solver")
     run: Callable[..., Solution] = getattr(importlib.import_module(f"mdm.solvers.{module}"), function)
     return run(model, watch=Watch() if watch is None else watch, **options)

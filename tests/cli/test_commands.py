@@ -118,7 +118,7 @@ def test_simulate(mdm):
     assert mdm(*arguments)[1] == output
     assert mdm("simulate", EXAMPLES / "patrol" / "patrol.toml", "--ensemble", "patrol", "--episodes", "5")[0] == 0
     assert "no ensemble 'x'" in mdm("simulate", EXAMPLES / "tiger.toml", "--ensemble", "x")[2]
-    assert mdm("simulate", *TIGER, "--steps", "0")[0] == 1
+    assert mdm("simulate", *TIGER, "--steps", "0")[0] == 2
     assert mdm("simulate")[0] == 1
 
 

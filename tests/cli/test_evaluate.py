@@ -103,11 +103,19 @@ def test_false_negatives(mdm):
     assert abs(found["mean"] - means[1]) < 4 * found["standard_error"] + 0.02
 
 
+@pytest.mark.parametrize("verb", ["evaluate", "compare", "solve"])
+def test_help_shows_signs_once(mdm, verb):
+    _, output, _ = mdm(verb, "--help")
+    assert "%%" not in "".join(output)
+    assert "%" in "".join(output)
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
         (["evaluate", TIGER], 2, "required"),
         (["evaluate", TIGER, VECTORS, "--steps", "0"], 2, "1 or more"),
+        (["evaluate", TIGER, VECTORS, "--seed", "-1"], 2, "0 or more"),
         (["compare", TIGER], 2, "required"),
         (["evaluate", TIGER, VECTORS, "--discount", "1"], 1, "needs an end"),
         (["evaluate", TIGER, VECTORS, "--false-negative", "nobody"], 1, "no symbol 'nobody'"),

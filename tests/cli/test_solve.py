@@ -93,6 +93,25 @@ def test_a_file_that_cannot_be_is_refused_before_the_work(mdm, tmp_path, slow, n
     assert "cannot be written" in errors
 
 
+def test_places_that_cannot_be_written_to_are_refused_before_the_work(mdm, tmp_path, slow):
+    arguments = ("solve", TIGER, "--solver", "slow")
+    for option, place in (("--history", tmp_path), ("--history", tmp_path / "no" / "a.json"), ("-o", "/proc/a.npz")):
+        status, output, errors = mdm(*arguments, option, place)
+        assert (status, output, slow) == (1, [], [])
+        assert str(place) in errors
+        assert len(errors.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_device_keeps_its_place(mdm):
+    assert mdm("solve", TIGER, "--gap", "1", "-o", "/dev/null")[0] == 0
+    assert Path("/dev/null").is_char_device()
+
+
+def test_no_limit_is_a_limit_without_end(mdm):
+    assert mdm("solve", TIGER, "--memory", "inf", "--time", "inf")[0] == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -100,6 +119,10 @@ def test_a_file_that_cannot_be_is_refused_before_the_work(mdm, tmp_path, slow, n
         (["--solver", "sarsop", "--horizon", "3"], "takes no --horizon"),
         (["--solver", "sarsop", "--false-negative", "hear-left"], "takes no --false-negative"),
         (["--iterations", "0"], "1 or more"),
+        (["--gap", "-1"], "--gap: a number of 0 or more"),
+        (["--memory", "nan"], "--memory: a number of 0 or more"),
+        (["--solver", "perseus", "--seed", "-1"], "--seed: a whole number of 0 or more"),
+        (["--solver", "jesp"], "--horizon"),
     ],
 )
 def test_wrong_usage(mdm, arguments, words):
@@ -114,7 +137,6 @@ def test_wrong_usage(mdm, arguments, words):
         (["--solver", "value-iteration"], "solves MDPs"),
         (["--discount", "1"], "discount"),
         (["--discount", "2"], "at most 1"),
-        (["--gap", "-1"], "gap is a number from 0 on"),
     ],
 )
 def test_what_cannot_be_solved_is_told_in_a_sentence(mdm, arguments, words):

@@ -69,7 +69,8 @@ def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
     except KeyError as error:
         raise FormatError(f"the archive is damaged: it has no {error}", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError, IndexError, OverflowError) as error:
-        raise FormatError(f"the archive holds no model: {error}", file=path) from None
+        why = "it is a policy" if b'"mdm policy 1"' in written else error
+        raise FormatError(f"the archive holds no model: {why}", file=path) from None
 
 
 def write(model: MDP, path: str | Path) -> None:

@@ -53,7 +53,8 @@ def read(path: str | Path, model: MDP | None = None, *, seed: int | None = None)
     except KeyError as error:
         raise FormatError(f"the archive is no policy of mdm's: it has no {error}", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError, OverflowError) as error:
-        raise FormatError(f"the archive is no policy of mdm's: {error}", file=path) from None
+        why = "it is a model" if b'"mdm model 1"' in written else error
+        raise FormatError(f"the archive is no policy of mdm's: {why}", file=path) from None
     if wrong is not None:
         raise FormatError(wrong, file=path)
     return policy

@@ -98,9 +98,9 @@ def test_policies_and_models_are_told_apart(tmp_path):
     save_policy(AlphaVectors([[1.0, 2.0]], [0], 1), tmp_path / "policy.npz")
     assert archive.holds_model(tmp_path / "model.npz")
     assert not archive.holds_model(tmp_path / "policy.npz")
-    with pytest.raises(FormatError, match="the archive holds no model"):
+    with pytest.raises(FormatError, match="the archive holds no model: it is a policy"):
         load_model(tmp_path / "policy.npz")
-    with pytest.raises(FormatError, match="no policy of mdm's"):
+    with pytest.raises(FormatError, match="no policy of mdm's: it is a model"):
         load_policy(tmp_path / "model.npz")
 
 

@@ -17,14 +17,14 @@ import numpy as np
 from mdm.errors import ModelError, ModelWarning
 from mdm.models.compressed import csr, is_compressed
 from mdm.models.leniency import forgive
-from mdm.models.matrices import TOLERANCE, Matrix, Vector, numbers, read_only
+from mdm.models.matrices import ROUNDING, TOLERANCE, Matrix, Vector, numbers, read_only
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mdm.models.space import Space
 
-__all__ = ["DenseEvents", "EventObservations", "TransitionEvents", "event_observations"]
+__all__ = ["DenseEvents", "EventObservations", "TransitionEvents", "by_entry", "event_observations"]
 
 
 _TOLD = 100
@@ -225,3 +225,23 @@ def _warn(least: float) -> None:
     if least < 1 - TOLERANCE:
         text = f"O of some transitions sums to as little as {least:.6g}; the rest is taken to be no observation at all"
         warnings.warn(text, ModelWarning, stacklevel=5)
+
+
+def by_entry(events: EventObservations, action: int, transition: Matrix) -> Matrix:
+    """Return P(o | s, a, s') for each entry of T's, in their order, as CSR.
+
+    A row has one more column than there are observations, for what is left to none of them.
+    """
+    if isinstance(events, TransitionEvents):
+        told = csr(events.events[action])
+    else:
+        assert isinstance(events, DenseEvents)
+        told = csr(events.events[action][:, *np.nonzero(transition)].T)
+    rest = 1 - np.asarray(told.sum(axis=1)).ravel()
+    rest[rest <= ROUNDING] = 0
+    from scipy.sparse import hstack  # noqa: PLC0415 - as long to import as all the rest
+
+    result = csr(hstack([told, csr(rest[:, None])]))
+    result.eliminate_zeros()
+    result.sort_indices()
+    return result

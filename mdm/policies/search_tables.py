@@ -16,15 +16,13 @@ import numpy.typing as npt
 from mdm.errors import ModelError
 from mdm.models import POMDP
 from mdm.models.compressed import csr
-from mdm.models.event_observations import DenseEvents, TransitionEvents
-from mdm.models.matrices import ROUNDING
+from mdm.models.event_observations import by_entry
 from mdm.policies.blind_policy import blind_values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mdm.models import MDP
-    from mdm.models.event_observations import EventObservations
     from mdm.models.matrices import Matrix
 
 __all__ = ["Rows", "SearchTables", "known_state_values", "search_tables"]
@@ -102,7 +100,7 @@ def search_tables(
     # Rows of events belong to the entries of T: actions with one T in common have it once each then.
     transitions = _rows(matrices, shared=events is None)
     if events is not None:
-        observations = _rows([_by_entry(events, a, matrix) for a, matrix in enumerate(matrices)])
+        observations = _rows([by_entry(events, a, matrix) for a, matrix in enumerate(matrices)])
     elif isinstance(flat, POMDP):
         observations = _rows([flat.observation_matrix(a) for a in range(count)])
     else:
@@ -162,19 +160,3 @@ def _rows(matrices: Sequence[Matrix], *, shared: bool = True) -> Rows:
         np.concatenate([matrix.data for matrix in kept]),
         np.concatenate([matrix.indices for matrix in kept]).astype(np.int64),
     )
-
-
-def _by_entry(events: EventObservations, action: int, transition: Matrix) -> Matrix:
-    """Return P(o | s, a, s') for each entry of T's, a row with one more column for what is left to no observation."""
-    if isinstance(events, TransitionEvents):
-        told = csr(events.events[action])
-    else:
-        assert isinstance(events, DenseEvents)
-        told = csr(events.events[action][:, *np.nonzero(transition)].T)
-    rest = 1 - np.asarray(told.sum(axis=1)).ravel()
-    rest[rest <= ROUNDING] = 0
-    from scipy.sparse import hstack  # noqa: PLC0415 - as long to import as all the rest
-
-    result = csr(hstack([told, csr(rest[:, None])]))
-    result.eliminate_zeros()
-    return result

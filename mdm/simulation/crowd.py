@@ -8,8 +8,7 @@ import numpy as np
 
 from mdm.models import MDP, POMDP
 from mdm.models.compressed import csr
-from mdm.models.event_observations import DenseEvents, EventObservations, TransitionEvents
-from mdm.models.matrices import ROUNDING
+from mdm.models.event_observations import by_entry
 from mdm.simulation.draws import Draws
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ class Crowd:
         if observed and isinstance(model, POMDP):
             self._by_transition = model.event_observations
             if model.events is not None:
-                self._observations = Draws([_events(model.events, a, matrices[a]) for a in actions])
+                self._observations = Draws([by_entry(model.events, a, matrices[a]) for a in actions])
             else:
                 self._observations = Draws([model.observation_matrix(a) for a in actions])
         self.nothing: int = len(model.observation_space) if isinstance(model, POMDP) else 0
@@ -96,20 +95,3 @@ def _ended(matrices: Sequence[Matrix], rewards: Vector) -> npt.NDArray[np.bool_]
     found = breadth_first_order(graph, size, return_predecessors=False)
     ended[found[found < size]] = False
     return ended
-
-
-def _events(events: EventObservations, action: int, transition: Matrix) -> Matrix:
-    """Return P(o | s, a, s') for each entry of T's, a row with one more column for what is left to no observation."""
-    if isinstance(events, TransitionEvents):
-        told = csr(events.events[action])
-    else:
-        assert isinstance(events, DenseEvents)
-        told = csr(events.events[action][:, *np.nonzero(transition)].T)
-    rest = 1 - np.asarray(told.sum(axis=1)).ravel()
-    rest[rest <= ROUNDING] = 0
-    from scipy.sparse import hstack  # noqa: PLC0415 - as long to import as all the rest
-
-    result = csr(hstack([told, csr(rest[:, None])]))
-    result.eliminate_zeros()
-    result.sort_indices()
-    return result

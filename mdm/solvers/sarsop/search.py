@@ -1,4 +1,8 @@
-"""SARSOP's steps, compiled where numba is at hand: expansion, bounds, backups, and the sampling of trials."""
+"""SARSOP's steps, compiled where numba is at hand: expansion, bounds, backups, and the sampling of trials.
+
+They call each other and so stand in one file: what numba keeps of a function on disk is not made anew when a function
+that it calls changes in another.
+"""
 
 from __future__ import annotations
 

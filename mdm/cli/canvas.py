@@ -35,6 +35,7 @@ def keep(figure: Any, path: str) -> None:
     try:
         figure.savefig(path, dpi=120, bbox_inches="tight")
     except (OSError, ValueError) as error:
-        raise Error(f"{Path(path)}: the picture cannot be written: {error}") from None
+        why = error.strerror if isinstance(error, OSError) else error
+        raise Error(f"{Path(path)}: the picture cannot be written: {why}") from None
     finally:
         pyplot().close(figure)

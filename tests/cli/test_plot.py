@@ -128,6 +128,7 @@ def test_a_belief_is_that_of_its_episode():
         (["bounds", TIGER, "-o", "x.png"], 1, "tiger.pomdp: a history that mdm solve --history wrote was expected"),
         (["bounds", ROOT / "nothing.json", "-o", "x.png"], 1, "nothing.json"),
         (["policy", TIGER, VECTORS, "-o", "x.nothing"], 1, "cannot be written"),
+        (["policy", TIGER, VECTORS, "-o", "no/x.png"], 1, "cannot be written: No such file or directory"),
     ],
 )
 def test_what_cannot_be_drawn(mdm, tmp_path, monkeypatch, arguments, status, words):

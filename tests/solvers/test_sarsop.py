@@ -266,6 +266,32 @@ def test_what_it_cannot_solve_is_told():
         solve(load_model(TIGER), "value-iteration")
 
 
+@pytest.mark.parametrize("size", [30, 300])
+def test_states_whose_weight_underflows_are_not_reached(size):
+    program = f"""if True:
+        import numpy as np
+        from mdm.models import POMDP
+        from mdm.solvers import Watch
+        from mdm.solvers.sarsop import sarsop
+        initial = np.full({size}, 1e-300)
+        initial[0] = 1
+        ways = np.full(({size}, {size}), 1e-30)  # 1e-330 is 0
+        ways[0] = 0
+        np.fill_diagonal(ways, 1)
+        rewards = np.zeros(({size}, 1))
+        rewards[0] = 1
+        model = POMDP([ways], np.full((1, {size}, 2), 0.5), rewards, discount=0.5, initial_belief=initial)
+        found = sarsop(model, watch=Watch(gap=1e-6, iterations=3))
+        print(found.lower, found.upper)
+    """
+    # Compiled, a write beyond an array would go unseen or end the process.
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env={**os.environ, "MDM_COMPILE": "0"}
+    )
+    assert run.returncode == 0, run.stderr
+    assert [float(word) for word in run.stdout.split()] == pytest.approx([2, 2], abs=1e-5)
+
+
 def test_without_compilation_the_numbers_are_the_same():
     program = (
         "import sys, mdm; from mdm.solvers import solve, Watch\n"

@@ -183,11 +183,14 @@ def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray
         reward += weight * layout.rewards[action, state]
         row = action * num_states + state
         for j in range(layout.rows[row], layout.rows[row + 1]):
+            gain = weight * layout.chances[j]
+            if gain == 0.0:  # so little that it is none; counted, a state would be new each time it is reached
+                continue
             after = layout.next_states[j]
             if predicted[after] == 0.0:
                 touched[count] = after
                 count += 1
-            predicted[after] += weight * layout.chances[j]
+            predicted[after] += gain
     touched[:count].sort()
     tally, offset, found = scratch.tally, scratch.offset, scratch.found
     num_found = 0

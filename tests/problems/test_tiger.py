@@ -1,0 +1,31 @@
+from __future__ import annotations
+
+import pytest
+from same_model import assert_same_model
+
+from mdm import Watch, load_model, solve
+from mdm.problems import tiger
+
+
+def test_entries():
+    model = tiger()
+    assert model.observation("listen", "tiger-left", "hear-left") == 0.85
+    assert model.observation("open-left", "tiger-left", "hear-left") == 0.5
+    assert model.transition("open-right", "tiger-left").tolist() == [0.5, 0.5]
+    assert model.transition("listen", "tiger-right").tolist() == [0, 1]
+    assert model.rewards.tolist() == [[-1, -100, 10], [-1, 10, -100]]
+    assert model.initial_belief.tolist() == [0.5, 0.5]
+
+
+def test_published_value():
+    solution = solve(tiger(), watch=Watch(gap=1e-3))
+    assert solution.lower <= 19.3722
+    assert solution.upper >= 19.3711
+    assert solution.lower == pytest.approx(19.3713, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("path", "discount"), [("pomdp-solve/tiger.95.POMDP", 0.95), ("pomdp-solve/tiger.aaai.POMDP", 0.75)]
+)
+def test_corpus(corpus, path, discount):
+    assert_same_model(tiger(discount=discount), load_model(corpus / "models" / path))

@@ -63,8 +63,9 @@ def write(policy: AlphaVectors | MixedAlphaVectors, path: str | Path) -> None:
     """Write alpha vectors to a file; reading it (with the same model) gives the same numbers."""
     sets = policy.sets if isinstance(policy, MixedAlphaVectors) else (policy,)
     width = policy.states.shape[1] if isinstance(policy, MixedAlphaVectors) else policy.num_states
+    # SARSOP's own reader takes numbers as words: without a blank, the closing tag would be part of the last one.
     lines = [
-        f'<Vector action="{action}" obsValue="{x}">{" ".join(map(repr, row))}</Vector>\n'
+        f'<Vector action="{action}" obsValue="{x}">{" ".join(map(repr, row))} </Vector>\n'
         for x, vectors in enumerate(sets)
         if vectors is not None
         for action, row in zip(vectors.actions, vectors.vectors.tolist(), strict=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -58,6 +59,62 @@ def test_one_observed_value_is_no_mixed_observability(tmp_path):
     policy = policies.load_policy(path)
     assert isinstance(policy, AlphaVectors)
     assert (policy.actions, policy.vectors.tolist()) == ([1], [[1, 2]])
+
+
+class Words:
+    """What SARSOP's program reads a policy with: tags, and numbers as words between blanks."""
+
+    def __init__(self, text):
+        self.text = text
+        self.at = 0
+
+    def tag(self):
+        begin = self.text.find("<", self.at)
+        if begin < 0:
+            return "", {}
+        end = self.text.index(">", begin)
+        self.at = end + 1
+        name, *rest = self.text[begin + 1 : end].split()
+        return name, dict(re.fullmatch(r'([\w:]+)="([^"]*)"', word).groups() for word in rest if name[0] not in "?/")
+
+    def word(self):
+        match = re.compile(r"\s*(\S+)").match(self.text, self.at)
+        self.at = match.end()
+        assert len(match[1]) < 200  # its buffer
+        return float(re.match(r"[-+.\deE]*", match[1])[0])  # as atof: up to what is no part of a number
+
+
+def read_as_words(text):
+    """Return what SARSOP's program finds in a policy: the observed value, action and numbers of each vector."""
+    words = Words(text)
+    assert [words.tag()[0], words.tag()[0]] == ["?xml", "Policy"]
+    name, head = words.tag()
+    assert name == "AlphaVector"
+    found = []
+    name, attributes = words.tag()
+    while attributes:
+        assert name == "Vector"
+        numbers = [words.word() for _ in range(int(head["vectorLength"]))]
+        found.append((int(attributes["obsValue"]), int(attributes["action"]), numbers))
+        words.tag()  # the closing one, whatever stands there
+        name, attributes = words.tag()
+    return found
+
+
+@pytest.mark.parametrize("suffix", [".policy", ".policyx"])
+def test_the_program_of_the_format_finds_every_vector(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    vectors = np.random.default_rng(1).normal(size=(4, 3)) * 10.0 ** np.arange(-300, 100, 100)[:, None]
+    policies.save_policy(AlphaVectors(vectors, [0, 0, 1, 2]), path)
+    expected = [(0, action, row) for action, row in zip([0, 0, 1, 2], vectors.tolist(), strict=True)]
+    assert read_as_words(path.read_text()) == expected
+    policies.save_policy(policies.load_policy(DATA / "mixed.policy"), path)
+    assert read_as_words(path.read_text()) == [
+        (0, 0, [9, -1, -1]),
+        (0, 1, [8.5, 7.75, 7.5]),
+        (1, 0, [7.5, 0, 10]),
+        (1, 2, [1, 2, 3]),
+    ]
 
 
 BODY = '<Policy><AlphaVector vectorLength="{0}" numObsValue="{1}" numVectors="1">{2}</AlphaVector></Policy>'

@@ -46,7 +46,7 @@ for size in (100, 300, 1000):
 """
 
 
-def random_model(size: int, seed: int = 0) -> mdm.POMDP:
+def random_model(size: int, seed: int = 0) -> mdm.models.POMDP:
     """Return a model of one action, each state leading to some 7.8 random ones, and four observations."""
     random = np.random.default_rng(seed)
     lengths = np.minimum(size, random.poisson(ENTRIES - 1, size) + 1)
@@ -54,7 +54,7 @@ def random_model(size: int, seed: int = 0) -> mdm.POMDP:
     return _model(rows, random.integers(size, size=len(rows)), size, random)
 
 
-def rooms_model(size: int, room: int = 20, seed: int = 0) -> mdm.POMDP:
+def rooms_model(size: int, room: int = 20, seed: int = 0) -> mdm.models.POMDP:
     """Return the like, but nobody leaves a room of 20 states, and it is known at first which room it is."""
     random = np.random.default_rng(seed)
     rows = np.repeat(np.arange(size), 8)
@@ -64,7 +64,9 @@ def rooms_model(size: int, room: int = 20, seed: int = 0) -> mdm.POMDP:
     return _model(rows, rows // room * room + random.integers(room, size=len(rows)), size, random, start)
 
 
-def _model(rows: Any, columns: Any, size: int, random: np.random.Generator, start: Vector | None = None) -> mdm.POMDP:
+def _model(
+    rows: Any, columns: Any, size: int, random: np.random.Generator, start: Vector | None = None
+) -> mdm.models.POMDP:
     weights = random.random(len(rows)) + 0.1
     moves = sparse.csr_array((weights, (rows, columns)), shape=(size, size))
     moves.sum_duplicates()
@@ -73,13 +75,15 @@ def _model(rows: Any, columns: Any, size: int, random: np.random.Generator, star
     told /= told.sum(axis=1, keepdims=True)
     start = np.full(size, 1 / size) if start is None else start
     observations: list[Any] = [sparse.csr_array(told) if size > 2 else told]
-    return mdm.POMDP([moves], observations, np.zeros((size, 1)), discount=0.9, initial_belief=start, sparse=size > 2)
+    return mdm.models.POMDP(
+        [moves], observations, np.zeros((size, 1)), discount=0.9, initial_belief=start, sparse=size > 2
+    )
 
 
-def trackers(model: mdm.POMDP, **options: Any) -> dict[str, mdm.BeliefTracker]:
+def trackers(model: mdm.models.POMDP, **options: Any) -> dict[str, mdm.BeliefTracker]:
     """Return trackers of the model, with numba where it is there, and without."""
     found = {FAST: mdm.BeliefTracker(model, **options)} if can_compile() else {}
-    with patch("mdm.models.belief_choice.can_compile", return_value=False):
+    with patch("mdm.beliefs.choice.can_compile", return_value=False):
         return found | {NUMPY: mdm.BeliefTracker(model, **options)}
 
 
@@ -125,7 +129,7 @@ def _count(way: Callable[[int], Vector], seconds: float) -> int:
     return count * 2
 
 
-def compare(case: str, model: mdm.POMDP, rounds: int, seconds: float) -> list[dict[str, Any]]:
+def compare(case: str, model: mdm.models.POMDP, rounds: int, seconds: float) -> list[dict[str, Any]]:
     """Measure one model in every way that is fit for its size."""
     size = len(model.state_space)
     rows = sparse.csr_array(model.transition_matrix(0))

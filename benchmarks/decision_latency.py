@@ -54,7 +54,7 @@ def robot(
     manager.define(f"{prefix}Neither", f"not {prefix}A and not {prefix}B")
     ensemble = mdm.Ensemble(
         name,
-        policy=mdm.DeterministicPolicy(POLICY, 3),
+        policy=mdm.policies.DeterministicPolicy(POLICY, 3),
         predicates=manager,
         states=[
             mdm.StateFactor("room", rooms),
@@ -67,11 +67,11 @@ def robot(
 
 
 def team(
-    path: Path, vectors: mdm.AlphaVectors | Path, callback: Callback
+    path: Path, vectors: mdm.policies.AlphaVectors | Path, callback: Callback
 ) -> tuple[mdm.Ensemble, list[Callable[[], None]]]:
     """Return an event-driven POMDP ensemble, and functions that raise the events of one joint observation each."""
     model = mdm.load_model(path)
-    assert isinstance(model, mdm.POMDP)
+    assert isinstance(model, mdm.models.POMDP)
     policy = mdm.load_policy(vectors, model) if isinstance(vectors, Path) else vectors
     manager = mdm.PredicateManager(f"predicates-{path.stem}")
     factors = []
@@ -121,7 +121,7 @@ async def compare(runtime: mdm.Runtime, rounds: int, repeats: int) -> list[dict[
     queues, direct, pykka = Queues(POLICY, callback), Direct(POLICY, callback), Pykka(POLICY, callback)
     tasks = queues.start()
     # sure enough of the tiger's place to open a door, or listen: the vectors of a short plan
-    short = mdm.AlphaVectors([[-2.0, -2.0], [-50.0, 20.0], [20.0, -50.0]], [0, 4, 8], 9)
+    short = mdm.policies.AlphaVectors([[-2.0, -2.0], [-50.0, 20.0], [20.0, -50.0]], [0, 4, 8], 9)
     dectiger, heard = team(HERE / "data" / "dectiger.dpomdp", short, callback)
     await runtime.start(dectiger)
 

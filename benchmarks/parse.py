@@ -113,7 +113,7 @@ def generated(folder: Path, states: int, successors: int) -> list[Path]:
         matrices.append(sparse.csr_array((values.ravel(), (rows, columns.ravel())), shape=(states, states)))
     observations = random.dirichlet(np.ones(3), size=states)
     rewards = random.random((states, 2))
-    model = mdm.POMDP(matrices, [observations] * 2, rewards, discount=0.95, sparse=True)
+    model = mdm.models.POMDP(matrices, [observations] * 2, rewards, discount=0.95, sparse=True)
     paths = [folder / f"generated-{states}.{suffix}" for suffix in ("pomdp", "pomdp.gz", "npz")]
     if states <= 2_000:
         paths += [folder / f"generated-{states}.{suffix}" for suffix in ("pomdpx", "pgmx")]

@@ -17,7 +17,7 @@ from belief_rivals import has_pomdp_py
 from measurement import arguments, report, table
 
 import mdm
-from mdm.models import Support
+from mdm.beliefs import Support
 from mdm.models.compilation import can_compile
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def choosers(vectors: Vector, support: Support) -> dict[str, Callable[[], int]]:
         if fast and not can_compile():
             continue
         with patch("mdm.policies.alpha_vectors.can_compile", return_value=fast):
-            policy = mdm.AlphaVectors(vectors, actions)
+            policy = mdm.policies.AlphaVectors(vectors, actions)
         ways[f"{name}, by array"] = lambda policy=policy: policy.action(belief)  # type: ignore[misc]
         ways[f"{name}, by support"] = lambda policy=policy: policy.action(support)  # type: ignore[misc]
     ways[NUMPY] = lambda: int((vectors @ belief).argmax())

@@ -21,21 +21,23 @@ SIZES = ((2, 3, 2, 5), (20, 4, 5, 20), (100, 4, 5, 100), (400, 4, 5, 100))
 STEPS = 50
 
 
-def problem(states: int, actions: int, observations: int, vectors: int) -> tuple[mdm.POMDP, mdm.AlphaVectors]:
+def problem(
+    states: int, actions: int, observations: int, vectors: int
+) -> tuple[mdm.models.POMDP, mdm.policies.AlphaVectors]:
     """Return a random model and a policy for it."""
     random = np.random.default_rng(states)
-    model = mdm.POMDP(
+    model = mdm.models.POMDP(
         random.dirichlet(np.full(states, 0.2), size=(actions, states)),
         random.dirichlet(np.ones(observations), size=(actions, states)),
         random.normal(size=(states, actions)),
         discount=0.95,
     )
-    return model, mdm.AlphaVectors(
+    return model, mdm.policies.AlphaVectors(
         random.normal(size=(vectors, states)), random.integers(actions, size=vectors), actions
     )
 
 
-def by_hand(model: mdm.POMDP, policy: mdm.AlphaVectors, episodes: int) -> list[float]:
+def by_hand(model: mdm.models.POMDP, policy: mdm.policies.AlphaVectors, episodes: int) -> list[float]:
     """Return the returns of episodes, one after the other, as a user would write it."""
     random = np.random.default_rng(1)
     actions = range(len(model.action_space))

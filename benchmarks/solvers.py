@@ -27,7 +27,7 @@ DISCOUNT = 0.95
 SOLVERS = ("value-iteration", "prioritised-sweeping", "policy-iteration", "modified-policy-iteration")
 
 
-def forest(size: int) -> mdm.MDP:
+def forest(size: int) -> mdm.models.MDP:
     """Return pymdptoolbox's forest: wait, at a risk of fire, for old trees; or cut."""
     ages = np.arange(size)
     fire, older = np.zeros(size, dtype=int), np.minimum(ages + 1, size - 1)
@@ -35,10 +35,10 @@ def forest(size: int) -> mdm.MDP:
     rewards = np.zeros((size, 2))
     rewards[1:, 1] = 1
     rewards[-1] = 4, 2
-    return mdm.MDP([wait, _matrix(size, [(1.0, fire)])], rewards, discount=DISCOUNT, sparse=True)
+    return mdm.models.MDP([wait, _matrix(size, [(1.0, fire)])], rewards, discount=DISCOUNT, sparse=True)
 
 
-def grid(side: int) -> mdm.MDP:
+def grid(side: int) -> mdm.models.MDP:
     """Return a walk on a grid: steps slip sideways, each costs, some places more; the last corner pays."""
     size = side * side
     rows, columns = np.divmod(np.arange(size), side)
@@ -49,7 +49,7 @@ def grid(side: int) -> mdm.MDP:
     rewards = np.full((size, 4), -1.0)
     rewards[np.random.default_rng(0).random(size) < 0.1] -= 5
     rewards[-1] = 10
-    return mdm.MDP(matrices, rewards, discount=DISCOUNT, sparse=True)
+    return mdm.models.MDP(matrices, rewards, discount=DISCOUNT, sparse=True)
 
 
 def _matrix(size: int, parts: list[tuple[float, Any]]) -> Any:
@@ -59,7 +59,7 @@ def _matrix(size: int, parts: list[tuple[float, Any]]) -> Any:
     return sp.coo_array((data, (rows, np.concatenate([to for _, to in parts]))), shape=(size, size)).tocsr()
 
 
-def stacked(model: mdm.MDP) -> Any:
+def stacked(model: mdm.models.MDP) -> Any:
     """Return P(s' | s, a) as one CSR matrix, row s A + a."""
     count = len(model.action_space)
     size = len(model.state_space)
@@ -67,7 +67,7 @@ def stacked(model: mdm.MDP) -> Any:
     return sp.csr_matrix(matrix[(np.arange(size)[:, None] + size * np.arange(count)).ravel()])
 
 
-def scipys(model: mdm.MDP) -> Callable[[], Any]:
+def scipys(model: mdm.models.MDP) -> Callable[[], Any]:
     """Return value iteration as a user would write it: a product and a maximum, until nothing changes."""
     matrix, rewards = stacked(model), model.rewards
     limit = GAP * (1 - model.discount) / (2 * model.discount)
@@ -83,7 +83,7 @@ def scipys(model: mdm.MDP) -> Callable[[], Any]:
     return run
 
 
-def quantecons(model: mdm.MDP) -> dict[str, Callable[[], Any]]:
+def quantecons(model: mdm.models.MDP) -> dict[str, Callable[[], Any]]:
     """Return the ways of quantecon, if it is installed; its problem is built beforehand."""
     try:
         from quantecon.markov import DiscreteDP  # noqa: PLC0415 - not everybody has it
@@ -101,13 +101,13 @@ def quantecons(model: mdm.MDP) -> dict[str, Callable[[], Any]]:
     }
 
 
-def ours(model: mdm.MDP, solver: str) -> Any:
+def ours(model: mdm.models.MDP, solver: str) -> Any:
     """Return the values that one of our solvers finds, everything that it builds included."""
     return solve(model, solver, watch=Watch(gap=GAP)).policy.values.max(axis=1)
 
 
 def mdp_rows(
-    name: str, model: mdm.MDP, solvers: tuple[str, ...], rounds: int, *, rivals: bool = True
+    name: str, model: mdm.models.MDP, solvers: tuple[str, ...], rounds: int, *, rivals: bool = True
 ) -> list[dict[str, Any]]:
     """Measure ways to solve an MDP, in rounds, after one to warm up: what is compiled is compiled then."""
     ways: dict[str, Callable[[], Any]] = (

@@ -11,7 +11,9 @@ from measurement import arguments, report, table
 
 FIRST = """
 import mdm
-robot = mdm.Ensemble("robot", policy=mdm.DeterministicPolicy([0]), actions={"A": lambda: print("decided", flush=True)})
+robot = mdm.Ensemble(
+    "robot", policy=mdm.policies.DeterministicPolicy([0]), actions={"A": lambda: print("decided", flush=True)}
+)
 async def main():
     async with mdm.Runtime(log=None) as runtime:
         await runtime.start(robot)

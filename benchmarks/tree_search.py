@@ -36,7 +36,7 @@ def searches(quick: bool) -> list[dict[str, Any]]:
             continue
         model = mdm.load_model(path)
         for seconds in [0.01] if quick else [0.01, 0.1, 1.0]:
-            policy = mdm.TreeSearch(model, seconds=seconds)
+            policy = mdm.solvers.TreeSearch(model, seconds=seconds)
             policy.prepare()
             began = time.process_time()
             result = policy.search(model.initial_belief)
@@ -55,7 +55,7 @@ def searches(quick: bool) -> list[dict[str, Any]]:
     return rows
 
 
-async def ticks(policy: Any, model: mdm.MDP, count: int) -> list[float]:
+async def ticks(policy: Any, model: mdm.models.MDP, count: int) -> list[float]:
     """Return how late ticks come beside an ensemble that is asked for a decision again and again."""
     late: list[float] = []
     done = asyncio.Event()
@@ -83,7 +83,7 @@ async def ticks(policy: Any, model: mdm.MDP, count: int) -> list[float]:
 class InTheLoop:
     """A search that a control layer calls as any other policy, within its turn."""
 
-    def __init__(self, search: mdm.TreeSearch) -> None:
+    def __init__(self, search: mdm.solvers.TreeSearch) -> None:
         search.prepare()
         self.input, self.num_states, self.num_actions = search.input, search.num_states, search.num_actions
         self.action, self.value = search.action, search.value
@@ -94,8 +94,8 @@ def beside(quick: bool) -> list[dict[str, Any]]:
     model = mdm.load_model(HERE.parent / "examples" / "tiger.pomdp")
     ways: dict[str, Any] = {
         "no search": None,
-        "in a process of its own": mdm.TreeSearch(model, seconds=0.05),
-        "in the loop": InTheLoop(mdm.TreeSearch(model, seconds=0.05)),
+        "in a process of its own": mdm.solvers.TreeSearch(model, seconds=0.05),
+        "in the loop": InTheLoop(mdm.solvers.TreeSearch(model, seconds=0.05)),
     }
     rows = []
     for name, policy in ways.items():

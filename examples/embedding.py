@@ -44,7 +44,7 @@ async def main() -> None:
     hot = predicates.sensor("IsHot", initial=False, max_age=1.0)
     cooler = mdm.Ensemble(
         "cooler",
-        policy=mdm.DeterministicPolicy([0, 1]),
+        policy=mdm.policies.DeterministicPolicy([0, 1]),
         predicates=predicates,
         states=[mdm.StateFactor("temperature", ["IsHot"])],
         actions={"Wait": lambda: print("waiting"), "Cool": run_fan},

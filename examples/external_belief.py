@@ -14,14 +14,14 @@ CHARGER = 3
 random = np.random.default_rng(7)
 
 
-def corridor() -> mdm.POMDP:
+def corridor() -> mdm.models.POMDP:
     """Cells from left to right; Left and Right move by one, Dock is right at the charger alone."""
     left, right = np.eye(CELLS, k=-1), np.eye(CELLS, k=1)
     left[0, 0] = right[-1, -1] = 1
     rewards = np.full((CELLS, 3), -1.0)
     rewards[:, 2] = -20.0
     rewards[CHARGER, 2] = 10.0
-    return mdm.POMDP(
+    return mdm.models.POMDP(
         [left, right, np.eye(CELLS)],
         [np.ones((CELLS, 1))] * 3,  # the model itself observes nothing
         rewards,
@@ -31,13 +31,13 @@ def corridor() -> mdm.POMDP:
     )
 
 
-def greedy(model: mdm.POMDP) -> mdm.AlphaVectors:
+def greedy(model: mdm.models.POMDP) -> mdm.policies.AlphaVectors:
     """Return the vectors of the model's MDP, one an action: good enough where the belief is sharp."""
     value = np.zeros(CELLS)
     for _ in range(100):
         q = model.rewards + model.discount * np.stack([model.transition_matrix(a) @ value for a in range(3)], axis=1)
         value = q.max(axis=1)
-    return mdm.AlphaVectors(q.T, [0, 1, 2])
+    return mdm.policies.AlphaVectors(q.T, [0, 1, 2])
 
 
 class ParticleFilter(mdm.Actor):

@@ -4,7 +4,7 @@ import asyncio
 
 import mdm
 
-q_table = mdm.QTable([[0.0, 5.0], [2.0, 1.0]])  # rows: battery low, battery fine; columns: Work, Charge
+q_table = mdm.policies.QTable([[0.0, 5.0], [2.0, 1.0]])  # rows: battery low, battery fine; columns: Work, Charge
 predicates = mdm.PredicateManager()
 battery_is_fine = predicates.sensor("BatteryIsFine", initial=True)
 robot = mdm.Ensemble(

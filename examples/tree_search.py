@@ -27,11 +27,11 @@ def show(decision: Decision) -> None:
 
 async def main() -> None:
     model = mdm.load_model(HERE / "tiger.pomdp")
-    listen = mdm.AlphaVectors([[-20.0, -20.0]], [0], num_actions=3)
+    listen = mdm.policies.AlphaVectors([[-20.0, -20.0]], [0], num_actions=3)
     tiger = mdm.Ensemble(
         "tiger",
         model=model,
-        policy=mdm.TreeSearch(model, seconds=0.1, fallback=listen),
+        policy=mdm.solvers.TreeSearch(model, seconds=0.1, fallback=listen),
         actions={"listen": act, "open-left": act, "open-right": act},
     )
     beats = 0

@@ -18,10 +18,10 @@ from collections import Counter
 from pathlib import Path
 
 from mutation import mutated
+from places import ROOT
 
 import mdm
 
-ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = (ROOT / "tests" / "data", ROOT / "examples", ROOT.parent / "shared" / "corpus")
 MODELS = {".pomdp", ".mdp", ".dpomdp", ".pgmx", ".pomdpx"}
 POLICIES = {".vf", ".alpha", ".pg", ".policy", ".policyx", ".txt"}

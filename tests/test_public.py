@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import subprocess
+import sys
 
 import pytest
 
 import mdm
 import mdm.actors
+import mdm.beliefs
 import mdm.config
 import mdm.formats
 import mdm.logic
@@ -16,10 +19,11 @@ import mdm.models
 import mdm.policies
 import mdm.runtime
 import mdm.simulation
+import mdm.solvers
 import mdm.testing
 
-PACKAGES = [mdm, mdm.actors, mdm.config, mdm.formats, mdm.logic, mdm.messages, mdm.models, mdm.policies, mdm.runtime]
-PACKAGES += [mdm.simulation, mdm.testing]
+PACKAGES = [mdm, mdm.actors, mdm.beliefs, mdm.config, mdm.formats, mdm.logic, mdm.messages, mdm.models, mdm.policies]
+PACKAGES += [mdm.runtime, mdm.simulation, mdm.solvers, mdm.testing]
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)
@@ -38,3 +42,16 @@ def test_every_public_name_of_the_packages_is_listed():
             if not name.startswith("_") and getattr(thing, "__module__", "").startswith(f"{package.__name__}.")
         }
         assert public <= set(package.__all__), package.__name__
+
+
+def test_a_name_of_a_package_is_pointed_out():
+    with pytest.raises(AttributeError, match=r"no attribute 'QTable'; it is mdm\.policies\.QTable"):
+        _ = mdm.QTable
+    with pytest.raises(AttributeError, match="no attribute 'Nonsense'$"):
+        _ = mdm.Nonsense
+
+
+def test_importing_loads_nothing_else():
+    """What a program does not ask for costs it nothing."""
+    program = "import sys, mdm; print(*(m for m in sys.modules if m.startswith(('mdm.', 'numpy', 'numba', 'scipy'))))"
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == "\n"

@@ -33,60 +33,67 @@ SEES_SMOKE = 0.85  # where there is a fire
 FALSE_ALARM = 0.1  # where there is none
 
 
-def top() -> mdm.FactoredMDP:
+def top() -> mdm.models.FactoredMDP:
     """Return what the robot attends to: three troubles that come by themselves and go when attended to."""
-    tasks = mdm.Node("action", 0)
-    initial, transitions, utilities = [], [], [mdm.Table([tasks], [PATROLLING, 0, 0, 0])]
+    tasks = mdm.models.Node("action", 0)
+    initial, transitions, utilities = [], [], [mdm.models.Table([tasks], [PATROLLING, 0, 0, 0])]
     for place, (chance, task, cost) in enumerate(TROUBLES.values()):
-        now, later = mdm.Node("state", place), mdm.Node("next_state", place)
-        initial.append(mdm.Table([now], [0.5, 0.5]))
-        arises = mdm.Table([now, later], [[1 - chance, chance], [0, 1]])
-        attended = mdm.Table([now, later], [[1 - chance, chance], [ENDS, 1 - ENDS]])
-        transitions.append(mdm.Tree(tasks, [int(name == task) for name in TASKS], [arises, attended]))
-        utilities.append(mdm.Table([now], [0, -cost]))
-    states = mdm.Space(mdm.Factor(name, ["no", "yes"]) for name in TROUBLES)
-    network = mdm.TwoSliceNetwork(
+        now, later = mdm.models.Node("state", place), mdm.models.Node("next_state", place)
+        initial.append(mdm.models.Table([now], [0.5, 0.5]))
+        arises = mdm.models.Table([now, later], [[1 - chance, chance], [0, 1]])
+        attended = mdm.models.Table([now, later], [[1 - chance, chance], [ENDS, 1 - ENDS]])
+        transitions.append(mdm.models.Tree(tasks, [int(name == task) for name in TASKS], [arises, attended]))
+        utilities.append(mdm.models.Table([now], [0, -cost]))
+    states = mdm.models.Space(mdm.models.Factor(name, ["no", "yes"]) for name in TROUBLES)
+    network = mdm.models.TwoSliceNetwork(
         states,
-        mdm.Space.single("robot", TASKS),
+        mdm.models.Space.single("robot", TASKS),
         initial=initial,
         transitions=transitions,
         utilities=utilities,
     )
-    return mdm.FactoredMDP(network, discount=DISCOUNT_TOP)
+    return mdm.models.FactoredMDP(network, discount=DISCOUNT_TOP)
 
 
-def rooms() -> mdm.FactoredPOMDP:
+def rooms() -> mdm.models.FactoredPOMDP:
     """Return where the robot is, which room burns, and what the robot's camera sees."""
-    robot, fire, move = mdm.Node("state", 0), mdm.Node("state", 1), mdm.Node("action", 0)
-    robot_later, fire_later = mdm.Node("next_state", 0), mdm.Node("next_state", 1)
-    stays = mdm.Table([robot, robot_later], np.eye(len(ROOMS)))
-    drives = [mdm.Table([robot, robot_later], _drive(target)) for target in range(len(ROOMS))]
+    robot, fire, move = mdm.models.Node("state", 0), mdm.models.Node("state", 1), mdm.models.Node("action", 0)
+    robot_later, fire_later = mdm.models.Node("next_state", 0), mdm.models.Node("next_state", 1)
+    stays = mdm.models.Table([robot, robot_later], np.eye(len(ROOMS)))
+    drives = [mdm.models.Table([robot, robot_later], _drive(target)) for target in range(len(ROOMS))]
     burns = np.eye(len(FIRES))
     burns[0] = [1 - BREAKS_OUT, *[BREAKS_OUT / len(ROOMS)] * len(ROOMS)]
-    put_out = mdm.Table([fire_later], np.eye(len(FIRES))[0])  # by whoever gets the report
-    spreads = mdm.Table([fire, fire_later], burns)
+    put_out = mdm.models.Table([fire_later], np.eye(len(FIRES))[0])  # by whoever gets the report
+    spreads = mdm.models.Table([fire, fire_later], burns)
     here = np.equal.outer(ROOMS, FIRES)  # rooms x fires: whether it burns where the robot is
     smoke = np.where(here, SEES_SMOKE, FALSE_ALARM)
-    camera = mdm.Node("observation", 0)
-    sees = mdm.Table([robot_later, fire_later, camera], np.stack([1 - smoke, smoke, 0 * smoke], axis=-1))
-    reported = mdm.Table([camera], [0, 0, 1])
+    camera = mdm.models.Node("observation", 0)
+    sees = mdm.models.Table([robot_later, fire_later, camera], np.stack([1 - smoke, smoke, 0 * smoke], axis=-1))
+    reported = mdm.models.Table([camera], [0, 0, 1])
     report = np.where(here, 20.0, -20.0)
     report[:, 0] = -40  # a false report
-    network = mdm.TwoSliceNetwork(
-        mdm.Space([mdm.Factor("robot", ROOMS), mdm.Factor("fire", FIRES)]),
-        mdm.Space.single("move", MOVES),
-        mdm.Space.single("camera", ["Clear", "Smoke", "Reported"]),
-        initial=[mdm.Table([robot], np.full(len(ROOMS), 1 / len(ROOMS))), mdm.Table([fire], np.eye(len(FIRES))[0])],
-        transitions=[
-            mdm.Tree(move, [0, 1, 2, 3], [*drives, stays]),
-            mdm.Tree(move, [0, 0, 0, 1], [spreads, put_out]),
+    network = mdm.models.TwoSliceNetwork(
+        mdm.models.Space([mdm.models.Factor("robot", ROOMS), mdm.models.Factor("fire", FIRES)]),
+        mdm.models.Space.single("move", MOVES),
+        mdm.models.Space.single("camera", ["Clear", "Smoke", "Reported"]),
+        initial=[
+            mdm.models.Table([robot], np.full(len(ROOMS), 1 / len(ROOMS))),
+            mdm.models.Table([fire], np.eye(len(FIRES))[0]),
         ],
-        observation=[mdm.Tree(move, [0, 0, 0, 1], [sees, reported])],
+        transitions=[
+            mdm.models.Tree(move, [0, 1, 2, 3], [*drives, stays]),
+            mdm.models.Tree(move, [0, 0, 0, 1], [spreads, put_out]),
+        ],
+        observation=[mdm.models.Tree(move, [0, 0, 0, 1], [sees, reported])],
         utilities=[
-            mdm.Tree(move, [0, 0, 0, 1], [mdm.Table([fire], [-1, -5, -5, -5]), mdm.Table([robot, fire], report)])
+            mdm.models.Tree(
+                move,
+                [0, 0, 0, 1],
+                [mdm.models.Table([fire], [-1, -5, -5, -5]), mdm.models.Table([robot, fire], report)],
+            )
         ],
     )
-    return mdm.FactoredPOMDP(network, discount=DISCOUNT_ROOMS)
+    return mdm.models.FactoredPOMDP(network, discount=DISCOUNT_ROOMS)
 
 
 def _drive(target: int) -> np.ndarray:
@@ -96,7 +103,7 @@ def _drive(target: int) -> np.ndarray:
     return matrix
 
 
-def solve_mdp(model: mdm.MDP, sweeps: int = 500) -> list[int]:
+def solve_mdp(model: mdm.models.MDP, sweeps: int = 500) -> list[int]:
     """Return the best action in each state, by value iteration."""
     value = np.zeros(len(model.state_space))
     transitions = np.stack([model.transition_matrix(a) for a in range(len(model.action_space))])
@@ -106,7 +113,7 @@ def solve_mdp(model: mdm.MDP, sweeps: int = 500) -> list[int]:
     return [int(action) for action in values.argmax(axis=1)]
 
 
-def solve_pomdp(model: mdm.POMDP, beliefs: int = 150, sweeps: int = 120) -> tuple[np.ndarray, list[int]]:
+def solve_pomdp(model: mdm.models.POMDP, beliefs: int = 150, sweeps: int = 120) -> tuple[np.ndarray, list[int]]:
     """Return alpha vectors and their actions, by point-based value iteration over reachable beliefs."""
     count = len(model.action_space)
     transitions = np.stack([model.transition_matrix(a) for a in range(count)])
@@ -131,7 +138,7 @@ def solve_pomdp(model: mdm.POMDP, beliefs: int = 150, sweeps: int = 120) -> tupl
     return vectors[kept], [actions[index] for index in kept]
 
 
-def _reachable(model: mdm.POMDP, count: int) -> list[np.ndarray]:
+def _reachable(model: mdm.models.POMDP, count: int) -> list[np.ndarray]:
     random = np.random.default_rng(0)
     tracker = mdm.BeliefTracker(model)
     found = [tracker.belief]
@@ -149,8 +156,8 @@ def _reachable(model: mdm.POMDP, count: int) -> list[np.ndarray]:
 if __name__ == "__main__":
     mdm.save_model(top(), HERE / "top.pomdpx")
     mdm.save_model(rooms(), HERE / "rooms.pomdpx")
-    best = mdm.DeterministicPolicy(solve_mdp(top()), len(TASKS))
+    best = mdm.policies.DeterministicPolicy(solve_mdp(top()), len(TASKS))
     mdm.save_policy(best, HERE / "top.policy")
     alpha, chosen = solve_pomdp(rooms())
-    mdm.save_policy(mdm.AlphaVectors(alpha.round(9), chosen, len(MOVES)), HERE / "rooms.vf")
+    mdm.save_policy(mdm.policies.AlphaVectors(alpha.round(9), chosen, len(MOVES)), HERE / "rooms.vf")
     print(f"top.policy: {best.actions}; rooms.vf: {len(alpha)} vectors for actions {sorted(set(chosen))}")

@@ -16,9 +16,10 @@ from mdm.actors.controller_run import ControllerRun
 from mdm.actors.drive import Drive, FixedRate, OnEvent
 from mdm.actors.layer import Layer
 from mdm.actors.scope import Scope
+from mdm.beliefs import BeliefTracker, Support, Tracker
 from mdm.errors import ConfigError, Error, ModelError
 from mdm.messages import Action, Belief, Control, Decision, Fault, Observation, Reward, State, Tick
-from mdm.models import POMDP, BeliefTracker, Support, Tracker
+from mdm.models import POMDP
 from mdm.policies import FiniteStateController, JointController, StagedPolicy
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 

@@ -15,7 +15,7 @@ from mdm.errors import ConfigError
 from mdm.messages import Answer, Belief, Fault, Question
 
 if TYPE_CHECKING:
-    from mdm.policies.tree_search import TreeSearch
+    from mdm.solvers.online.tree_search import TreeSearch
 
 __all__ = ["DeliberatingControlLayer"]
 

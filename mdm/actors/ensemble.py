@@ -17,7 +17,8 @@ from mdm.actors.scope import agent_index
 from mdm.actors.state_layer import StateFactor, StateLayer
 from mdm.errors import ConfigError
 from mdm.messages import Belief, Control, Fault, Observation, PredicateUpdate, State
-from mdm.policies import FiniteStateController, JointController, TreeSearch
+from mdm.policies import FiniteStateController, JointController
+from mdm.solvers.online import TreeSearch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
     from mdm.actors.binding import Binding, Callback
     from mdm.actors.drive import Drive
     from mdm.actors.predicate_manager import PredicateManager
-    from mdm.models import MDP, POMDP, Tracker
+    from mdm.beliefs import Tracker
+    from mdm.models import MDP, POMDP
     from mdm.models.space import Symbol
     from mdm.policies import Controller, Policy
     from mdm.runtime import Supervision

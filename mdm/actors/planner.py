@@ -24,8 +24,8 @@ from mdm.runtime.supervision import RestartBudget
 if TYPE_CHECKING:
     from typing import Literal
 
-    from mdm.policies.tree_search import SearchResult, TreeSearch
     from mdm.runtime import Timer
+    from mdm.solvers.online.tree_search import SearchResult, TreeSearch
 
 __all__ = ["Planner", "PlannerStatistics"]
 

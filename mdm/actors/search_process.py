@@ -13,7 +13,7 @@ from mdm.actors.search_worker import HEADER, frame
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from mdm.policies.tree_search import SearchResult, TreeSearch
+    from mdm.solvers.online.tree_search import SearchResult, TreeSearch
 
 __all__ = ["SearchProcess"]
 

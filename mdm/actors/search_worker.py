@@ -14,7 +14,7 @@ import select
 import signal
 from typing import Any
 
-from mdm.policies.tree_search import Search
+from mdm.solvers.online.tree_search import Search
 
 __all__ = ["HEADER", "frame", "main"]
 

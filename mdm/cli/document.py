@@ -8,9 +8,9 @@ from typing import Any
 from mdm.config import System, load_system
 from mdm.errors import FormatError
 from mdm.formats import load_model, load_policy
-from mdm.formats.archive import holds_model
+from mdm.formats.archive.model import holds_model
+from mdm.formats.archive.npz import is_archive
 from mdm.formats.models import MODEL_SUFFIXES
-from mdm.formats.npz import is_archive
 from mdm.formats.source import Source, suffixes
 from mdm.models import MDP, POMDP, FactoredMDP, FactoredPOMDP
 from mdm.policies import (

@@ -82,11 +82,11 @@ def _add_inputs(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw the picture; return the exit status."""
-    from mdm.cli.canvas import keep, pyplot  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.views.canvas import keep, pyplot  # noqa: PLC0415 - `mdm --help` needs no numpy
 
     pyplot()
     if arguments.picture == "bounds":
-        from mdm.cli.bounds_figure import bounds_figure  # noqa: PLC0415
+        from mdm.views.bounds import bounds_figure  # noqa: PLC0415
 
         figure = bounds_figure(arguments.histories)
     else:
@@ -97,10 +97,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _of_policy(arguments: argparse.Namespace) -> Any:
-    from mdm.cli.belief_figure import belief_figure, doubt_figure  # noqa: PLC0415
-    from mdm.cli.grid_figure import grid_figure  # noqa: PLC0415
     from mdm.cli.worth import load, load_for  # noqa: PLC0415
     from mdm.errors import Error  # noqa: PLC0415
+    from mdm.views.belief import belief_figure, doubt_figure  # noqa: PLC0415
+    from mdm.views.grid import grid_figure  # noqa: PLC0415
 
     policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments.seed)
     if policy.input == "observation":

@@ -128,11 +128,11 @@ def _list(values: Vector) -> list[float]:
 def _network(model: MDP, arguments: argparse.Namespace) -> int:
     from mdm.cli.report import as_json  # noqa: PLC0415
     from mdm.models import FactoredMDP, FactoredPOMDP  # noqa: PLC0415
-    from mdm.models.factoring import as_network  # noqa: PLC0415
+    from mdm.models.factored.factoring import as_network  # noqa: PLC0415
 
     network = as_network(model)
     if arguments.picture is not None:
-        from mdm.cli.picture import draw  # noqa: PLC0415
+        from mdm.views.picture import draw  # noqa: PLC0415
 
         draw(network, arguments.picture)
     lines = _dependencies(network)

@@ -130,7 +130,7 @@ def _options(arguments: argparse.Namespace, solver: str) -> dict[str, Any]:
 
 def _kind(solver: str, model: MDP, arguments: argparse.Namespace) -> type:
     """Return of what class a solver's policies are."""
-    from mdm.models.mixed import MixedPOMDP  # noqa: PLC0415
+    from mdm.models.factored.mixed import MixedPOMDP  # noqa: PLC0415
     from mdm.policies import (  # noqa: PLC0415
         AlphaVectors,
         FiniteStateController,

@@ -9,7 +9,7 @@ import numpy as np
 from mdm.formats import load_model, load_policy
 from mdm.formats.fit import misfit
 from mdm.models import POMDP
-from mdm.models.mixed import MixedPOMDP
+from mdm.models.factored.mixed import MixedPOMDP
 from mdm.policies import DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
 
 if TYPE_CHECKING:

@@ -27,8 +27,9 @@ from mdm.config.tables import (
 from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
 from mdm.logic import Formula, parse, similar
-from mdm.policies import AlphaVectors, DeterministicPolicy, TreeSearch
+from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.runtime import Restart, Supervision
+from mdm.solvers.online import TreeSearch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from mdm.errors import FormatError, ModelError, ModelWarning
-from mdm.formats import archive, cassandra, dpomdp, npz, pgmx, pomdpx, toi
+from mdm.formats.archive import model as archive, npz
+from mdm.formats.cassandra import dpomdp, model as cassandra, toi
+from mdm.formats.pgmx import reader as pgmx
+from mdm.formats.pomdpx import reader as pomdpx
 from mdm.formats.source import Source, suffixes
-from mdm.models.leniency import collecting
+from mdm.models.validation import collecting
 
 if TYPE_CHECKING:
     from collections.abc import Callable

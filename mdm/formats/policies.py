@@ -10,23 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError
-from mdm.formats import (
-    alpha,
-    joint_policy,
-    npz,
-    policy_archive,
-    policy_graph,
-    q_table,
-    sarsop_policy,
-    state_table,
-    ublas,
-    value_function,
-    zmdp,
-)
+from mdm.formats.archive import npz, policy as policy_archive
 from mdm.formats.fit import LoadedPolicy, misfit
+from mdm.formats.plans import joint_policy, policy_graph
 from mdm.formats.source import Source, suffixes
-from mdm.formats.state_table import PolicyKind
+from mdm.formats.tables import q_table, state_table, ublas
+from mdm.formats.tables.state_table import PolicyKind
 from mdm.formats.target import check_place
+from mdm.formats.vectors import alpha, sarsop as sarsop_policy, value_function, zmdp
 from mdm.models import POMDP
 from mdm.policies import (
     AlphaVectors,

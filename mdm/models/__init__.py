@@ -1,19 +1,22 @@
-"""Markov models as plain data: named spaces, MDPs, POMDPs, and the tracking of beliefs."""
+"""Markov models as plain data: named spaces, MDPs and POMDPs, flat or factored."""
 
-from mdm.models.belief import BeliefTracker, Tracker
-from mdm.models.belief_filter import Support
-from mdm.models.factored import FactoredMDP, FactoredPOMDP
+from mdm.models.factored import (
+    FactoredMDP,
+    FactoredPOMDP,
+    MixedPOMDP,
+    Node,
+    Potential,
+    Table,
+    Tree,
+    TwoSliceNetwork,
+)
 from mdm.models.mdp import MDP
-from mdm.models.mixed import MixedPOMDP
 from mdm.models.pomdp import POMDP
-from mdm.models.potential import Node, Potential, Table, Tree
 from mdm.models.space import Factor, Space
-from mdm.models.two_slice import TwoSliceNetwork
 
 __all__ = [
     "MDP",
     "POMDP",
-    "BeliefTracker",
     "Factor",
     "FactoredMDP",
     "FactoredPOMDP",
@@ -21,9 +24,7 @@ __all__ = [
     "Node",
     "Potential",
     "Space",
-    "Support",
     "Table",
-    "Tracker",
     "Tree",
     "TwoSliceNetwork",
 ]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdm.models.event_observations import DenseEvents, TransitionEvents
+from mdm.models.events import DenseEvents, TransitionEvents
 from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from mdm.errors import ModelError, ModelWarning
 from mdm.models.compressed import csr, is_compressed
-from mdm.models.leniency import forgive, forgiving
+from mdm.models.validation import forgive, forgiving
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -174,7 +174,7 @@ class MDP:
         Raises:
             ModelError: If there is no such factor, it is the only one, or transitions or rewards depend on it.
         """
-        from mdm.models.marginalization import marginalize  # noqa: PLC0415 - it makes models of this kind
+        from mdm.models.factored.marginalisation import marginalize  # noqa: PLC0415 - it makes models of this kind
 
         return marginalize(self, factor)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models.compressed import csr, is_compressed
-from mdm.models.event_observations import (
+from mdm.models.events import (
     DenseEvents,
     EventObservations,
     TransitionEvents,
@@ -203,7 +203,7 @@ class POMDP(MDP):
         Raises:
             ModelError: If there is no such factor, it is the only one, or transitions or rewards depend on it.
         """
-        from mdm.models.marginalization import marginalize  # noqa: PLC0415 - it makes models of this kind
+        from mdm.models.factored.marginalisation import marginalize  # noqa: PLC0415 - it makes models of this kind
 
         result = marginalize(self, factor)
         assert isinstance(result, POMDP)

@@ -8,9 +8,8 @@ from mdm.policies.masked_alpha_vectors import MaskedAlphaVectors
 from mdm.policies.mixed_alpha_vectors import MixedAlphaVectors
 from mdm.policies.policy import Policy
 from mdm.policies.random_policy import RandomPolicy
-from mdm.policies.staged import StagedPolicy
+from mdm.policies.staged_policy import StagedPolicy
 from mdm.policies.table import DeterministicPolicy, QTable, StochasticPolicy
-from mdm.policies.tree_search import SearchResult, TreeSearch
 from mdm.policies.walk import Controller, Walk
 
 __all__ = [
@@ -25,9 +24,7 @@ __all__ = [
     "Policy",
     "QTable",
     "RandomPolicy",
-    "SearchResult",
     "StagedPolicy",
     "StochasticPolicy",
-    "TreeSearch",
     "Walk",
 ]

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Literal, NoReturn, SupportsIndex
 
 import numpy as np
 
+from mdm.beliefs.filter import Support
 from mdm.errors import ModelError
-from mdm.models.belief_filter import Support
 from mdm.models.compilation import can_compile
 from mdm.models.matrices import numbers
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from mdm.beliefs.filter import Support
 from mdm.errors import ModelError
-from mdm.models.belief_filter import Support
 from mdm.policies.alpha_vectors import AlphaVectors
 
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from mdm.beliefs.batch import CrowdBeliefs, grouped, product
 from mdm.models import POMDP
 from mdm.policies import (
     AlphaVectors,
@@ -20,7 +21,6 @@ from mdm.policies import (
     StagedPolicy,
     StochasticPolicy,
 )
-from mdm.simulation.crowd_beliefs import CrowdBeliefs, grouped, product
 
 if TYPE_CHECKING:
     from mdm.models import MDP

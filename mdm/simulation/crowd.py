@@ -8,7 +8,7 @@ import numpy as np
 
 from mdm.models import MDP, POMDP
 from mdm.models.compressed import csr
-from mdm.models.event_observations import by_entry
+from mdm.models.events import by_entry
 from mdm.simulation.draws import Draws
 
 if TYPE_CHECKING:

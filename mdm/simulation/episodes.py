@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from mdm.beliefs import BeliefTracker, Support
 from mdm.errors import ConfigError
-from mdm.models import POMDP, BeliefTracker, Support
+from mdm.models import POMDP
 from mdm.simulation.choices import ENDED, Choices
 from mdm.simulation.crowd import Crowd
 from mdm.simulation.sampler import Sampler

@@ -17,9 +17,9 @@ import numpy as np
 
 from mdm.models.compressed import csr, is_compressed
 from mdm.policies import AlphaVectors
+from mdm.solvers.limits import Watch
+from mdm.solvers.mdp.stack import Stack
 from mdm.solvers.qmdp import known_state
-from mdm.solvers.stack import Stack
-from mdm.solvers.watch import Watch
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.policies import AlphaVectors
-from mdm.solvers.policy_iteration import steps
-from mdm.solvers.rounds import rounding, rounds, sweeping
-from mdm.solvers.stack import Stack
-from mdm.solvers.watch import Watch
+from mdm.solvers.limits import Watch
+from mdm.solvers.mdp.policy_iteration import steps
+from mdm.solvers.mdp.rounds import rounding, rounds, sweeping
+from mdm.solvers.mdp.stack import Stack
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

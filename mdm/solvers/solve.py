@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.errors import ConfigError
 from mdm.models import POMDP
-from mdm.solvers.watch import Watch
+from mdm.solvers.limits import Watch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 __all__ = ["SOLVERS", "default_solver", "solve"]
 
 SOLVERS: dict[str, tuple[str, str, str]] = {
-    "value-iteration": ("value_iteration", "value_iteration", "MDP"),
-    "prioritised-sweeping": ("prioritised_sweeping", "prioritised_sweeping", "MDP"),
-    "policy-iteration": ("policy_iteration", "policy_iteration", "MDP"),
-    "modified-policy-iteration": ("policy_iteration", "modified_policy_iteration", "MDP"),
+    "value-iteration": ("mdp.value_iteration", "value_iteration", "MDP"),
+    "prioritised-sweeping": ("mdp.prioritised_sweeping", "prioritised_sweeping", "MDP"),
+    "policy-iteration": ("mdp.policy_iteration", "policy_iteration", "MDP"),
+    "modified-policy-iteration": ("mdp.policy_iteration", "modified_policy_iteration", "MDP"),
     "qmdp": ("qmdp", "qmdp", "POMDP"),
     "fib": ("fast_informed_bound", "fast_informed_bound", "POMDP"),
     "perseus": ("perseus", "perseus", "POMDP"),

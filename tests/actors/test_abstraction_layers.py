@@ -9,15 +9,14 @@ from hypothesis import given, settings, strategies as st
 from mdm import (
     ActorFailure,
     ConfigError,
-    Factor,
     ObservationFactor,
     ObservationLayer,
     PredicateManager,
-    Space,
     StateFactor,
     StateLayer,
 )
 from mdm.messages import Observation, State
+from mdm.models import Factor, Space
 from mdm.testing import probe, run_virtual
 
 

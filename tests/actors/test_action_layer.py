@@ -8,18 +8,9 @@ from collections import Counter
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from mdm import (
-    DeterministicPolicy,
-    Ensemble,
-    ObservationFactor,
-    ObservationLayer,
-    PredicateManager,
-    Runtime,
-    VirtualClock,
-    bind,
-    run,
-)
+from mdm import Ensemble, ObservationFactor, ObservationLayer, PredicateManager, Runtime, VirtualClock, bind, run
 from mdm.messages import ActionLife, Observation
+from mdm.policies import DeterministicPolicy
 from mdm.testing import probe, run_virtual
 
 ENDS = {"succeeded", "failed", "preempted", "timed_out", "abandoned"}

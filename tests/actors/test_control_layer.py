@@ -7,23 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from mdm import (
-    MDP,
-    POMDP,
-    AlphaVectors,
-    BeliefTracker,
-    ConfigError,
-    DeterministicPolicy,
-    Ensemble,
-    FixedRate,
-    QTable,
-    StagedPolicy,
-    StochasticPolicy,
-    VirtualClock,
-    load_model,
-    load_policy,
-)
+from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, VirtualClock, load_model, load_policy
 from mdm.messages import Action, Belief, Control, Observation, Reward, State
+from mdm.models import MDP, POMDP
+from mdm.policies import AlphaVectors, DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
 from mdm.testing import capture_decisions, probe, run_virtual
 
 
@@ -352,7 +339,7 @@ def test_unknown_observations_are_reported():
 
 def test_missing_components_are_summed_over():
     hear = np.array([[0.85, 0.15], [0.15, 0.85]])
-    from mdm import Factor, Space
+    from mdm.models import Factor, Space
 
     two = np.stack([np.outer(row, row).ravel() for row in hear])
     model = POMDP(

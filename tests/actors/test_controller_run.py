@@ -8,20 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from mdm import (
-    ConfigError,
-    DeterministicPolicy,
-    Ensemble,
-    FiniteStateController,
-    FixedRate,
-    JointController,
-    ObservationFactor,
-    PredicateManager,
-    bind,
-    load_model,
-    load_policy,
-)
+from mdm import ConfigError, Ensemble, FixedRate, ObservationFactor, PredicateManager, bind, load_model, load_policy
 from mdm.messages import Belief, Observation, Reward
+from mdm.policies import DeterministicPolicy, FiniteStateController, JointController
 from mdm.testing import capture_decisions, probe, run_virtual
 
 PLAN = FiniteStateController([0, 1, 2], [[1, 2], [None, None], [None, None]], 3)

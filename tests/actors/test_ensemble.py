@@ -10,11 +10,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from mdm import (
-    POMDP,
     ActorFailure,
-    AlphaVectors,
     ConfigError,
-    DeterministicPolicy,
     Ensemble,
     Error,
     ObservationFactor,
@@ -27,6 +24,8 @@ from mdm import (
     run,
 )
 from mdm.messages import ActionLife
+from mdm.models import POMDP
+from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.testing import capture_decisions, crash, probe, run_virtual
 
 

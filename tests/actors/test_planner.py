@@ -9,10 +9,10 @@ import signal
 import subprocess
 import sys
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import EXAMPLES
 
 import mdm
 from mdm.actors import DeliberatingControlLayer
@@ -20,8 +20,8 @@ from mdm.actors.search_process import SearchProcess
 from mdm.messages import Answer
 from mdm.testing import capture_decisions, probe, run_virtual
 
-TIGER = Path(__file__).resolve().parents[2] / "examples" / "tiger.pomdp"
-LISTEN = mdm.AlphaVectors([[0.0, 0.0]], [0], 3)
+TIGER = EXAMPLES / "tiger.pomdp"
+LISTEN = mdm.policies.AlphaVectors([[0.0, 0.0]], [0], 3)
 
 
 def nothing():
@@ -31,7 +31,7 @@ def nothing():
 @pytest.fixture(scope="module")
 def tiger():
     model = mdm.load_model(TIGER)
-    mdm.TreeSearch(model, looks=1).prepare()  # compiles, so that no process has to
+    mdm.solvers.TreeSearch(model, looks=1).prepare()  # compiles, so that no process has to
     return model
 
 
@@ -39,7 +39,7 @@ def ensemble(model, *, drive=None, deadline=None, horizon=None, safe_action=None
     return mdm.Ensemble(
         "tiger",
         model=model,
-        policy=mdm.TreeSearch(model, **options),
+        policy=mdm.solvers.TreeSearch(model, **options),
         actions={"listen": nothing, "open-left": nothing, "open-right": nothing},
         drive=drive,
         deadline=deadline,
@@ -73,7 +73,9 @@ def is_gone(pid):
 def test_the_search_decides_and_the_loop_goes_on(tiger):
     """While a search of 0.3 s goes on, another ensemble decides 100 times a second, in time."""
     searching = ensemble(tiger, seconds=0.3)
-    beside = mdm.Ensemble("beside", policy=mdm.QTable([[0.0]]), actions={"stay": nothing}, drive=mdm.FixedRate(100.0))
+    beside = mdm.Ensemble(
+        "beside", policy=mdm.policies.QTable([[0.0]]), actions={"stay": nothing}, drive=mdm.FixedRate(100.0)
+    )
 
     async def main(runtime):
         await runtime.start(beside)
@@ -112,7 +114,7 @@ def test_decisions_are_those_of_the_search_itself(tiger):
         return decisions
 
     decisions = live(main)
-    policy = mdm.TreeSearch(tiger, looks=200, seed=3)
+    policy = mdm.solvers.TreeSearch(tiger, looks=200, seed=3)
     assert [d.action for d in decisions] == [policy.action(d.belief) for d in decisions]
     assert [d.epoch for d in decisions] == list(range(6))
     assert [d.cause for d in decisions] == ["start", *["observation"] * 5]
@@ -289,7 +291,7 @@ import asyncio, mdm, signal, os, sys
 model = mdm.load_model({path!r})
 async def main():
     async with mdm.Runtime(log=None) as runtime:
-        one = mdm.Ensemble("one", model=model, policy=mdm.TreeSearch(model, seconds=30.0),
+        one = mdm.Ensemble("one", model=model, policy=mdm.solvers.TreeSearch(model, seconds=30.0),
                            actions=dict.fromkeys(range(3), print))
         await runtime.start(one)
         await one.ready()
@@ -344,13 +346,13 @@ def test_what_is_refused(tiger):
     with pytest.raises(mdm.ConfigError, match="the search takes 0.5 s, but a decision is due every 0.1 s"):
         ensemble(tiger, seconds=0.5, drive=mdm.FixedRate(10.0))
     with pytest.raises(mdm.ConfigError, match="differ in which observation nobody notices"):
-        DeliberatingControlLayer(mdm.TreeSearch(tiger, looks=1, false_negative=0), tiger)
+        DeliberatingControlLayer(mdm.solvers.TreeSearch(tiger, looks=1, false_negative=0), tiger)
     with pytest.raises(mdm.ModelError, match="the fallback of a tree search is to decide at once"):
-        mdm.TreeSearch(tiger, looks=1, fallback=mdm.TreeSearch(tiger, looks=1))
+        mdm.solvers.TreeSearch(tiger, looks=1, fallback=mdm.solvers.TreeSearch(tiger, looks=1))
 
 
 def test_states_of_an_mdp():
-    chain = mdm.MDP(
+    chain = mdm.models.MDP(
         [[[1.0, 0.0], [0.0, 1.0]], [[0.0, 1.0], [1.0, 0.0]]],
         [[0.0, 0.0], [1.0, 0.0]],
         discount=0.9,
@@ -359,7 +361,7 @@ def test_states_of_an_mdp():
 
     async def main(runtime):
         one = mdm.Ensemble(
-            "one", model=chain, policy=mdm.TreeSearch(chain, looks=50), actions={"stay": nothing, "go": nothing}
+            "one", model=chain, policy=mdm.solvers.TreeSearch(chain, looks=50), actions={"stay": nothing, "go": nothing}
         )
         faults = probe(runtime.faults)
         with capture_decisions(runtime) as decisions:

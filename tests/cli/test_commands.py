@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from places import DATA, EXAMPLES
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TIGER = ["--model", str(EXAMPLES / "tiger.pomdp"), "--policy", str(EXAMPLES / "tiger.vf")]
 VERBS = ("run", "check", "info", "show", "convert", "trace", "simulate", "solve", "evaluate", "compare", "plot")
 
@@ -164,7 +164,7 @@ def test_output_that_cannot_be_written_is_told(arguments):
 
 def test_simulate_of_events_with_false_negatives(mdm):
     """Ends are told; what nobody notices leads to no decision, and to no end of the loop."""
-    data = Path(__file__).resolve().parents[1] / "data"
+    data = DATA
     arguments = ["--model", data / "models" / "guard.pgmx", "--policy", data / "policies" / "guard.vf"]
     status, output, _ = mdm("simulate", *arguments, "--episodes", "3", "--discount", "0.5", "--seed", "1", "--json")
     assert status == 0

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
-from mdm import AlphaVectors, FiniteStateController, load_model, load_policy, save_policy
+from mdm import load_model, load_policy, save_policy
+from mdm.policies import AlphaVectors, FiniteStateController
 
-ROOT = Path(__file__).resolve().parents[2]
 TIGER, VECTORS = ROOT / "examples" / "tiger.pomdp", ROOT / "examples" / "tiger.vf"
 CHAIN = """discount: 0.9
 values: reward

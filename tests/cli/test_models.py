@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
-from mdm import AlphaVectors, load_model, load_policy, save_model, save_policy
+from mdm import load_model, load_policy, save_model, save_policy
+from mdm.policies import AlphaVectors
 
-ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "tests" / "data" / "models"
 POLICIES = ROOT / "tests" / "data" / "policies"
 TIGER = ROOT / "examples" / "tiger.pomdp"

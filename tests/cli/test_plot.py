@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
-from mdm import MDP, DeterministicPolicy, Factor, Space, load_model, load_policy, save_model, save_policy
+from mdm import load_model, load_policy, save_model, save_policy
+from mdm.models import MDP, Factor, Space
+from mdm.policies import DeterministicPolicy
 from mdm.solvers import exact_values
 
 pytest.importorskip("matplotlib")
 
-ROOT = Path(__file__).resolve().parents[2]
 TIGER, VECTORS = ROOT / "examples" / "tiger.pomdp", ROOT / "examples" / "tiger.vf"
 
 
@@ -58,7 +59,7 @@ def test_pictures_are_drawn(mdm, tmp_path, arguments):
 
 
 def test_bounds_of_several_runs(mdm, tmp_path):
-    from mdm.cli.bounds_figure import bounds_figure
+    from mdm.views.bounds import bounds_figure
 
     paths = [history(tmp_path / "a.json"), history(tmp_path / "b.json", solver="other")]
     assert mdm("plot", "bounds", *paths, "-o", tmp_path / "bounds.svg")[0] == 0
@@ -70,7 +71,7 @@ def test_bounds_of_several_runs(mdm, tmp_path):
 
 
 def test_a_grid_shows_values_and_actions(tmp_path):
-    from mdm.cli.grid_figure import grid_figure
+    from mdm.views.grid import grid_figure
 
     model, policy = grid(tmp_path)
     figure = grid_figure(model, policy, None, None)
@@ -89,7 +90,7 @@ def test_a_grid_shows_values_and_actions(tmp_path):
 
 
 def test_doubt_is_drawn_where_it_is():
-    from mdm.cli.belief_figure import doubt_figure
+    from mdm.views.belief import doubt_figure
 
     model = load_model(TIGER)
     policy = load_policy(VECTORS, model)
@@ -101,7 +102,7 @@ def test_doubt_is_drawn_where_it_is():
 
 def test_a_belief_is_that_of_its_episode():
     from mdm import BeliefTracker
-    from mdm.cli.belief_figure import belief_figure
+    from mdm.views.belief import belief_figure
 
     model = load_model(TIGER)
     policy = load_policy(VECTORS, model)

@@ -6,11 +6,9 @@ import json
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+from places import EXAMPLES
 
 
 def test_run_in_virtual_time(mdm):

@@ -10,12 +10,14 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from places import ROOT
 
-from mdm import MDP, AlphaVectors, evaluate, load_model, load_policy
+from mdm import evaluate, load_model, load_policy
 from mdm.cli.progress import ProgressLine
+from mdm.models import MDP
+from mdm.policies import AlphaVectors
 from mdm.solvers import SOLVERS, Progress, Watch, exact_values
 
-ROOT = Path(__file__).resolve().parents[2]
 TIGER = ROOT / "examples" / "tiger.pomdp"
 LAMP = ROOT / "tests" / "data" / "models" / "lamp.pomdpx"
 CHAIN = """discount: 0.9

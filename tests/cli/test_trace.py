@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import itertools
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import DATA, EXAMPLES
 
 from mdm import load_model
 
-DATA = Path(__file__).resolve().parents[1] / "data"
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TIGER = ["--model", str(EXAMPLES / "tiger.pomdp"), "--policy", str(EXAMPLES / "tiger.vf")]
 
 

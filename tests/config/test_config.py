@@ -6,7 +6,6 @@ from hypothesis import given, settings, strategies as st
 from mdm import (
     ActorFailure,
     ConfigError,
-    DeterministicPolicy,
     Ensemble,
     FixedRate,
     OnEvent,
@@ -15,6 +14,7 @@ from mdm import (
     bind,
     load_system,
 )
+from mdm.policies import DeterministicPolicy
 from mdm.testing import capture_decisions, run_virtual
 
 CALLBACKS = """

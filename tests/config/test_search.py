@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from pathlib import Path
 
 import pytest
+from places import EXAMPLES
 
 import mdm
 from mdm.testing import capture_decisions, run_virtual
-
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 def load(folder, search, policy='"tiger.vf"', model='model = "tiger.pomdp"'):
@@ -34,8 +32,8 @@ def load(folder, search, policy='"tiger.vf"', model='model = "tiger.pomdp"'):
 def test_a_search_with_its_fallback(tmp_path):
     system = load(tmp_path, "{ looks = 200, seconds = 0.5, plans = true, particles = 50 }")
     policy = system.ensembles["tiger"].control.policy
-    assert isinstance(policy, mdm.TreeSearch)
-    assert isinstance(policy.fallback, mdm.AlphaVectors)
+    assert isinstance(policy, mdm.solvers.TreeSearch)
+    assert isinstance(policy.fallback, mdm.policies.AlphaVectors)
     assert (policy.looks, policy.seconds) == (200, 0.5)
     assert policy.parts()[1]["seed"] == 4
     assert policy.parts()[1]["particles"] == 50

@@ -5,18 +5,16 @@ from __future__ import annotations
 import gzip
 import json
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from places import CORPUS
 
 from mdm import FormatError, load_model
 from mdm.errors import ModelWarning
 from mdm.models import MDP, POMDP
 
-CORPUS = Path(__file__).resolve().parents[3] / "shared" / "corpus"
-DATA = Path(__file__).resolve().parents[1] / "data"
 SUFFIXES = (".pomdp", ".mdp", ".dpomdp")
 
 

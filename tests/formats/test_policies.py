@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from places import CORPUS
 
-from mdm import AlphaVectors, DeterministicPolicy, FormatError, QTable, StochasticPolicy, load_policy, load_rewards
-from mdm.formats import ublas
+from mdm import FormatError, load_policy, load_rewards
+from mdm.formats.tables import ublas
 from mdm.models import MDP
-
-CORPUS = Path(__file__).resolve().parents[3] / "shared" / "corpus"
+from mdm.policies import AlphaVectors, DeterministicPolicy, QTable, StochasticPolicy
 
 
 def write(folder, text, name="x.policy"):

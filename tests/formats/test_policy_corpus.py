@@ -7,12 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import CORPUS
 
-from mdm import AlphaVectors, DeterministicPolicy, FormatError, QTable, StochasticPolicy, load_model
+from mdm import FormatError, load_model
 from mdm.formats import policies
-from mdm.policies import FiniteStateController, MaskedAlphaVectors, MixedAlphaVectors
+from mdm.policies import (
+    AlphaVectors,
+    DeterministicPolicy,
+    FiniteStateController,
+    MaskedAlphaVectors,
+    MixedAlphaVectors,
+    QTable,
+    StochasticPolicy,
+)
 
-CORPUS = Path(__file__).resolve().parents[3] / "shared" / "corpus"
 SUFFIXES = {".alpha", ".policy", ".pg", ".txt"}
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+import places
 import pytest
 from hypothesis import given, strategies as st
 
-from mdm import POMDP, Factor, FormatError, Space
+from mdm import FormatError
 from mdm.formats import policies
+from mdm.models import POMDP, Factor, Space
 
-DATA = Path(__file__).resolve().parents[1] / "data" / "policies"
+DATA = places.DATA / "policies"
 FILES = sorted(DATA.iterdir())
 WORDS = [
     b"0",

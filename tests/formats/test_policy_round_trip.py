@@ -9,19 +9,22 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from mdm import (
-    POMDP,
+from mdm import FormatError, ModelError
+from mdm.formats import policies
+from mdm.formats.archive import packing, policy as policy_archive
+from mdm.formats.tables import q_table, ublas
+from mdm.formats.vectors import zmdp
+from mdm.models import POMDP, Factor, Space
+from mdm.policies import (
     AlphaVectors,
     DeterministicPolicy,
-    Factor,
-    FormatError,
-    ModelError,
+    FiniteStateController,
+    JointController,
+    MaskedAlphaVectors,
+    MixedAlphaVectors,
     QTable,
-    Space,
     StochasticPolicy,
 )
-from mdm.formats import packing, policies, policy_archive, q_table, ublas, zmdp
-from mdm.policies import FiniteStateController, JointController, MaskedAlphaVectors, MixedAlphaVectors
 
 
 def floats(random, *shape):

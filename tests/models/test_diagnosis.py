@@ -11,7 +11,7 @@ from random_models import dense, factored_models, flat_models
 from mdm.errors import ModelWarning
 from mdm.models import MDP, POMDP, Factor, Space
 from mdm.models.diagnosis import diagnose, reachable_states
-from mdm.models.leniency import collecting
+from mdm.models.validation import collecting
 
 
 def plainly_reached(model):

@@ -72,7 +72,7 @@ def test_beliefs_are_what_bayes_rule_says(folded, described, data):
     count, width = told.shape[:2]
     unnoticed = data.draw(st.none() | st.integers(0, width - 1))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mdm.models.belief_choice._FOLDED", folded)
+        patch.setattr("mdm.beliefs.choice._FOLDED", folded)
         tracker = BeliefTracker(model, false_negative=unnoticed)
     belief = model.initial_belief
     shape = model.observation_space.shape

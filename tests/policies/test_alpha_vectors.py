@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm import load_policy
+from mdm.beliefs import Support
 from mdm.errors import ModelError
-from mdm.models import Support
 from mdm.models.compilation import can_compile
 from mdm.policies import AlphaVectors
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from places import EXAMPLES
 from random_models import dense, flat_models
 
-from mdm import ConstantPolicy, ModelError, Policy, RandomPolicy, evaluate, load_model, simulate
-
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+from mdm import ModelError, evaluate, load_model, simulate
+from mdm.policies import ConstantPolicy, Policy, RandomPolicy
 
 
 def test_they_are_policies():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from mdm import AlphaVectors, ModelError
-from mdm.policies import MaskedAlphaVectors
+from mdm import ModelError
+from mdm.policies import AlphaVectors, MaskedAlphaVectors
 
 POLICY = MaskedAlphaVectors([{0: 1, 1: 1, 2: 1}, {0: 5, 1: 4.5}, {2: 7}], [1, 0, 0])
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm import ModelError
-from mdm.models import Support
+from mdm.beliefs import Support
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 
 # Two observed values, three hidden states; action 2 is known for the second observed value only.

@@ -3,40 +3,30 @@
 from __future__ import annotations
 
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
+from places import EXAMPLES
 from random_models import dense, distributions, factored_models, flat_models
 
-from mdm import (
-    MDP,
-    POMDP,
+from mdm import ConfigError, ModelError, ModelWarning, evaluate, load_model, load_policy, simulate
+from mdm.models import MDP, POMDP, Factor, Space
+from mdm.policies import (
     AlphaVectors,
-    ConfigError,
     DeterministicPolicy,
-    Factor,
     FiniteStateController,
     JointController,
     MixedAlphaVectors,
-    ModelError,
-    ModelWarning,
     QTable,
-    Space,
     StagedPolicy,
     StochasticPolicy,
-    evaluate,
-    load_model,
-    load_policy,
-    simulate,
 )
 from mdm.simulation.crowd import Crowd
 from mdm.simulation.draws import Draws
 from mdm.simulation.episodes import Limits, one_by_one
 from mdm.solvers import exact_values
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SEEDS = st.integers(0, 2**32 - 1)
 FEW = settings(max_examples=25, derandomize=True)
 

@@ -4,30 +4,19 @@ from __future__ import annotations
 
 import json
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import CORPUS
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from mdm import (
-    AlphaVectors,
-    BeliefTracker,
-    Ensemble,
-    Runtime,
-    VirtualClock,
-    World,
-    load_model,
-    load_policy,
-    run,
-    simulate,
-)
+from mdm import BeliefTracker, Ensemble, Runtime, VirtualClock, World, load_model, load_policy, run, simulate
 from mdm.errors import ModelWarning
 from mdm.messages import ActionLife
+from mdm.policies import AlphaVectors
 from mdm.testing import capture_decisions, probe
 
-CORPUS = Path(__file__).resolve().parents[3] / "shared" / "corpus"
 ROBOT = ("Patrol", "Assist Person", "Uncommon Incident Response", "Emergency Response")
 
 

@@ -2,27 +2,17 @@ from __future__ import annotations
 
 import asyncio
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from places import EXAMPLES
 
 from mdm import (
-    MDP,
-    POMDP,
-    AlphaVectors,
     ConfigError,
-    DeterministicPolicy,
     Ensemble,
-    Factor,
-    FactoredPOMDP,
-    FiniteStateController,
     FixedRate,
-    JointController,
-    MixedAlphaVectors,
     PredicateManager,
-    Space,
     StateFactor,
     World,
     evaluate,
@@ -31,14 +21,13 @@ from mdm import (
     simulate,
 )
 from mdm.messages import Action
-from mdm.models import MixedPOMDP
-from mdm.models.factoring import as_network
+from mdm.models import MDP, POMDP, Factor, FactoredPOMDP, MixedPOMDP, Space
+from mdm.models.factored.factoring import as_network
+from mdm.policies import AlphaVectors, DeterministicPolicy, FiniteStateController, JointController, MixedAlphaVectors
 from mdm.simulation import Sampler
 from mdm.simulation.simulate import steps_for
 from mdm.solvers import solve
 from mdm.testing import capture_decisions, probe, run_virtual
-
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 def random_mdp(seed, states=4, actions=2):
@@ -85,7 +74,7 @@ def test_a_world_sets_predicates_and_takes_its_time():
         manager = PredicateManager()
         for name in ("A", "B"):
             manager.sensor(name)
-        from mdm import Factor, Space
+        from mdm.models import Factor, Space
 
         named = MDP(
             [model.transition_matrix(a) for a in range(2)],

@@ -3,34 +3,26 @@
 from __future__ import annotations
 
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from places import EXAMPLES
 from random_models import dense, distributions, flat_models
 
-from mdm import (
-    MDP,
-    POMDP,
+from mdm import ModelError, ModelWarning, evaluate, load_model, load_policy
+from mdm.models import MDP, POMDP, Factor, Space
+from mdm.policies import (
     AlphaVectors,
     DeterministicPolicy,
-    Factor,
     FiniteStateController,
     JointController,
-    ModelError,
-    ModelWarning,
     QTable,
-    Space,
     StochasticPolicy,
-    evaluate,
-    load_model,
-    load_policy,
 )
 from mdm.solvers import controller_values, exact_values, state_values
 from mdm.solvers.evaluation import joined
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SEEDS = st.integers(0, 2**32 - 1)
 
 

@@ -17,10 +17,11 @@ import mdm
 from mdm.errors import ModelError, ModelWarning
 from mdm.models import MDP
 from mdm.models.compilation import can_compile
-from mdm.solvers import Watch, stack
-from mdm.solvers.policy_iteration import modified_policy_iteration, policy_iteration
-from mdm.solvers.prioritised_sweeping import prioritised_sweeping
-from mdm.solvers.value_iteration import value_iteration
+from mdm.solvers import Watch
+from mdm.solvers.mdp import stack
+from mdm.solvers.mdp.policy_iteration import modified_policy_iteration, policy_iteration
+from mdm.solvers.mdp.prioritised_sweeping import prioritised_sweeping
+from mdm.solvers.mdp.value_iteration import value_iteration
 
 SOLVERS = [value_iteration, prioritised_sweeping, policy_iteration, modified_policy_iteration]
 TABLES = [
@@ -89,7 +90,7 @@ def test_bounds_hold_wherever_it_stops(solver, data):
     reports = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stack, "can_compile", lambda: False)
-        patch.setattr("mdm.solvers.rounds._SWEEPS", (1, 1))
+        patch.setattr("mdm.solvers.mdp.rounds._SWEEPS", (1, 1))
         found = solver(model, watch=Watch(gap=0, iterations=limit, progress=reports.append))
     best = optimum(model)
     value = model.initial_belief @ best
@@ -181,7 +182,7 @@ def test_ctrl_c_returns_the_best_so_far(solver):
             signal.raise_signal(signal.SIGINT)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mdm.solvers.rounds._SWEEPS", (1, 1))
+        patch.setattr("mdm.solvers.mdp.rounds._SWEEPS", (1, 1))
         found = solver(model, watch=Watch(gap=0, progress=interrupt))
     assert found.reason == "interrupted"
     assert found.iterations == len(reports) == 2
@@ -193,7 +194,7 @@ def test_ctrl_c_returns_the_best_so_far(solver):
 def test_time_is_up(solver):
     times = iter(range(1000))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mdm.solvers.rounds._SWEEPS", (1, 1))
+        patch.setattr("mdm.solvers.mdp.rounds._SWEEPS", (1, 1))
         watch = Watch(gap=0, seconds=3, clock=lambda: float(next(times)))
         found = solver(chain(sparse=True, discount=0.999), watch=watch)
     assert found.reason == "time"

@@ -12,7 +12,7 @@ import mdm
 from mdm.errors import ModelError, ModelWarning
 from mdm.models import MDP, POMDP
 from mdm.solvers import Watch
-from mdm.solvers.policy_iteration import policy_iteration
+from mdm.solvers.mdp.policy_iteration import policy_iteration
 from mdm.solvers.qmdp import qmdp
 
 

@@ -22,7 +22,7 @@ from mdm.solvers.jesp.joint_plan import as_controller, plan_size, plan_value, ra
 from mdm.solvers.jesp.response import best_response, solve_as_one
 from mdm.solvers.jesp.search import PlanSearch
 from mdm.solvers.jesp.team import Team
-from mdm.solvers.watch import Watch
+from mdm.solvers.limits import Watch
 
 if TYPE_CHECKING:
     from mdm.models import POMDP

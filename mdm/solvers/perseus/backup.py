@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from mdm.models.matrices import Matrix
+    from mdm.solvers.limits import Watch
     from mdm.solvers.perseus.outlook import Only, Outlook
-    from mdm.solvers.watch import Watch
 
 __all__ = ["Choice", "Vectors", "best", "choose", "improve", "needed"]
 

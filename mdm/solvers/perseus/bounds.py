@@ -15,8 +15,8 @@ from mdm.policies.blind_policy import for_ever
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector
+    from mdm.solvers.limits import Watch
     from mdm.solvers.perseus.outlook import Outlook
-    from mdm.solvers.watch import Watch
 
 __all__ = ["upper_bound"]
 

@@ -23,8 +23,8 @@ from mdm.solvers.perseus.backup import Vectors, choose
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
+    from mdm.solvers.limits import Watch
     from mdm.solvers.perseus.outlook import Outlook
-    from mdm.solvers.watch import Watch
 
 __all__ = ["certified"]
 

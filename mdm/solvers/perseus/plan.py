@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from mdm.models import POMDP
     from mdm.models.matrices import Matrix
+    from mdm.solvers.limits import Watch
     from mdm.solvers.solution import Solution
-    from mdm.solvers.watch import Watch
 
 __all__ = ["plan"]
 

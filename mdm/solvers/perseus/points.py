@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ConfigError
-from mdm.models.false_negatives import Unnoticed
+from mdm.models.detection import Unnoticed
+from mdm.models.factored.mixed import MixedPOMDP
 from mdm.models.matrices import distribution
-from mdm.models.mixed import MixedPOMDP
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Vector
     from mdm.models.pomdp import POMDP
+    from mdm.solvers.limits import Watch
     from mdm.solvers.perseus.outlook import Outlook
-    from mdm.solvers.watch import Watch
 
 __all__ = ["sampled", "starts"]
 

@@ -25,6 +25,7 @@ import numpy as np
 from mdm.errors import ConfigError, ModelError
 from mdm.policies import AlphaVectors
 from mdm.policies.blind_policy import blind_values
+from mdm.solvers.limits import Watch
 from mdm.solvers.perseus.backup import Vectors, best, improve, needed
 from mdm.solvers.perseus.bounds import upper_bound
 from mdm.solvers.perseus.certificate import certified
@@ -32,7 +33,6 @@ from mdm.solvers.perseus.outlook import Outlook
 from mdm.solvers.perseus.plan import plan
 from mdm.solvers.perseus.points import sampled, starts
 from mdm.solvers.perseus.unnoticed import Constrained
-from mdm.solvers.watch import Watch
 
 if TYPE_CHECKING:
     import numpy.typing as npt

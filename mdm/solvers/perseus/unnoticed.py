@@ -22,8 +22,8 @@ from mdm.solvers.perseus.backup import Vectors, choose, improve
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
+    from mdm.solvers.limits import Watch
     from mdm.solvers.perseus.outlook import Indices, Outlook
-    from mdm.solvers.watch import Watch
 
 __all__ = ["Constrained"]
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.models.compressed import csr, is_compressed
-from mdm.models.mixed import MixedPOMDP
+from mdm.models.factored.mixed import MixedPOMDP
 
 if TYPE_CHECKING:
     from mdm.models import POMDP

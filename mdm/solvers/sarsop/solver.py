@@ -22,14 +22,14 @@ import numpy as np
 from mdm.errors import ModelError, ModelWarning
 from mdm.models import POMDP
 from mdm.models.compilation import can_compile
-from mdm.models.mixed import MixedPOMDP
+from mdm.models.factored.mixed import MixedPOMDP
 from mdm.policies import AlphaVectors, MixedAlphaVectors
+from mdm.solvers.limits import Watch
 from mdm.solvers.sarsop.graph import LINKS, NODES, POINTS, VECTORS, grown, lacking, new_graph, new_scratch, room_for
 from mdm.solvers.sarsop.initial import blind_values, informed_values
 from mdm.solvers.sarsop.layout import layout_of
 from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, parts_of, prune_points, prune_vectors
 from mdm.solvers.sarsop.search import add_node, add_vector, explore, refresh
-from mdm.solvers.watch import Watch
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,0 +1,90 @@
+"""Which belief filter suits a model: by its size, how many of its probabilities are 0, and whether there is numba."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.beliefs.adaptive import AdaptiveFilter
+from mdm.beliefs.compressed import CompressedFilter, GroupedFilter
+from mdm.beliefs.dense import CompiledFoldedFilter, FoldedFilter, LikelyFilter
+from mdm.beliefs.network import NetworkFilter
+from mdm.beliefs.rows import Rows
+from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
+from mdm.models.compilation import can_compile
+from mdm.models.compressed import csr, is_compressed
+from mdm.models.detection import Unnoticed
+from mdm.models.factored.model import FactoredPOMDP
+
+if TYPE_CHECKING:
+    from mdm.beliefs.filter import Filter
+    from mdm.models.matrices import Matrix, Vector
+    from mdm.models.pomdp import POMDP
+
+__all__ = ["chosen_filter", "is_vast"]
+
+_ROWS = 10_000_000
+"""A factored model with more rows of T than these is asked for rows one by one."""
+_FOLDED = 4_000_000
+"""So many numbers may be held as a dense matrix for each action and observation."""
+_SMALL = 128
+"""Up to so many states a dense matrix is as fast as any."""
+_DENSE = 1 / 16
+"""From this part of non-zeros on a dense matrix is as fast as a compressed one."""
+_ARRANGED = 200_000_000
+"""So many numbers of CSR matrices may be held a second time, arranged for beliefs over all states."""
+_NARROW = 8
+"""A belief is held by its support while that is a smaller part of the states than one in so many."""
+_GATHERED = 5_000, 64
+"""By numpy alone: only for more states than the first, and one in so many as the second; it costs 40 µs at least."""
+
+
+def chosen_filter(model: POMDP, unnoticed: int | None = None, *, fast: bool | None = None) -> Filter:
+    """Return the filter that suits a model best.
+
+    Args:
+        model: The POMDP.
+        unnoticed: The observation that stands for an event that nobody noticed.
+        fast: Whether to use numba; by default where it is there.
+    """
+    fast = can_compile() if fast is None else fast
+    if isinstance(model, FactoredPOMDP) and unnoticed is None and is_vast(model):
+        return NetworkFilter(model.network)
+    model = model.flatten()
+    actions, size = range(len(model.action_space)), len(model.state_space)
+    fits = len(actions) * len(model.observation_space) * size**2 <= _FOLDED
+    silent = None
+    if unnoticed is not None:
+        joints = [model.joint_matrix(a, unnoticed) for a in actions]
+        silent = [Unnoticed(_dense(joint) if fits else csr(joint)) for joint in joints]
+    filled = size <= _SMALL or _filled(model) >= _DENSE
+    if fits and (filled or silent is not None):
+        return (CompiledFoldedFilter if fast else FoldedFilter)(model, silent, unnoticed)
+    if filled and silent is None and not model.event_observations:
+        return LikelyFilter(model, fast=fast)
+    rows = Rows(model, silent, unnoticed)
+    wide = GroupedFilter if fast else CompressedFilter
+    if silent is not None or (not fast and size <= _GATHERED[0]):  # what goes unnoticed leads everywhere
+        return wide(rows)
+    narrow = CompiledSupportFilter(rows) if fast else SupportFilter(rows)
+    if rows.entries > _ARRANGED:
+        return narrow
+    most = size // (_NARROW if fast else _GATHERED[1])
+    return AdaptiveFilter(narrow, wide(rows), most, most // 2)
+
+
+def is_vast(model: POMDP) -> bool:
+    """Whether a model has more rows of T than are to be made matrices of, for a belief's sake alone."""
+    return isinstance(model, FactoredPOMDP) and len(model.state_space) * len(model.action_space) > _ROWS
+
+
+def _filled(model: POMDP) -> float:
+    """Return which part of T is not zero."""
+    matrices = [model.transition_matrix(a) for a in range(len(model.action_space))]
+    entries = sum(matrix.nnz if is_compressed(matrix) else int(np.count_nonzero(matrix)) for matrix in matrices)
+    return entries / (len(matrices) * len(model.state_space) ** 2)
+
+
+def _dense(matrix: Matrix) -> Vector:
+    return np.asarray(matrix.toarray() if is_compressed(matrix) else matrix)

@@ -1,0 +1,245 @@
+"""Belief filters for large models: a product of a transposed CSR matrix with the belief, over all states.
+
+Cost of a step: O(non-zeros of T); by numba only of the rows of the states in which the observation is possible.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.beliefs.filter import TINY, Support
+from mdm.beliefs.rows import once
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from mdm.beliefs.rows import Rows
+    from mdm.models.matrices import Matrix, Vector
+
+__all__ = ["CompressedFilter", "GroupedFilter"]
+
+_FOLDED = 4_000_000
+
+
+class _WideFilter:
+    """What filters over all states share: two arrays, of which one is the belief and the other the next one."""
+
+    is_sparse = False
+
+    def __init__(self, rows: Rows) -> None:
+        self._rows = rows
+        self._before = np.zeros(rows.num_states)
+        self._after = np.zeros(rows.num_states)
+        self._total = 1.0
+        self.size = 0
+        """How many states the belief gives weight to."""
+
+    def load(self, belief: Support) -> None:
+        """Begin from a belief."""
+        self._before[:] = 0
+        self._before[belief.states] = belief.probabilities
+        self._total = 1.0
+        self.size = len(belief.states)
+
+    def dense(self) -> Vector:
+        """Return the belief as a new array of S numbers, read-only."""
+        belief = self._before * (1 / self._total)
+        belief.flags.writeable = False
+        return belief
+
+    def support(self) -> Support:
+        """Return the belief by its support, as new arrays."""
+        (states,) = self._before.nonzero()
+        return Support(states, self._before[states] * (1 / self._total))
+
+    def _reached(self, action: int, observation: int) -> Vector:
+        """Return the belief, moved along all that may have gone unnoticed before an observation."""
+        rows = self._rows
+        if rows.unnoticed is None or observation == rows.symbol:
+            return self._before
+        return rows.unnoticed[action](self._before)
+
+    def _take(self, total: float, size: int) -> float:
+        """Go on from the next belief, whose sum is given; return by how much it is less than that of the present."""
+        if not total > 0:
+            return 0.0
+        self._before, self._after = self._after, self._before
+        self.size = size
+        probability, self._total = total / self._total, total
+        if total < TINY:
+            self._before /= total
+            self._total = 1.0
+        return probability
+
+
+class CompressedFilter(_WideFilter):
+    """By scipy: with a matrix per action and observation where these fit, or else with T and then P(o | a, s').
+
+    Args:
+        rows: The model's matrices.
+    """
+
+    def __init__(self, rows: Rows) -> None:
+
+        super().__init__(rows)
+        self._transposed = once(rows.transitions, lambda matrix: matrix.T.tocsr())
+        self._columns = once(rows.observations, lambda matrix: matrix.tocsc())
+        self._joints: list[list[Matrix]] | None = None
+        if rows.joints is not None:
+            self._joints = [[joint.T.tocsr() for joint in joints] for joints in rows.joints]
+        elif rows.entries * rows.num_observations <= _FOLDED:
+            self._joints = [
+                [self._fold(action, observation) for observation in range(rows.num_observations)]
+                for action in range(len(rows.transitions))
+            ]
+
+    def _fold(self, action: int, observation: int) -> Matrix:
+        """Return T transposed, times P(o | a, s')."""
+        likelihood = self._likelihood(action, [observation])
+        matrix = self._transposed[action].copy()
+        matrix.data *= np.repeat(likelihood, np.diff(matrix.indptr))
+        matrix.eliminate_zeros()
+        return matrix
+
+    def step(self, action: int, observation: int) -> float:
+        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        return self.step_any(action, (observation,))
+
+    def step_any(self, action: int, observations: Sequence[int]) -> float:
+        """Take an action after which one of some observations was made, which one is not known; return P of that."""
+        if self._joints is None:
+            after = self._transposed[action] @ self._before
+            after *= self._likelihood(action, observations)
+        else:
+            before, joints = self._reached(action, observations[0]), self._joints[action]
+            after = joints[observations[0]] @ before
+            for observation in observations[1:]:
+                after += joints[observation] @ before
+        return self._write(after)
+
+    def predict(self, action: int) -> float:
+        """Take an action after which nothing is known; return 1."""
+        return self._write(self._transposed[action] @ self._before)
+
+    def _write(self, after: Vector) -> float:
+        self._after = after
+        # Not a product with ones: BLAS would wake its threads for it, which can take longer than all the rest.
+        return self._take(float(after.sum()), int(np.count_nonzero(after)))
+
+    def _likelihood(self, action: int, observations: Sequence[int]) -> Vector:
+        """Return P(one of some observations | action, s') for each s'."""
+        matrix = self._columns[action]
+        likelihood = np.zeros(self._rows.num_states)
+        for observation in observations:
+            filled = slice(matrix.indptr[observation], matrix.indptr[observation + 1])
+            likelihood[matrix.indices[filled]] += matrix.data[filled]
+        return likelihood
+
+
+class GroupedFilter(_WideFilter):
+    """By numba: the rows of a transposed matrix lie grouped by their lengths, see `belief_kernels.pull`.
+
+    Args:
+        rows: The model's matrices.
+    """
+
+    def __init__(self, rows: Rows) -> None:
+        from mdm.beliefs.kernels import pull  # noqa: PLC0415 - numba takes long to import
+
+        super().__init__(rows)
+        self._pull: Any = pull
+        everything = np.arange(rows.num_states, dtype=np.uint32), np.ones(rows.num_states)
+        layouts = self._layouts = once(rows.transitions, _Layout)
+        self._predictions: list[Any] = [layout.all_rows(*everything) for layout in layouts]
+        self._moves: list[list[Any]]
+        if rows.joints is not None:
+            self._moves = [[_Layout(joint).all_rows(*everything) for joint in joints] for joints in rows.joints]
+        else:
+            self._moves = [layout.columns(matrix) for layout, matrix in zip(layouts, rows.observations, strict=True)]
+        self.predict(0)  # compiled now, not at the first step
+
+    def step(self, action: int, observation: int) -> float:
+        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        before = self._before if self._rows.unnoticed is None else self._reached(action, observation)
+        return self._take(*self._pull(*self._moves[action][observation], before, self._after))
+
+    def step_any(self, action: int, observations: Sequence[int]) -> float:
+        """Take an action after which one of some observations was made, which one is not known; return P of that."""
+        moves = self._moves[action]
+        if self._rows.joints is None:
+            layout = self._layouts[action]
+            likelihood = np.zeros(self._rows.num_states)
+            for observation in observations:
+                *_, places, chances = moves[observation]
+                likelihood[places] += chances
+            (places,) = likelihood.nonzero()
+            move = layout.some_rows(places.astype(np.uint32), likelihood[places])
+            return self._take(*self._pull(*move, self._before, self._after))
+        before = self._reached(action, observations[0])
+        after = np.zeros(self._rows.num_states)
+        for observation in observations:
+            self._pull(*moves[observation], before, self._after)
+            after += self._after
+        self._after = after
+        return self._take(float(after.sum()), int(np.count_nonzero(after)))
+
+    def predict(self, action: int) -> float:
+        """Take an action after which nothing is known; return 1."""
+        return self._take(*self._pull(*self._predictions[action], self._before, self._after))
+
+
+class _Layout:
+    """A CSR matrix transposed, its rows grouped by length; what `belief_kernels.pull` takes of it."""
+
+    def __init__(self, matrix: Matrix) -> None:
+        from mdm.beliefs.kernels import arrange  # noqa: PLC0415 - numba takes long to import
+
+        size = matrix.shape[0]
+        lengths = np.bincount(matrix.indices, minlength=size)
+        targets = np.argsort(lengths, kind="stable")
+        ordered = lengths[targets]
+        self._place = np.empty(size, np.uint32)
+        self._place[targets] = np.arange(size, dtype=np.uint32)
+        each, first = np.unique(ordered, return_index=True)
+        starts = np.concatenate(([0], np.cumsum(ordered))).astype(np.uint64)
+        self._first = np.append(first, size).astype(np.uint64)
+        sources, weights = np.empty(matrix.nnz, np.uint32), np.empty(matrix.nnz)
+        arrange(*unsigned(matrix), starts[self._place], sources, weights)
+        self._arrays = (
+            self._first,
+            each.astype(np.uint64),
+            starts[first],
+            targets.astype(np.uint32),
+            sources,
+            weights,
+        )
+
+    def all_rows(self, places: npt.NDArray[np.uint32], likelihood: Vector) -> Any:
+        """Return what to pull along to all states, of equal likelihood."""
+        return (*self._arrays, self._first, places, likelihood)
+
+    def some_rows(self, places: npt.NDArray[np.uint32], likelihood: Vector) -> Any:
+        """Return what to pull along to some states, by their places, with their likelihood."""
+        return (*self._arrays, np.searchsorted(places, self._first).astype(np.uint64), places, likelihood)
+
+    def columns(self, observations: Matrix) -> list[Any]:
+        """Return what to pull along after each observation, of P(o | s'), S' x O."""
+        states = np.repeat(np.arange(observations.shape[0]), np.diff(observations.indptr))
+        places = self._place[states]
+        order = np.lexsort((places, observations.indices))
+        places, likelihood = places[order], observations.data[order]
+        cuts = np.searchsorted(observations.indices[order], np.arange(observations.shape[1] + 1))
+        return [self.some_rows(places[start:end], likelihood[start:end]) for start, end in pairwise(cuts)]
+
+
+def unsigned(matrix: Matrix) -> tuple[Any, Any, Vector]:
+    """Return where the rows of a CSR matrix begin, its entries' columns, and the entries, as kernels take them."""
+    columns = matrix.indices.view(np.uint32) if matrix.indices.dtype == np.int32 else matrix.indices.astype(np.uint32)
+    data = matrix.data.view()
+    columns.flags.writeable = data.flags.writeable = False  # as those of models are: numba compiles for one kind
+    return matrix.indptr.astype(np.uint64), columns, data

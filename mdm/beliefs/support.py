@@ -1,0 +1,177 @@
+"""Belief filters that hold a belief by its support: the states that it gives weight to, and how much.
+
+Cost of a step: O(non-zeros of the rows of T of these states), however many states the model has.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.beliefs.compressed import unsigned
+from mdm.beliefs.filter import TINY, Support
+from mdm.beliefs.rows import once
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from mdm.beliefs.rows import Rows
+    from mdm.models.matrices import Matrix, Vector
+
+__all__ = ["CompiledSupportFilter", "SupportFilter"]
+
+
+class SupportFilter:
+    """By numpy: gathers the rows of the states that the belief gives weight to.
+
+    Args:
+        rows: The model's matrices, without false negatives: these lead everywhere.
+    """
+
+    is_sparse = True
+
+    def __init__(self, rows: Rows) -> None:
+        self._rows = rows
+        self._states: npt.NDArray[Any] = np.empty(0, np.intp)
+        self._values = np.empty(0)
+        self._total = 1.0
+        self.size = 0
+        """How many states the belief gives weight to."""
+
+    def load(self, belief: Support) -> None:
+        """Begin from a belief."""
+        self._keep(belief.states, belief.probabilities)
+        self._total = 1.0
+
+    def step(self, action: int, observation: int) -> float:
+        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        return self.step_any(action, (observation,))
+
+    def step_any(self, action: int, observations: Sequence[int]) -> float:
+        """Take an action after which one of some observations was made, which one is not known; return P of that."""
+        if self._rows.joints is not None:
+            joints = self._rows.joints[action]
+            parts = [_entries(joints[o], self._states[: self.size]) for o in observations]
+            return self._write(*self._summed(parts))
+        states, values = self._summed([_entries(self._rows.transitions[action], self._states[: self.size])])
+        wanted = np.zeros(self._rows.num_observations, np.bool_)
+        wanted[list(observations)] = True
+        of, symbols, chances = _entries(self._rows.observations[action], states)
+        chosen = wanted[symbols]
+        values *= np.bincount(of[chosen], chances[chosen], minlength=len(states))
+        return self._write(states, values)
+
+    def predict(self, action: int) -> float:
+        """Take an action after which nothing is known; return 1."""
+        return self._write(*self._summed([_entries(self._rows.transitions[action], self._states[: self.size])]))
+
+    def dense(self) -> Vector:
+        """Return the belief as a new array of S numbers, read-only."""
+        return self.support().dense(self._rows.num_states)
+
+    def support(self) -> Support:
+        """Return the belief by its support, as new arrays."""
+        size = self.size
+        return Support(self._states[:size].astype(np.intp), self._values[:size] * (1 / self._total))
+
+    def _summed(self, parts: list[tuple[npt.NDArray[np.intp], Any, Vector]]) -> tuple[npt.NDArray[Any], Vector]:
+        """Return the states that entries of rows lead to, and the belief's weights that reach each."""
+        reached = np.concatenate([targets for _, targets, _ in parts])
+        weights = np.concatenate([self._values[of] * data for of, _, data in parts])
+        states, place = np.unique(reached, return_inverse=True)
+        sums = np.bincount(place, weights, minlength=len(states))
+        return states, sums.astype(np.float64, copy=False)
+
+    def _write(self, states: npt.NDArray[Any], values: Vector) -> float:
+        kept = values > 0
+        total = float(values.sum())
+        if not total > 0:
+            return 0.0
+        self._keep(states[kept], values[kept])
+        return self._take(total)
+
+    def _keep(self, states: npt.NDArray[Any], values: Vector) -> None:
+        self._states, self._values, self.size = states, values, len(states)
+
+    def _take(self, total: float) -> float:
+        """Go on from a belief whose sum is given; return by how much it is less than that of the one before."""
+        probability, self._total = total / self._total, total
+        if total < TINY:
+            self._values[: self.size] /= total
+            self._total = 1.0
+        return probability
+
+
+class CompiledSupportFilter(SupportFilter):
+    """The same by numba, see `belief_kernels.push`: a step takes a microsecond or two for twenty states.
+
+    Args:
+        rows: The model's matrices, without false negatives.
+    """
+
+    def __init__(self, rows: Rows) -> None:
+        from mdm.beliefs.kernels import push  # noqa: PLC0415 - numba takes long to import
+
+        super().__init__(rows)
+        self._push: Any = push
+        size = rows.num_states
+        # Memory that nobody writes to takes none: of all these only the pages where beliefs come by.
+        self._states, self._next_states = np.empty(size, np.uint32), np.empty(size, np.uint32)
+        self._values, self._next_values = np.empty(size), np.empty(size)
+        self._sums = np.zeros(size)
+        self._matrices = once(rows.transitions, unsigned)
+        nothing = np.zeros(1, np.uint64), np.zeros(0, np.uint32), np.zeros(0)
+        for array in nothing[1:]:
+            array.flags.writeable = False
+        self._predictions: list[tuple[Any, ...]] = [(*matrix, *nothing, -1) for matrix in self._matrices]
+        self._moves: list[list[tuple[Any, ...]]]
+        if rows.joints is not None:
+            self._moves = [[(*unsigned(joint), *nothing, -1) for joint in joints] for joints in rows.joints]
+        else:
+            seen = once(rows.observations, unsigned)
+            symbols = range(rows.num_observations)
+            self._moves = [
+                [(*matrix, *chances, symbol) for symbol in symbols]
+                for matrix, chances in zip(self._matrices, seen, strict=True)
+            ]
+        self._run(self._moves[0][0])  # compiled now, not at the first step
+
+    def step(self, action: int, observation: int) -> float:
+        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        return self._run(self._moves[action][observation])
+
+    def predict(self, action: int) -> float:
+        """Take an action after which nothing is known; return 1."""
+        return self._run(self._predictions[action])
+
+    def _run(self, move: tuple[Any, ...]) -> float:
+        total, size = self._push(
+            *move, self._states, self._values, self.size, self._sums, self._next_states, self._next_values
+        )
+        if not total > 0:
+            return 0.0
+        self._swap(size)
+        return self._take(total)
+
+    def _keep(self, states: npt.NDArray[Any], values: Vector) -> None:
+        size = len(states)
+        self._next_states[:size] = states
+        self._next_values[:size] = values
+        self._swap(size)
+
+    def _swap(self, size: int) -> None:
+        self._states, self._next_states = self._next_states, self._states
+        self._values, self._next_values = self._next_values, self._values
+        self.size = size
+
+
+def _entries(matrix: Matrix, rows: npt.NDArray[Any]) -> tuple[npt.NDArray[np.intp], npt.NDArray[Any], Vector]:
+    """Return the entries of some rows of a CSR matrix: to which of the rows each belongs, its column, itself."""
+    starts = matrix.indptr[rows]
+    lengths = matrix.indptr[rows + 1] - starts
+    of = np.repeat(np.arange(len(rows)), lengths)
+    at = np.arange(len(of)) + np.repeat(starts - (np.cumsum(lengths) - lengths), lengths)
+    return of, matrix.indices[at], matrix.data[at]

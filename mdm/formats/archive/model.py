@@ -1,0 +1,265 @@
+"""Models as ``.npz`` archives of our own: for large ones, which are mapped into memory rather than parsed.
+
+A flat model is kept as its matrices, each that several actions share once; a factored one as its network. What is read
+is checked in one pass over the numbers, without a copy, so that a damaged file makes an error and never a wrong model.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+import numpy as np
+
+from mdm.errors import FormatError, ModelError, ModelWarning
+from mdm.formats.archive import npz
+from mdm.formats.archive.network import Network, pack_network, unpack_network
+from mdm.formats.archive.npz import Names, names_of, space_of
+from mdm.models import MDP, POMDP, FactoredMDP, FactoredPOMDP
+from mdm.models.compressed import csr, is_compressed
+from mdm.models.events import DenseEvents, TransitionEvents
+from mdm.models.matrices import ROUNDING, Checked, Matrix, Vector
+from mdm.models.rewards import RewardArray
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from mdm.models import Space
+
+__all__ = ["holds_model", "read", "write"]
+
+_LARGEST = 50_000_000
+_FORMAT = "mdm model 1"
+
+
+class _Header(msgspec.Struct):
+    discount: float
+    states: list[Names]
+    actions: list[Names]
+    observations: list[Names] | None = None
+    transitions: list[str] = []
+    observed: list[str] = []
+    events: list[str] = []
+    network: Network | None = None
+    format: Literal["mdm model 1"] = "mdm model 1"
+
+
+def holds_model(path: str | Path) -> bool:
+    """Whether an archive holds a model; another one of mdm's holds a policy.
+
+    Raises:
+        FormatError: If the file is no archive of mdm's.
+    """
+    header, _ = npz.read(Path(path), mapped=True)
+    return f'"{_FORMAT}"'.encode() in header
+
+
+def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
+    """Return the model in an archive; its matrices are mapped into memory, unless ``sparse`` asks for another kind.
+
+    Raises:
+        FormatError: If the file is damaged or holds no model.
+    """
+    written, arrays = npz.read(Path(path), mapped=True)
+    try:
+        header = msgspec.json.decode(written, type=_Header)
+        return _model(header, arrays, sparse)
+    except KeyError as error:
+        raise FormatError(f"the archive is damaged: it has no {error}", file=path) from None
+    except (ModelError, msgspec.MsgspecError, ValueError, IndexError, OverflowError) as error:
+        why = "it is a policy" if b'"mdm policy 1"' in written else error
+        raise FormatError(f"the archive holds no model: {why}", file=path) from None
+
+
+def write(model: MDP, path: str | Path) -> None:
+    """Write a model to an archive, as a rule a ``.npz``.
+
+    Rewards of single outcomes are kept where they are at most 50 million numbers; else R(s, a) alone, with a warning.
+
+    Raises:
+        FormatError: If the file cannot be written.
+    """
+    header = _Header(model.discount, names_of(model.state_space), names_of(model.action_space))
+    if isinstance(model, POMDP):
+        header.observations = names_of(model.observation_space)
+    arrays: dict[str, Any] = {}
+    if isinstance(model, FactoredMDP | FactoredPOMDP):
+        header.network = pack_network(model.network, arrays)
+    else:
+        actions = range(len(model.action_space))
+        arrays |= {"initial": model.initial_belief, "rewards": model.rewards}
+        header.transitions = _pack("T", [model.transition_matrix(a) for a in actions], arrays)
+        if isinstance(model, POMDP):
+            events = model.events
+            if events is None:
+                header.observed = _pack("O", [model.observation_matrix(a) for a in actions], arrays)
+            elif isinstance(events, DenseEvents):
+                header.events = _pack("E", events.events, arrays)
+            elif isinstance(events, TransitionEvents):
+                header.events = _pack("E", [csr(matrix.tocsr()) for matrix in events.events], arrays)
+        _pack_outcomes(model, arrays)
+    npz.write(Path(path), header, arrays)
+
+
+def _pack_outcomes(model: MDP, arrays: dict[str, Any]) -> None:
+    if model.outcome_rewards is None:
+        return
+    outcomes = model.outcome_rewards.array(_LARGEST)
+    if outcomes is not None:
+        arrays["outcomes"] = outcomes
+        return
+    text = "the rewards of single outcomes are too many to be kept: R(s, a) stands for them"
+    warnings.warn(text, ModelWarning, stacklevel=4)
+
+
+def _pack(prefix: str, matrices: Any, arrays: dict[str, Any]) -> list[str]:
+    """Add matrices to the arrays, each once; return the name of each action's."""
+    names: dict[int, str] = {}
+    for matrix in matrices:
+        if id(matrix) in names:
+            continue
+        name = names[id(matrix)] = f"{prefix}{len(names)}"
+        if is_compressed(matrix):
+            parts = {"data": matrix.data, "indices": matrix.indices, "starts": matrix.indptr}
+            arrays |= {f"{name}.{part}": array for part, array in parts.items()}
+        else:
+            arrays[name] = matrix
+    return [names[id(matrix)] for matrix in matrices]
+
+
+def _model(header: _Header, arrays: Mapping[str, Any], sparse: bool | None) -> MDP | POMDP:
+    states, actions = space_of(header.states), space_of(header.actions)
+    observations = None if header.observations is None else space_of(header.observations)
+    if header.network is not None:
+        network = unpack_network(header.network, arrays, states, actions, observations)
+        if network.observations is None:
+            return FactoredMDP(network, discount=header.discount, sparse=sparse)
+        return FactoredPOMDP(network, discount=header.discount, sparse=sparse)
+    model = _flat(header, arrays, states, actions, observations)
+    return model if sparse is None or model.is_sparse == sparse else _converted(model, sparse)
+
+
+def _flat(
+    header: _Header, arrays: Mapping[str, Any], states: Space, actions: Space, observations: Space | None
+) -> MDP | POMDP:
+    size, count = len(states), len(actions)
+    transitions = _matrices(header.transitions, arrays, (size, size), count)
+    rewards = _floats(arrays["rewards"])
+    if rewards.shape != (size, count):
+        raise ModelError(f"the rewards are of shape {rewards.shape}, not {(size, count)}")
+    _check_outcomes(arrays.get("outcomes"), size, count, observations)
+    common: dict[str, Any] = {
+        "discount": header.discount,
+        "states": states,
+        "actions": actions,
+        "initial_belief": _floats(arrays["initial"]),
+        "outcome_rewards": RewardArray(_floats(arrays["outcomes"])) if "outcomes" in arrays else None,
+    }
+    if observations is None:
+        return MDP(transitions, rewards, **common)
+    told: Any = (
+        _events(header.events, arrays, transitions, states, actions, len(observations))
+        if header.events
+        else _matrices(header.observed, arrays, (size, len(observations)), count)
+    )
+    return POMDP(transitions, told, rewards, observation_names=observations, **common)
+
+
+def _converted(model: MDP, sparse: bool) -> MDP | POMDP:
+    """Return the same model with dense matrices in place of CSR, or the other way round."""
+    actions = range(len(model.action_space))
+    transitions = [model.transition_matrix(action) for action in actions]
+    common: dict[str, Any] = {
+        "discount": model.discount,
+        "states": model.state_space,
+        "actions": model.action_space,
+        "initial_belief": model.initial_belief,
+        "outcome_rewards": model.outcome_rewards,
+        "sparse": sparse,
+    }
+    if not isinstance(model, POMDP):
+        return MDP(transitions, model.rewards, **common)
+    common |= {"observation_names": model.observation_space, "event_observations": model.event_observations}
+    told: list[Any] = (
+        [[model.event_matrix(action, o) for o in range(len(model.observation_space))] for action in actions]
+        if model.event_observations
+        else [model.observation_matrix(action) for action in actions]
+    )
+    return POMDP(transitions, told, model.rewards, **common)
+
+
+def _check_outcomes(outcomes: Any, size: int, count: int, observations: Space | None) -> None:
+    shapes: list[tuple[int, ...]] = [(count, size, size)]
+    if observations is not None:
+        shapes.append((count, size, size, len(observations)))
+    if outcomes is not None and (outcomes.shape not in shapes or not np.isfinite(outcomes).all()):
+        raise ModelError("the rewards of outcomes have another shape, or are not finite")
+
+
+def _matrices(names: list[str], arrays: Mapping[str, Any], shape: tuple[int, int], count: int) -> Checked:
+    """Return one matrix per action, checked: rows are distributions."""
+    if len(names) != count:
+        raise ModelError(f"there are matrices for {len(names)} actions, but {count} actions")
+    done: dict[str, Matrix] = {}
+    for name in names:
+        if name not in done:
+            done[name] = _stored(name, arrays, shape)
+            _check_rows(name, done[name])
+    if len({is_compressed(matrix) for matrix in done.values()}) != 1:
+        raise ModelError("some matrices are sparse and others are not")
+    return Checked(done[name] for name in names)
+
+
+def _stored(name: str, arrays: Mapping[str, Any], shape: tuple[int, int]) -> Matrix:
+    if name in arrays:
+        matrix = _floats(arrays[name])
+        if matrix.shape != shape:
+            raise ModelError(f"{name} is of shape {matrix.shape}, not {shape}")
+        return matrix
+    data, indices, starts = (arrays[f"{name}.{part}"] for part in ("data", "indices", "starts"))
+    data = _floats(data)
+    whole = all(array.ndim == 1 and array.dtype.kind == "i" for array in (indices, starts))
+    if not whole or data.ndim != 1 or len(indices) != len(data) or len(starts) != shape[0] + 1:
+        raise ModelError(f"{name} is no matrix of {shape[0]} rows")
+    if starts[0] != 0 or starts[-1] != len(data) or (np.diff(starts) < 0).any():
+        raise ModelError(f"the rows of {name} do not begin where they could")
+    if len(indices) and not 0 <= indices.min() <= indices.max() < shape[1]:
+        raise ModelError(f"{name} has entries beyond its {shape[1]} columns")
+    falls = np.flatnonzero(indices[1:] <= indices[:-1]) + 1
+    if not np.isin(falls, starts).all():
+        raise ModelError(f"the entries of {name} are not in order")
+    return csr((data, indices, starts), shape, copy=False)
+
+
+def _check_rows(name: str, matrix: Matrix) -> None:
+    data = matrix.data if is_compressed(matrix) else matrix
+    sums = np.asarray(matrix.sum(axis=1)).ravel()
+    if not (np.abs(sums - 1) <= ROUNDING).all() or (data < 0).any():
+        raise ModelError(f"a row of {name} is no distribution")
+
+
+def _events(
+    names: list[str], arrays: Mapping[str, Any], transitions: Checked, states: Space, actions: Space, count: int
+) -> DenseEvents | TransitionEvents:
+    if len(names) != len(actions):
+        raise ModelError(f"there are events of {len(names)} actions, but {len(actions)} actions")
+    if is_compressed(transitions[0]):
+        parts = [_stored(name, arrays, (t.nnz, count)) for name, t in zip(names, transitions, strict=True)]
+        return TransitionEvents(transitions, parts, actions=actions, states=states)
+    cubes = [_cube(arrays[name], count, len(states)) for name in names]
+    return DenseEvents(transitions, cubes, actions=actions, states=states)
+
+
+def _cube(array: Any, count: int, size: int) -> Vector:
+    cube = _floats(array)
+    if cube.shape != (count, size, size):
+        raise ModelError(f"events are of shape {cube.shape}, not {(count, size, size)}")
+    return cube
+
+
+def _floats(array: Any) -> Vector:
+    if array.dtype != np.float64:
+        raise ModelError(f"numbers are of type {array.dtype}, not floats")
+    return np.asarray(array)

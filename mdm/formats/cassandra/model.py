@@ -1,0 +1,301 @@
+"""Anthony Cassandra's ``.pomdp`` and ``.mdp`` files, as pomdp-solve and most others read and write them.
+
+The grammar is that of https://www.pomdp.org/code/pomdp-file-spec.html, and what real files do beyond it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mdm.errors import FormatError, ModelError, ModelWarning
+from mdm.formats.cassandra.statements import Field, Statements
+from mdm.formats.cassandra.writer import StatementWriter, declared
+from mdm.formats.source import Source, Words, number, suffixes
+from mdm.formats.target import write_text
+from mdm.models import MDP, POMDP, Space
+from mdm.models.compressed import csr
+from mdm.models.matrices import TOLERANCE, RowError
+from mdm.models.validation import forgive, forgiving
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = ["build", "read", "write"]
+
+_KEYS = frozenset({"discount", "values", "states", "actions", "observations", "start"})
+_SIGNS = {"reward": 1.0, "rewards": 1.0, "cost": -1.0, "costs": -1.0}
+LARGEST = 10_000_000
+
+
+def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
+    """Read a model: a POMDP where the file declares observations, else an MDP.
+
+    Raises:
+        FormatError: With the place, what stands there and what was expected.
+    """
+    return _Reader(Source(path)).model(sparse)
+
+
+def write(model: MDP, path: str | Path) -> None:
+    """Write a model; joint symbols of a team, and joint states, become single ones with joined names.
+
+    Names are single words: others are written in another way, with a warning.
+
+    Raises:
+        ModelError: If the observations are events, or the file is called ``.mdp`` and there are any.
+        FormatError: If the file cannot be written.
+    """
+    if isinstance(model, POMDP) and suffixes(path) == ".mdp":
+        raise ModelError("an .mdp file has no observations, which this POMDP has: write .pomdp")
+    writer = StatementWriter(model, colon=" ")
+    actions = writer.joined(model.action_space)
+    observations = writer.joined(model.observation_space) if isinstance(model, POMDP) else None
+    lines = [f"discount: {model.discount!r}", "values: reward", f"states: {declared(writer.states, 's')}"]
+    lines.append(f"actions: {declared(actions, 'a')}")
+    if observations is not None:
+        lines.append(f"observations: {declared(observations, 'o')}")
+    lines += [f"start: {writer.start()}", *writer.statements(actions, observations)]
+    write_text(path, "\n".join(lines) + "\n")
+    writer.warn("the format")
+
+
+class _Reader:
+    """Reads the preamble, then the statements."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._words = Words(source)
+        if not self._words.words:
+            source.fail("the file is empty but for comments")
+        self._sections = self._preamble()
+
+    def _preamble(self) -> dict[str, tuple[int, int]]:
+        """Return where the words of each section stand, and under ``""`` where the statements begin."""
+        words = self._words.words
+        sections: dict[str, tuple[int, int]] = {}
+        at = 0
+        while at < len(words) and not self._begins_statement(at):
+            key = words[at]
+            begin = at + 2
+            if key == "start" and words[at + 1 : at + 2] in (["include"], ["exclude"]):
+                key, begin = f"start {words[at + 1]}", at + 3
+            if words[begin - 1 : begin] != [":"] or key.split(maxsplit=1)[0] not in _KEYS:
+                if key in _KEYS:
+                    self._words.fail(at, f"a ':' was expected after {key!r}")
+                self._words.fail(
+                    at, f"{key!r} stands where one of {', '.join(sorted(_KEYS))} or a statement was expected"
+                )
+            at = begin
+            while at < len(words) and not self._begins(at):
+                at += 1
+            name = "start" if key.startswith("start") else key
+            sections[name] = (begin, at)
+            if name == "start":
+                self._start_key = key
+        sections[""] = (at, len(words))
+        return sections
+
+    def _begins(self, at: int) -> bool:
+        """Whether a section or a statement begins at a word: a keyword is one only where a colon follows."""
+        words = self._words.words
+        if words[at] in _KEYS:
+            listed = words[at] == "start" and words[at + 1 : at + 2] in (["include"], ["exclude"])
+            return words[at + 1 : at + 2] == [":"] or (listed and words[at + 2 : at + 3] == [":"])
+        return self._begins_statement(at)
+
+    def _begins_statement(self, at: int) -> bool:
+        words = self._words.words
+        return words[at] in {"T", "O", "R"} and words[at + 1 : at + 2] == [":"]
+
+    def _section(self, name: str) -> list[str]:
+        begin, end = self._sections[name]
+        return self._words.words[begin:end]
+
+    def _fail(self, name: str, message: str, offset: int = 0) -> None:
+        self._words.fail(self._sections[name][0] + offset, message)
+
+    def _space(self, key: str, factor: str) -> Space:
+        if key not in self._sections:
+            self._source.fail(f"the file declares no {key}: a line such as '{key}: 2' is missing")
+        names = self._section(key)
+        if not names:
+            self._fail(key, f"a number or names were expected for the {key}")
+        if len(names) == 1 and names[0].isdecimal():
+            count = int(names[0])
+            if not 0 < count <= LARGEST:
+                self._fail(key, f"{count} {key} are not possible; at least 1 and at most {LARGEST} are")
+            return Space.single(factor, count, prefix=key[0])
+        for offset, name in enumerate(names):
+            if name in {":", "*"}:
+                self._fail(key, f"{name!r} is no name for one of the {key}", offset)
+        if len(set(names)) < len(names):
+            offset = next(index for index, name in enumerate(names) if name in names[:index])
+            self._fail(key, f"{names[offset]!r} is named twice among the {key}", offset)
+        return Space.single(factor, names)
+
+    def _number(self, key: str) -> float:
+        words = self._section(key)
+        value = number(words[0]) if len(words) == 1 else None
+        self._forgotten_colon(key, words)
+        if value is None:
+            self._fail(key, f"one number was expected for the {key}, not {' '.join(words[:5])!r}")
+            raise AssertionError
+        return value
+
+    def _forgotten_colon(self, key: str, words: list[str]) -> None:
+        for offset, word in enumerate(words[1:], 1):
+            if word in _KEYS:
+                self._fail(key, f"a ':' was expected after {word!r}", offset)
+
+    def _discount(self) -> float:
+        if "discount" not in self._sections:
+            warnings.warn(f"{self._source.path}: no discount is given; it is read as 1", ModelWarning, stacklevel=4)
+            return 1.0
+        discount = self._number("discount")
+        if not 0 < discount <= 1:
+            self._fail("discount", f"a discount is more than 0 and at most 1, not {discount:g}")
+        return discount
+
+    def _sign(self) -> float:
+        if "values" not in self._sections:
+            warnings.warn(f"{self._source.path}: 'values' is missing; read as rewards", ModelWarning, stacklevel=4)
+            return 1.0
+        words = self._section("values")
+        self._forgotten_colon("values", words)
+        if len(words) != 1 or words[0] not in _SIGNS:
+            self._fail("values", f"'reward' or 'cost' was expected for the values, not {' '.join(words[:5])!r}")
+        return _SIGNS[words[0]]
+
+    def _start(self, states: Space, *, is_mdp: bool) -> npt.NDArray[np.float64]:
+        count = len(states)
+        words = self._section("start") if "start" in self._sections else ["uniform"]
+        if not words:
+            self._fail("start", "a distribution or states were expected for the start")
+        if words == ["uniform"]:
+            return np.full(count, 1 / count)
+        if self._start_key == "start":
+            values = [number(word) for word in words]
+            as_numbers = len(words) == count and None not in values and (count > 1 or not is_mdp)
+            if as_numbers and not (count == 1 and words[0] == "0"):
+                return self._start_numbers([value for value in values if value is not None])
+            if len(words) > 1 and None not in values:
+                self._fail("start", f"the start needs {count} numbers, one for each state, not {len(words)}")
+        chosen = np.zeros(count, dtype=bool)
+        for offset, word in enumerate(words):
+            try:
+                chosen[states.index(word)] = True
+            except ModelError as error:
+                self._fail("start", f"the start names {word!r}: {error}", offset)
+        if self._start_key == "start exclude":
+            chosen = ~chosen
+        if not chosen.any():
+            self._fail("start", "the start leaves no state")
+        return np.asarray(chosen / chosen.sum())
+
+    def _start_numbers(self, values: list[float]) -> npt.NDArray[np.float64]:
+        start = np.array(values)
+        for offset, value in enumerate(values):
+            if not value >= 0 or not np.isfinite(value):
+                self._fail("start", f"{value:g} is no probability", offset)
+        if abs(start.sum() - 1) > TOLERANCE and not (start.sum() > 0 and forgiving()):
+            self._fail("start", f"the start sums to {start.sum():.6g}, not to 1")
+        return start
+
+    def model(self, sparse: bool | None) -> MDP | POMDP:
+        """Return the model."""
+        states = self._space("states", "state")
+        actions = self._space("actions", "agent")
+        observations = self._space("observations", "agent") if "observations" in self._sections else None
+        discount, sign = self._discount(), self._sign()
+        start = self._start(states, is_mdp=observations is None)
+        try:
+            statements = Statements(
+                self._words,
+                states=states,
+                actions=actions,
+                observations=observations,
+                start=start,
+                sign=sign,
+                field=self._field,
+                colons=False,
+            )
+            statements.read(self._sections[""][0])
+            return build(self._source, statements, states, actions, observations, discount, start, sparse)
+        except RowError as error:
+            statements.refuse(error)
+        except ModelError as error:
+            raise FormatError(str(error), file=self._source.path) from None
+        except MemoryError:
+            self._source.fail("the model is too large for this machine's memory")
+
+    def _field(self, at: int, words: list[str], space: Space, kind: str) -> Field:
+        word = words[0]
+        if word == "*":
+            return None
+        try:
+            return space.index(word)
+        except ModelError as error:
+            self._words.fail(at, f"{word!r} in this {kind!r} statement: {error}")
+
+
+def build(
+    source: Source,
+    statements: Statements,
+    states: Space,
+    actions: Space,
+    observations: Space | None,
+    discount: float,
+    start: npt.NDArray[np.float64],
+    sparse: bool | None,
+) -> MDP | POMDP:
+    """Return the model that statements make, or say what was never given."""
+    for letter, stack in (("T", statements.transitions), ("O", statements.observations)):
+        for action in stack.missing() if stack is not None else []:
+            problem = f"no {letter!r} statement is given for action {actions.names[action]!r}"
+            if not forgive(problem):
+                source.fail(problem)
+            assert stack is not None
+            stack.add(action, None, 0, 1.0)  # told once, not for every row
+    transitions = statements.transitions.matrices()
+    finer = statements.rewards if statements.rewards.finer else None
+    if observations is None or statements.observations is None:
+        rewards = statements.rewards.expected(_whole(transitions), None)
+        return MDP(
+            transitions,
+            rewards,
+            discount=discount,
+            states=states,
+            actions=actions,
+            initial_belief=start,
+            outcome_rewards=finer,
+            sparse=sparse,
+        )
+    matrices = statements.observations.matrices()
+    return POMDP(
+        transitions,
+        matrices,
+        statements.rewards.expected(_whole(transitions), _whole(matrices)),
+        discount=discount,
+        states=states,
+        actions=actions,
+        observation_names=observations,
+        initial_belief=start,
+        outcome_rewards=finer,
+        sparse=sparse,
+    )
+
+
+def _whole(matrices: list[Any]) -> list[Any]:
+    """Return matrices by which rewards are expected: normalised where rows may be far from summing to 1."""
+    if not forgiving():
+        return matrices
+    result = []
+    for matrix in matrices:
+        sums = np.asarray(matrix.sum(axis=1)).ravel()
+        data = matrix.data / np.repeat(np.where(sums > 0, sums, 1.0), np.diff(matrix.indptr))
+        result.append(csr((data, matrix.indices, matrix.indptr), matrix.shape))
+    return result

@@ -1,0 +1,236 @@
+"""Rewards as statements over (a, s, s', o), reduced to the expected R(s, a).
+
+R(s, a) is the sum over s' of T(s' | s, a) times the sum over o of O(o | a, s') R(a, s, s', o). The last statement that
+covers an entry counts. Rewards are looked at only where T is not 0: in O(non-zeros of T), times O where they depend on
+the observation, and then in blocks of states.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mdm.errors import ModelError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mdm.formats.cassandra.probabilities import Indices, Places
+
+__all__ = ["Rewards"]
+
+_BLOCK = 5_000_000
+_MANY = 1_000_000
+_Statement = tuple["Places", "Places", "Places", Any]
+
+
+class Rewards:
+    """Collects reward statements in the order of a file.
+
+    Args:
+        num_actions: A.
+        num_states: S.
+        num_observations: O; 0 for an MDP.
+    """
+
+    def __init__(self, num_actions: int, num_states: int, num_observations: int) -> None:
+        self._num_states = num_states
+        self._num_observations = num_observations
+        self._by_action: list[list[_Statement]] = [[] for _ in range(num_actions)]
+
+    def add(
+        self, action: int | Sequence[int] | None, state: Places, next_state: Places, observation: Places, value: Any
+    ) -> None:
+        """Add a statement; None stands for all, a sequence for several actions.
+
+        ``value`` is a number; as many numbers as there are indices in the other arguments; a row over the observations
+        (over the next states in an MDP) where ``observation`` is None; or a matrix over next states and observations
+        where ``next_state`` is None too (over states and next states in an MDP).
+        """
+        statement = (state, next_state, observation, value)
+        for each in range(len(self._by_action)) if action is None else [action] if isinstance(action, int) else action:
+            self._by_action[each].append(statement)
+
+    def expected(self, transitions: Sequence[Any], observations: Sequence[Any] | None) -> npt.NDArray[np.float64]:
+        """Return R(s, a), an S x A array, under CSR matrices of T and O per action."""
+        result = np.zeros((self._num_states, len(self._by_action)))
+        for action, statements in enumerate(self._by_action):
+            if all(n is None and o is None and not _is_row(s, n, o, value) for s, n, o, value in statements):
+                for state, _, _, value in statements:
+                    result[slice(None) if state is None else state, action] = value
+            else:
+                matrix = None if observations is None else observations[action]
+                result[:, action] = self._action(statements, transitions[action], matrix)
+        return result
+
+    @property
+    def finer(self) -> bool:
+        """Whether rewards depend on next states or observations; of very many, whether a statement names any."""
+        named = any(
+            n is not None or o is not None or (_is_row(s, n, o, value) and np.ptp(value) != 0)
+            for statements in self._by_action
+            for s, n, o, value in statements
+        )
+        array = self.array(_MANY) if named else None
+        if array is None:
+            return named
+        outcomes = array.reshape(*array.shape[:2], -1)
+        return bool((outcomes != outcomes[..., :1]).any())
+
+    def at(self, action: int, state: int, next_state: int, observation: int | None) -> float:
+        """Return R(a, s, s', o): what the last statement says that covers it.
+
+        Raises:
+            ModelError: If it depends on the observation, and none is given.
+        """
+        for statement in reversed(self._by_action[action]):
+            value = self._covered(statement, state, next_state, observation)
+            if value is not None:
+                return value
+        return 0.0
+
+    def _covered(self, statement: _Statement, state: int, next_state: int, observation: int | None) -> float | None:
+        """Return what a statement says of an outcome; None where it does not cover it."""
+        *places, value = statement
+        over_observations = self._num_observations > 0 and (places[2] is not None or _is_row(*statement))
+        if over_observations and observation is None:
+            raise ModelError("the reward depends on the observation: name one")
+        outcome = (state, next_state, observation)
+        if _is_row(*statement):
+            last = outcome if self._num_observations else outcome[:2]
+            if not all(place is None or place == at for place, at in zip(places, outcome, strict=True)):
+                return None
+            return float(value[last[-np.ndim(value) :]])
+        count = max((len(place) for place in places if isinstance(place, np.ndarray)), default=1)
+        covers = np.ones(count, dtype=bool)
+        for place, at in zip(places, outcome, strict=True):
+            if place is not None:
+                covers &= place == at
+        found = np.flatnonzero(covers)
+        if not len(found):
+            return None
+        return float(value[found[-1]] if np.ndim(value) else value)
+
+    def array(self, largest: int) -> npt.NDArray[np.float64] | None:
+        """Return them as A x S x S' x O (A x S x S' in an MDP); None where these would be more than ``largest``."""
+        shape = (self._num_states, self._num_states, *([self._num_observations] if self._num_observations else []))
+        if len(self._by_action) * math.prod(shape) > largest:
+            return None
+        result = np.zeros((len(self._by_action), *shape))
+        for rewards, statements in zip(result, self._by_action, strict=True):
+            for *places, value in statements:
+                chosen = [slice(None) if place is None else place for place in places[: len(shape)]]
+                listed = [place for place in places if isinstance(place, np.ndarray)]
+                if not listed or np.ndim(value) == 0:
+                    rewards[tuple(chosen)] = value
+                    continue
+                for index in range(len(listed[0])):  # one by one: of equal places the last counts
+                    one = [place[index] if isinstance(place, np.ndarray) else place for place in chosen]
+                    rewards[tuple(one)] = value[index]
+        return result
+
+    def _action(self, statements: list[_Statement], transition: Any, observation: Any) -> npt.NDArray[np.float64]:
+        over_observations = observation is not None and any(
+            o is not None or _is_row(s, n, o, value) for s, n, o, value in statements
+        )
+        starts = transition.indptr.astype(np.int64)
+        width = self._num_observations if over_observations else 1
+        result = np.zeros(self._num_states)
+        first = 0
+        while first < self._num_states:
+            last = int(np.searchsorted(starts, starts[first] + _BLOCK // width, side="right")) - 1
+            last = min(max(last, first + 1), self._num_states)
+            block = _Block(transition, starts, first, last, width if over_observations else 0)
+            for statement in statements:
+                block.apply(*statement)
+            rewards = block.rewards
+            if over_observations:
+                chances = observation[block.next_states].toarray()
+                rewards = np.einsum("no,no->n", chances, rewards)
+            weights = transition.data[starts[first] : starts[last]] * rewards
+            result[first:last] = np.bincount(block.states - first, weights, minlength=last - first)
+            first = last
+        return result
+
+
+class _Block:
+    """Rewards of one action for the transitions that begin in some states, each over all observations or none."""
+
+    def __init__(self, transition: Any, starts: Indices, first: int, last: int, width: int) -> None:
+        self._first, self._last = first, last
+        self._num_states = transition.shape[1]
+        self._starts = starts[first : last + 1] - starts[first]
+        self.states = np.repeat(np.arange(first, last), np.diff(self._starts))
+        self.next_states = transition.indices[starts[first] : starts[last]].astype(np.int64)
+        self._keys = self.states * self._num_states + self.next_states
+        self._width = width
+        self.rewards = np.zeros((len(self.states), width) if width else len(self.states))
+
+    def apply(self, state: Places, next_state: Places, observation: Places, value: Any) -> None:
+        """Let a statement set what it covers."""
+        if isinstance(state, int) and not self._first <= state < self._last:
+            return
+        if _is_row(state, next_state, observation, value):
+            where, _ = self._where(state, next_state)
+            if np.ndim(value) == 2:
+                if self._width:
+                    self.rewards[where] = value[self.next_states[where]]
+                else:
+                    self.rewards[where] = value[self.states[where], self.next_states[where]]
+            else:
+                self.rewards[where] = value if self._width else value[self.next_states[where]]
+        elif isinstance(observation, np.ndarray):
+            for symbol in np.unique(observation):
+                chosen = observation == symbol
+                self.apply(
+                    state[chosen] if isinstance(state, np.ndarray) else state,
+                    next_state[chosen] if isinstance(next_state, np.ndarray) else next_state,
+                    int(symbol),
+                    _parallel(state, next_state, value[chosen] if np.ndim(value) else value),
+                )
+        else:
+            where, source = self._where(state, next_state)
+            values = value[source] if np.ndim(value) else value
+            if not self._width:
+                self.rewards[where] = values
+            elif observation is None:
+                self.rewards[where] = values[:, None] if np.ndim(values) else values
+            else:
+                self.rewards[where, observation] = values
+
+    def _where(self, state: Places, next_state: Places) -> tuple[Any, Any]:
+        """Return which transitions lie between the states, and for each the place of its states among those given."""
+        if state is None and next_state is None:
+            return slice(None), 0
+        if next_state is None and isinstance(state, int):
+            begin, end = self._starts[state - self._first], self._starts[state - self._first + 1]
+            return slice(int(begin), int(end)), 0
+        if state is None or next_state is None:
+            wanted, present = (next_state, self.next_states) if state is None else (state, self.states)
+            assert wanted is not None
+            wanted = np.atleast_1d(wanted)
+            latest = np.full(self._num_states, -1)
+            latest[wanted] = np.arange(len(wanted))
+            source = latest[present]
+            where = np.flatnonzero(source >= 0)
+            return where, source[where]
+        keys = np.atleast_1d(np.asarray(state * self._num_states + next_state))
+        if not len(self._keys):
+            return slice(0), slice(0)
+        at = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+        found = np.flatnonzero(self._keys[at] == keys)
+        return at[found], found
+
+
+def _is_row(state: Places, next_state: Places, observation: Places, value: Any) -> bool:
+    """Whether a value is a row or a matrix over what is not named, rather than a number for each that is."""
+    return np.ndim(value) > 0 and not any(isinstance(p, np.ndarray) for p in (state, next_state, observation))
+
+
+def _parallel(state: Places, next_state: Places, value: Any) -> Any:
+    """Return the values for the states named, or the latest where all states are meant."""
+    named = isinstance(state, np.ndarray) or isinstance(next_state, np.ndarray)
+    return value[-1] if np.ndim(value) and not named else value

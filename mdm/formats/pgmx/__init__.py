@@ -1,0 +1,1 @@
+"""ProbModelXML, `.pgmx`: factored models with tables and trees, events and teams."""

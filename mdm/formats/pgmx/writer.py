@@ -1,0 +1,227 @@
+"""Writing ProbModelXML: a variable for each factor and slice, potentials as tables and trees."""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from collections import Counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.errors import ModelError, ModelWarning
+from mdm.formats.markup import quoted
+from mdm.formats.spelling import Speller
+from mdm.formats.target import write_text
+from mdm.models.factored.factoring import as_network
+from mdm.models.factored.potential import Node, Potential, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from mdm.models import MDP, TwoSliceNetwork
+    from mdm.models.factored.potential import Role
+
+__all__ = ["write"]
+
+_FOREIGN = re.compile("^\\s+|\\s+$|[\x00-\x1f\ud800-\udfff\ufffe\uffff]")
+_DEEPEST = 20
+_SLICES: dict[Role, int] = {"state": 0, "action": 0, "next_state": 1, "observation": 1}
+
+
+def write(model: MDP, path: str | Path) -> None:
+    """Write a model as ProbModelXML; one that is not factored is taken apart by its spaces' factors.
+
+    The discount goes into a property of the network, which other readers do not know. Names of variables are made
+    unique. Which factors are fully observed is lost, with a warning.
+
+    Raises:
+        ModelError: If a state factor has but one value, which the format takes for a constant, or the model is too
+            large for tables.
+        FormatError: If the file cannot be written.
+    """
+    network = as_network(model)
+    for factor in network.states.factors:
+        if len(factor) == 1:
+            raise ModelError(
+                f"state factor {factor.name!r} has one value, which ProbModelXML takes for a constant: write .pomdpx, "
+                f"or an archive (.npz)"
+            )
+    document = _Document(network)
+    write_text(path, "\n".join(document.lines(model.discount)) + "\n")
+    document.speller.warn("ProbModelXML")
+    if network.observations is not None and any(network.fully_observed):
+        text = "ProbModelXML does not tell which factors are fully observed: this was left out"
+        warnings.warn(text, ModelWarning, stacklevel=2)
+
+
+class _Document:
+    def __init__(self, network: TwoSliceNetwork) -> None:
+        self._network = network
+        self.speller = Speller(_FOREIGN)
+        self._titles = Speller(_FOREIGN)
+        self._taken: set[str] = set()
+        self._variables: dict[Node, str] = {}
+        self._values: dict[Node, list[str]] = {}
+        roles: tuple[Role, ...] = ("state", "action", "observation")
+        for role in roles:
+            for place, factor in enumerate(network.factors(role)):
+                node = Node(role, place)
+                self._variables[node] = self._title(factor.name)
+                self._values[node] = self.speller.spell(factor.names, numbered=False)
+        for place in range(len(network.states.factors)):
+            before, after = Node("state", place), Node("next_state", place)
+            self._variables[after], self._values[after] = self._variables[before], self._values[before]
+        # What a decision at slice 1 is informed of is an observation.
+        agents = len(network.actions.factors)
+        self._informed = [
+            self._variables[Node("action", place)] if place < agents else self._title(f"informed{place}")
+            for place in range(len(network.factors("observation")))
+        ]
+        self._rewards = [self._title(f"reward{index}") for index in range(len(network.utilities))]
+
+    def _title(self, name: str) -> str:
+        title = self._titles.spell([name], self._taken, numbered=False)[0]
+        self._taken.add(title)
+        return title
+
+    def lines(self, discount: float) -> list[str]:
+        network = self._network
+        kind = "MDP" if network.observations is None else "POMDP" if len(network.actions.factors) == 1 else "DEC_POMDP"
+        lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<ProbModelXML formatVersion="0.2.0">']
+        lines += [f'<ProbNet type="{kind}">', "<AdditionalProperties>"]
+        lines.append(f'<Property name="Discount" value="{discount!r}"/>')
+        if network.event_observations:
+            lines.append('<Property name="EventDriven" value="1"/>')
+        lines.append("</AdditionalProperties>")
+        if len(network.actions.factors) > 1:
+            agents = range(len(network.actions.factors))
+            lines += ["<Agents>", *(f"<Agent name={quoted(self._agent(agent))}/>" for agent in agents), "</Agents>"]
+        lines += ["<Variables>", *self._declarations(), "</Variables>", "<Links>", *self._links(), "</Links>"]
+        lines.append("<Potentials>")
+        conditionals: tuple[Role, ...] = ("state", "next_state", "observation")
+        for role in conditionals:
+            for place, potential in enumerate(network.potentials(role)):
+                lines += _Writer(self._reference, self._values, Node(role, place)).lines(potential)
+        for name, utility in zip(self._rewards, network.utilities, strict=True):
+            lines += _Writer(self._reference, self._values, None, name).lines(utility)
+        return [*lines, "</Potentials>", "</ProbNet>", "</ProbModelXML>"]
+
+    def _agent(self, place: int) -> str:
+        return self._variables[Node("action", place)]
+
+    def _declarations(self) -> list[str]:
+        network = self._network
+        lines = []
+        several = len(network.actions.factors) > 1
+        for node, name in self._variables.items():
+            role = "decision" if node.role == "action" else "chance"
+            agent = self._agent(node.place) if several and role == "decision" else None
+            lines.append(self._declaration(name, role, _SLICES[node.role], self._values[node], agent))
+        for place, name in enumerate(self._informed):
+            last = Node("action", min(place, len(network.actions.factors) - 1))
+            agent = self._agent(last.place) if several else None
+            lines.append(self._declaration(name, "decision", 1, self._values[last], agent))
+        lines += [
+            f'<Variable name={quoted(name)} type="numeric" role="utility" timeSlice="0"/>' for name in self._rewards
+        ]
+        return lines
+
+    def _declaration(self, name: str, role: str, time: int, values: list[str], agent: str | None) -> str:
+        states = "".join(f"<State name={quoted(value)}/>" for value in values)
+        of = "" if agent is None else f"<Agent name={quoted(agent)}/>"
+        begin = f'<Variable name={quoted(name)} type="finiteStates" role="{role}" timeSlice="{time}">'
+        return f"{begin}{of}<States>{states}</States></Variable>"
+
+    def _links(self) -> list[str]:
+        network = self._network
+        roles: tuple[Role, ...] = ("state", "next_state", "observation")
+        nodes = [Node(role, place) for role in roles for place in range(len(network.potentials(role)))]
+        pairs = [(self._reference(parent), self._reference(node)) for node in nodes for parent in network.parents(node)]
+        pairs += [
+            (self._reference(Node("observation", place)), _variable(name, 1))
+            for place, name in enumerate(self._informed)
+        ]
+        pairs += [
+            (self._reference(node), _variable(name, 0))
+            for name, utility in zip(self._rewards, network.utilities, strict=True)
+            for node in utility.scope
+        ]
+        return [f'<Link directed="true">{parent}{child}</Link>' for parent, child in pairs]
+
+    def _reference(self, node: Node) -> str:
+        return _variable(self._variables[node], _SLICES[node.role])
+
+
+def _variable(name: str, time: int) -> str:
+    return f'<Variable name={quoted(name)} timeSlice="{time}"/>'
+
+
+class _Writer:
+    """Writes one potential; a branch that several values lead to gets a label, and is referred to by it."""
+
+    def __init__(
+        self, reference: Callable[[Node], str], values: dict[Node, list[str]], child: Node | None, utility: str = ""
+    ) -> None:
+        self._reference = reference
+        self._values = values
+        self._child = child
+        self._utility = utility
+        self._uses: Counter[int] = Counter()
+        self._labels: dict[int, str] = {}
+
+    def lines(self, potential: Potential) -> list[str]:
+        self._count(potential)
+        return self._write(potential, 0)
+
+    def _count(self, potential: Potential) -> None:
+        self._uses[id(potential)] += 1
+        if isinstance(potential, Table) or self._uses[id(potential)] > 1:
+            return
+        for choice in sorted(set(potential.choice.tolist())):
+            self._count(potential.branches[choice])
+
+    def _write(self, potential: Potential, depth: int) -> list[str]:
+        if not isinstance(potential, Table) and depth >= _DEEPEST:
+            potential = self._table(potential)
+        kind = "Table" if isinstance(potential, Table) else "Tree/ADD"
+        role = "utility" if self._child is None else "conditionalProbability"
+        # The first variable of a potential is what it is of.
+        scope = sorted(potential.scope, key=lambda node: node != self._child)
+        of = ""
+        if self._child is None and not depth:
+            of = f'<UtilityVariable name={quoted(self._utility)} timeSlice="0"/>'
+        listed = scope if depth or self._child is None or self._child in scope else [self._child, *scope]
+        variables = "".join(self._reference(node) for node in listed)
+        lines = [f'<Potential type="{kind}" role="{role}">{of}<Variables>{variables}</Variables>']
+        if isinstance(potential, Table):
+            values = np.transpose(potential.values, [potential.scope.index(node) for node in scope])
+            lines.append(f"<Values>{' '.join(map(repr, values.ravel(order='F').tolist()))}</Values>")
+        else:
+            top = self._reference(potential.node).replace("<Variable ", "<TopVariable ", 1)
+            lines += [top, "<Branches>"]
+            for number, branch in enumerate(potential.branches):
+                names = [n for n, c in zip(self._values[potential.node], potential.choice, strict=True) if c == number]
+                if names:
+                    lines += self._branch(names, branch, depth)
+            lines.append("</Branches>")
+        return [*lines, "</Potential>"]
+
+    def _branch(self, names: list[str], branch: Potential, depth: int) -> list[str]:
+        begin = "<Branch><States>" + "".join(f"<State name={quoted(name)}/>" for name in names) + "</States>"
+        key = id(branch)
+        if key in self._labels:
+            return [f"{begin}<Reference>{self._labels[key]}</Reference></Branch>"]
+        if self._uses[key] > 1:
+            self._labels[key] = f"branch{len(self._labels)}"
+            begin += f"<Label>{self._labels[key]}</Label>"
+        return [begin, *self._write(branch, depth + 1), "</Branch>"]
+
+    def _table(self, tree: Potential) -> Table:
+        """Return a tree as a table, where trees are nested too deep to be written."""
+        sizes = [tree.sizes[node] for node in tree.scope]
+        grid = [axis.ravel() for axis in np.indices(sizes)]
+        values = tree.rows(dict(zip(tree.scope, grid, strict=True)), math.prod(sizes), None, 1)
+        return Table(tree.scope, values.reshape(sizes))

@@ -1,0 +1,1 @@
+"""Finite-state controllers and joint policies: policy graphs (`.pg`) and MADP's joint policies."""

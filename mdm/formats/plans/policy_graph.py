@@ -1,0 +1,129 @@
+"""Cassandra's ``.pg`` files: policy graphs.
+
+A node is its index, its action and the next node for each observation, ``X`` or ``-`` where an observation cannot
+occur; a line each as a rule. The ``.alpha`` file of the same name, which solvers write beside it, holds a vector for
+each node in the same order: the values of beginning there.
+
+The graph of a finite horizon goes on in another file, that of one step less, which its numbers refer to; it is read as
+it stands, and refused only where such a number is none of its own nodes.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.formats.source import Source
+from mdm.formats.vectors import alpha
+from mdm.policies import FiniteStateController
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["read", "write"]
+
+_IMPOSSIBLE = frozenset("Xx-")
+
+
+def read(
+    path: str | Path, *, num_actions: int | None = None, num_observations: int | None = None
+) -> FiniteStateController:
+    """Return the policy graph in a file, with the values of the ``.alpha`` file of the same name where there is one.
+
+    Args:
+        path: The file.
+        num_actions: How many actions the model has, where that is known.
+        num_observations: How many observations it has, where that is known; by default as many as the first line says.
+
+    Raises:
+        FormatError: With the line, what stands there and what was expected.
+    """
+    source = Source(path)
+    rows = list(_rows(source, num_observations))
+    actions: list[int] = []
+    successors: list[list[int | None]] = []
+    for node, (line, row) in enumerate(rows):
+        for word in row:
+            if not word.isdecimal() and (word not in _IMPOSSIBLE or word in row[:2]):
+                source.fail(f"node {node}: {word[:40]!r} is no index", line=line)
+        if row[0] != str(node):
+            source.fail(f"node {node} was expected, not {row[0][:40]}", line=line)
+        actions.append(alpha.action_index(source, line, row[1], num_actions))
+        successors.append([_successor(source, line, node, word, len(rows)) for word in row[2:]])
+    companion = _companion(source.path)
+    if companion is None:
+        return FiniteStateController(actions, successors, num_actions)
+    vectors, of = alpha.read_in_order(companion, num_actions=num_actions)
+    if of != actions:
+        source.fail(
+            f"the graph's {len(actions)} nodes are not those of {companion.name}, whose {len(of)} vectors are for "
+            "other actions or as many; move one of the files away, or give the two that belong together one name"
+        )
+    return FiniteStateController(actions, successors, num_actions, values=vectors)
+
+
+def write(controller: FiniteStateController, path: str | Path) -> None:
+    """Write a policy graph to a file, and its nodes' values, where they are known, to an ``.alpha`` file beside it."""
+    rows = zip(controller.actions, controller.successors, strict=True)
+    lines = (
+        f"{node} {action}  {' '.join('X' if after is None else str(after) for after in row)}\n"
+        for node, (action, row) in enumerate(rows)
+    )
+    Path(path).write_text("".join(lines), encoding="utf-8")
+    if controller.values is not None:
+        text = alpha.lines(np.asarray(controller.values), controller.actions)
+        Path(path).with_suffix(".alpha").write_text(text, encoding="utf-8")
+
+
+def _rows(source: Source, num_observations: int | None) -> Iterator[tuple[int, list[str]]]:
+    """Yield each node's words and the line where they begin; a row may go on in the next line."""
+    row: list[str] = []
+    begin = count = 0
+    width = None if num_observations is None else num_observations + 2
+    for line, text in enumerate(source.text.split("\n"), 1):
+        words = text.split()
+        if not words:
+            continue
+        if not row:
+            begin = line
+        row += words
+        if width is None:
+            width = max(len(row), 3)
+        if len(row) > width:
+            node = f"node {count}"
+            source.fail(
+                f"{node}: a successor for each of {width - 2} observations was expected, but {len(row) - 2} are given",
+                line=begin,
+            )
+        if len(row) == width:
+            yield begin, row
+            row = []
+            count += 1
+    if row:
+        expected = 1 if width is None else width - 2
+        source.fail(
+            f"node {count}: a successor for each of {expected} observations was expected, but the file ends "
+            f"after {max(len(row) - 2, 0)}",
+            line=begin,
+        )
+
+
+def _successor(source: Source, line: int, node: int, word: str, num_nodes: int) -> int | None:
+    if word in _IMPOSSIBLE:
+        return None
+    if len(word) > 20 or int(word) >= num_nodes:
+        source.fail(
+            f"node {node} is followed by node {word[:40]}, but the graph's {num_nodes} nodes count from 0 (that of a "
+            "finite horizon goes on in the graph of one step less, and is no policy alone)",
+            line=line,
+        )
+    return int(word)
+
+
+def _companion(path: Path) -> Path | None:
+    """Return the file of the nodes' values, or None."""
+    path = path.with_suffix("") if path.suffix.lower() == ".gz" else path
+    beside = path.with_suffix(".alpha")
+    return beside if beside != path and beside.is_file() else None

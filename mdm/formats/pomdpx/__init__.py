@@ -1,0 +1,1 @@
+"""POMDPX, `.pomdpx`: factored models with tables and decision diagrams, and mixed observability."""

@@ -1,0 +1,1 @@
+"""Policies over states as vectors and matrices: uBLAS text and Q-tables."""

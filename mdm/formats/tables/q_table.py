@@ -1,0 +1,42 @@
+"""MADP's Q-tables: a line per state with a number per action."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from mdm.formats.source import Source
+from mdm.formats.vectors.alpha import numbers
+
+if TYPE_CHECKING:
+    from mdm.policies import QTable
+
+__all__ = ["read", "write"]
+
+
+def read(path: str | Path) -> npt.NDArray[np.float64]:
+    """Return the table in a file, states x actions.
+
+    Raises:
+        FormatError: With the line, what stands there and what was expected.
+    """
+    source = Source(path)
+    rows: list[npt.NDArray[np.float64]] = []
+    for line, text in enumerate(source.text.split("\n"), 1):
+        words = text.split()
+        if not words:
+            continue
+        row = numbers(source, line, words)
+        if rows and len(row) != len(rows[0]):
+            source.fail(f"{len(rows[0])} values were expected, but {len(row)} are given", line=line)
+        rows.append(row)
+    return np.array(rows)
+
+
+def write(table: QTable, path: str | Path) -> None:
+    """Write a Q-table to a file; reading it gives the same numbers."""
+    text = "".join(f"{' '.join(map(repr, row))}\n" for row in table.values.tolist())
+    Path(path).write_text(text, encoding="utf-8")

@@ -1,0 +1,247 @@
+"""Observations of events: P(o | s, a, s'), told by a transition rather than by the state that it leads to.
+
+An event model says what is observed at a change of state. Where a transition has probability 0 what is said of its
+observations has no meaning: there, rows need not sum to 1. Elsewhere a row may sum to less: what is missing is the
+probability of an event that the model has no name for (real models leave a few per cent open), and a belief that is
+updated with what was observed is not moved by it. So rows are kept as they are given; only where they sum to more than
+1, and that is forgiven, they are normalised.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from mdm.errors import ModelError, ModelWarning
+from mdm.models.compressed import csr, is_compressed
+from mdm.models.matrices import ROUNDING, TOLERANCE, Matrix, Vector, numbers, read_only
+from mdm.models.validation import forgive
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mdm.models.space import Space
+
+__all__ = ["DenseEvents", "EventObservations", "TransitionEvents", "by_entry", "event_observations"]
+
+
+_TOLD = 100
+
+
+class EventObservations(Protocol):
+    """What is observed at the transitions of each action."""
+
+    num_observations: int
+
+    def matrix(self, action: int, observation: int) -> Matrix:
+        """Return P(o | s, a, s'), S x S'."""
+        ...
+
+    def joint(self, action: int, observation: int) -> Matrix:
+        """Return P(s', o | s, a), S x S'."""
+        ...
+
+    def row(self, action: int, state: int, next_state: int) -> Vector:
+        """Return P(o | s, a, s') for every o."""
+        ...
+
+
+class DenseEvents:
+    """An O x S x S' array per action, kept as it is given.
+
+    Args:
+        transitions: T per action, dense.
+        events: The arrays.
+        actions: Names the actions.
+        states: Names the states.
+
+    Raises:
+        ModelError: If, where T is not 0, a number is no probability or a row sums to more than 1.
+    """
+
+    def __init__(
+        self,
+        transitions: Sequence[Vector],
+        events: Sequence[Vector],
+        *,
+        actions: Space,
+        states: Space,
+    ) -> None:
+        self.num_observations = len(events[0])
+        self._transitions = tuple(transitions)
+        kept = []
+        least = 1.0
+        for action, (transition, event) in enumerate(zip(transitions, events, strict=True)):
+            if event.shape != (self.num_observations, *transition.shape):
+                shape = "x".join(map(str, event.shape))
+                raise ModelError(
+                    f"O of action {actions.names[action]!r} is {shape}; it needs an S x S' matrix per observation"
+                )
+            possible = transition > 0
+            rows = event[:, possible]
+            sums = rows.sum(axis=0)
+            least = min(least, _checked(rows.min(axis=0), sums, np.nonzero(possible), actions, states, action))
+            divisors = np.ones(transition.shape)
+            divisors[possible] = _divisors(sums)
+            finite = np.isfinite(event)
+            if not finite.all() or divisors.max() > 1:  # what is not finite spoils products with T even where T is 0
+                event = np.where(finite, event, 0.0) / divisors  # noqa: PLW2901 - the same, put right
+            kept.append(read_only(event))
+        _warn(least)
+        self.events = tuple(kept)
+        """P(o | s, a, s') per action: O x S x S'."""
+
+    def matrix(self, action: int, observation: int) -> Matrix:
+        """Return P(o | s, a, s'), S x S', read-only; as given, if finite, where T is 0."""
+        return self.events[action][observation]
+
+    def joint(self, action: int, observation: int) -> Matrix:
+        """Return P(s', o | s, a), S x S'."""
+        return self._transitions[action] * self.events[action][observation]
+
+    def row(self, action: int, state: int, next_state: int) -> Vector:
+        """Return P(o | s, a, s') for every o."""
+        row: Vector = self.events[action][:, state, next_state]
+        return row
+
+
+class TransitionEvents:
+    """A row over the observations for each transition that is possible: each entry of T's CSR matrices.
+
+    Args:
+        transitions: T per action, in CSR.
+        events: Per action a transitions x O matrix in CSR, in the order of T's entries.
+        actions: Names the actions.
+        states: Names the states.
+
+    Raises:
+        ModelError: If a number is no probability or a row sums to more than 1.
+    """
+
+    def __init__(
+        self,
+        transitions: Sequence[Matrix],
+        events: Sequence[Matrix],
+        *,
+        actions: Space,
+        states: Space,
+    ) -> None:
+        self.num_observations = int(events[0].shape[1])
+        self._transitions = tuple(transitions)
+        self.events: list[Matrix] = []
+        """P(o | s, a, s') per action: T's entries x O, in CSC."""
+        least = 1.0
+        for action, (transition, event) in enumerate(zip(transitions, events, strict=True)):
+            places = (np.repeat(np.arange(len(states)), np.diff(transition.indptr)), transition.indices)
+            lowest = event.min(axis=1).toarray() if event.nnz else np.zeros(event.shape[0])
+            sums = np.asarray(event.sum(axis=1))
+            least = min(least, _checked(lowest.ravel(), sums.ravel(), places, actions, states, action))
+            if (divisors := _divisors(sums.ravel())).max(initial=1) > 1:
+                event = csr(event)  # noqa: PLW2901 - the same rows, normalised
+                event.data /= np.repeat(divisors, np.diff(event.indptr))
+            self.events.append(event.tocsc())
+        _warn(least)
+
+    def matrix(self, action: int, observation: int) -> Matrix:
+        """Return P(o | s, a, s'), S x S' in CSR; 0 where T is 0."""
+        return self._like_transition(action, observation, joint=False)
+
+    def joint(self, action: int, observation: int) -> Matrix:
+        """Return P(s', o | s, a), S x S' in CSR."""
+        return self._like_transition(action, observation, joint=True)
+
+    def row(self, action: int, state: int, next_state: int) -> Vector:
+        """Return P(o | s, a, s') for every o; zeros where T is 0."""
+        transition = self._transitions[action]
+        first, last = transition.indptr[state : state + 2]
+        at = first + np.searchsorted(transition.indices[first:last], next_state)
+        if at == last or transition.indices[at] != next_state:
+            return np.zeros(self.num_observations)
+        return np.asarray(self.events[action][[int(at)]].toarray()).ravel()
+
+    def _like_transition(self, action: int, observation: int, *, joint: bool) -> Matrix:
+        transition, event = self._transitions[action], self.events[action]
+        filled = slice(event.indptr[observation], event.indptr[observation + 1])
+        entries, values = event.indices[filled], event.data[filled]
+        rows = np.searchsorted(transition.indptr, entries, side="right") - 1
+        starts = np.concatenate(([0], np.cumsum(np.bincount(rows, minlength=transition.shape[0]))))
+        data = values * transition.data[entries] if joint else values
+        return csr((data, transition.indices[entries], starts), transition.shape)
+
+
+def event_observations(
+    transitions: Sequence[Matrix], given: Sequence[Any], *, actions: Space, states: Space
+) -> EventObservations:
+    """Return event observations from an S x S' matrix, dense or sparse, per action and observation.
+
+    Raises:
+        ModelError: If shapes do not fit or, where T is not 0, a number is no probability or a row sums to more than 1.
+    """
+    size = len(states)
+    if len(given) != len(actions):
+        raise ModelError(f"O is given for {len(given)} actions, but the model has {len(actions)}")
+    widths = {len(matrices) for matrices in given}
+    if len(widths) != 1 or 0 in widths:
+        raise ModelError("event observations need an S x S' matrix for each observation, as many for every action")
+    events = []
+    for action, (transition, matrices) in enumerate(zip(transitions, given, strict=True)):
+        name = f"O of action {actions.names[action]!r}"
+        each: list[Any] = [matrix if is_compressed(matrix) else numbers(matrix, name) for matrix in matrices]
+        if any(matrix.shape != (size, size) for matrix in each):
+            raise ModelError(f"{name} needs a {size} x {size} matrix for every observation")
+        if isinstance(transition, np.ndarray):
+            events.append(np.stack([matrix.toarray() if is_compressed(matrix) else matrix for matrix in each]))
+        else:
+            rows = np.repeat(np.arange(size), np.diff(transition.indptr))
+            columns = [np.asarray(csr(matrix)[rows, transition.indices]).ravel() for matrix in each]
+            events.append(csr(np.stack(columns, axis=1)))
+    kind = DenseEvents if isinstance(transitions[0], np.ndarray) else TransitionEvents
+    return kind(transitions, events, actions=actions, states=states)
+
+
+def _checked(least: Vector, sums: Vector, places: Any, actions: Space, states: Space, action: int) -> float:
+    """Return the least sum of a row."""
+    wrong = ~((least >= 0) & (sums <= 1 + TOLERANCE))
+    for at in np.flatnonzero(wrong)[:_TOLD].tolist():
+        state, next_state = (states.names[int(place[at])] for place in places)
+        what = f"sum to {sums[at]:.6g}, more than 1" if least[at] >= 0 else "hold a number that is no probability"
+        problem = (
+            f"O of action {actions.names[action]!r}: the observations of the transition from {state!r} to "
+            f"{next_state!r} {what}"
+        )
+        if not forgive(problem, is_sum=bool(least[at] >= 0)):
+            raise ModelError(problem)
+    return float(sums.min()) if sums.size else 1.0
+
+
+def _divisors(sums: Vector) -> Vector:
+    """Return what rows are divided by: their sums where these are too large, which then was forgiven; else 1."""
+    return np.where(sums > 1 + TOLERANCE, sums, 1.0)
+
+
+def _warn(least: float) -> None:
+    if least < 1 - TOLERANCE:
+        text = f"O of some transitions sums to as little as {least:.6g}; the rest is taken to be no observation at all"
+        warnings.warn(text, ModelWarning, stacklevel=5)
+
+
+def by_entry(events: EventObservations, action: int, transition: Matrix) -> Matrix:
+    """Return P(o | s, a, s') for each entry of T's, in their order, as CSR.
+
+    A row has one more column than there are observations, for what is left to none of them.
+    """
+    if isinstance(events, TransitionEvents):
+        told = csr(events.events[action])
+    else:
+        assert isinstance(events, DenseEvents)
+        told = csr(events.events[action][:, *np.nonzero(transition)].T)
+    rest = 1 - np.asarray(told.sum(axis=1)).ravel()
+    rest[rest <= ROUNDING] = 0
+    from scipy.sparse import hstack  # noqa: PLC0415 - as long to import as all the rest
+
+    result = csr(hstack([told, csr(rest[:, None])]))
+    result.eliminate_zeros()
+    result.sort_indices()
+    return result

@@ -1,0 +1,8 @@
+"""Factored models: two-slice networks of potentials, what they flatten to, and mixed observability."""
+
+from mdm.models.factored.mixed import MixedPOMDP
+from mdm.models.factored.model import FactoredMDP, FactoredPOMDP
+from mdm.models.factored.potential import Node, Potential, Table, Tree
+from mdm.models.factored.two_slice import TwoSliceNetwork
+
+__all__ = ["FactoredMDP", "FactoredPOMDP", "MixedPOMDP", "Node", "Potential", "Table", "Tree", "TwoSliceNetwork"]

@@ -1,0 +1,289 @@
+"""Flattening: the matrices of a two-slice network, from products of its potentials.
+
+Joint distributions are grown variable by variable: what has probability so far is repeated once for each value that the
+next variable can take. Only what is not zero is ever held, so that nothing is larger than the result, and no step is
+taken for one state at a time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from mdm.models.compressed import csr
+from mdm.models.factored.potential import Node
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    import numpy.typing as npt
+
+    from mdm.models.factored.potential import Potential, Role
+    from mdm.models.factored.two_slice import TwoSliceNetwork
+    from mdm.models.matrices import Vector
+
+    Indices = npt.NDArray[np.intp]
+
+__all__ = [
+    "expected_rewards",
+    "first_distribution",
+    "first_states",
+    "following",
+    "observation_matrices",
+    "observed_chances",
+    "transition_events",
+    "transition_matrices",
+]
+
+_BLOCK = 1 << 20
+
+
+class _Joint(NamedTuple):
+    """Joint values that are possible: for each the row it grew from, its joint index and its probability."""
+
+    rows: Indices
+    values: Indices
+    probabilities: Vector
+
+
+def first_distribution(network: TwoSliceNetwork) -> Vector:
+    """Return the initial belief, S numbers."""
+    result = np.zeros(len(network.states))
+    states, probabilities = first_states(network)
+    result[states] = probabilities
+    return result
+
+
+def first_states(network: TwoSliceNetwork) -> tuple[Indices, Vector]:
+    """Return the states that an episode may begin in, and their probabilities."""
+    joint = _grow(network, "state", 1, {})
+    return joint.values, joint.probabilities
+
+
+def following(network: TwoSliceNetwork, action: int, states: Indices) -> tuple[Indices, Indices, Vector]:
+    """Return what may follow some states: to which of them each belongs, the next state, and its probability."""
+    actions = _digits("action", np.array([action]), network.actions.shape)
+    return _grow(network, "next_state", len(states), _digits("state", states, network.states.shape) | actions)
+
+
+def observed_chances(
+    network: TwoSliceNetwork, action: int, states: Indices | None, next_states: Indices, observations: Sequence[int]
+) -> Vector:
+    """Return P(one of some observations | s, a, s') of some transitions; ``states`` are needed for events alone."""
+    digits = _digits("action", np.array([action]), network.actions.shape)
+    digits |= _digits("next_state", next_states, network.states.shape)
+    if states is not None:
+        digits |= _digits("state", states, network.states.shape)
+    joint = _grow(network, "observation", len(next_states), digits)
+    wanted = np.isin(joint.values, observations)
+    return np.bincount(joint.rows[wanted], joint.probabilities[wanted], minlength=len(next_states)).astype(np.float64)
+
+
+def transition_matrices(network: TwoSliceNetwork) -> list[Any]:
+    """Return T as one S x S CSR matrix per joint action; actions that act alike share theirs."""
+    count = len(network.states)
+    states = _digits("state", np.arange(count), network.states.shape)
+
+    def matrix(actions: dict[Node, Indices]) -> Any:
+        return _compressed(_grow(network, "next_state", count, states | actions), (count, count))
+
+    return _by_action(network, network.transitions, matrix)
+
+
+def observation_matrices(network: TwoSliceNetwork) -> list[Any]:
+    """Return O as one S' x O CSR matrix per joint action, for observations that are no events."""
+    assert network.observations is not None
+    count = len(network.states)
+    states = _digits("next_state", np.arange(count), network.states.shape)
+    shape = (count, len(network.observations))
+
+    def matrix(actions: dict[Node, Indices]) -> Any:
+        return _compressed(_grow(network, "observation", count, states | actions), shape)
+
+    return _by_action(network, network.observation, matrix)
+
+
+def transition_events(network: TwoSliceNetwork, action: int, states: Indices, next_states: Indices) -> Any:
+    """Return P(o | s, a, s') for some transitions of an action, as a transitions x O CSR matrix."""
+    assert network.observations is not None
+    joint = _grow(network, "observation", len(states), _transition_digits(network, action, states, next_states))
+    return _compressed(joint, (len(states), len(network.observations)))
+
+
+def expected_rewards(network: TwoSliceNetwork, transitions: list[Any]) -> Vector:
+    """Return R(s, a), S x A: the sum of the utilities, in expectation over what comes after s and a."""
+    count, num_actions = len(network.states), len(network.actions)
+    result = np.zeros((count, num_actions))
+    now = [u for u in network.utilities if all(node.role in {"state", "action"} for node in u.scope)]
+    later = [u for u in network.utilities if u not in now]
+    states = _digits("state", np.arange(count), network.states.shape)
+    for action in range(num_actions):
+        actions = _digits("action", np.array([action]), network.actions.shape)
+        for utility in now:
+            result[:, action] += _values(network, utility, states | actions, count)
+        if not later:
+            continue
+        matrix = transitions[action]
+        width = 1 if network.observations is None else len(network.observations)
+        for first, last in _blocks(matrix, _BLOCK // width):
+            part = matrix[first:last]
+            rows = np.repeat(np.arange(first, last), np.diff(part.indptr))
+            digits = _transition_digits(network, action, rows, part.indices)
+            for utility in later:
+                values = _outcome_values(network, utility, digits, len(rows))
+                result[first:last, action] += np.bincount(rows - first, part.data * values, minlength=last - first)
+    return result
+
+
+def _outcome_values(network: TwoSliceNetwork, utility: Potential, digits: dict[Node, Indices], count: int) -> Vector:
+    """Return a utility for some transitions, in expectation over what is observed."""
+    if all(node.role != "observation" for node in utility.scope):
+        return _values(network, utility, digits, count)
+    assert network.observations is not None
+    joint = _grow(network, "observation", count, digits)
+    inner = {node: _along(values, joint.rows) for node, values in digits.items()}
+    inner |= _digits("observation", joint.values, network.observations.shape)
+    weighted = joint.probabilities * _values(network, utility, inner, len(joint.rows))
+    return np.asarray(np.bincount(joint.rows, weighted, minlength=count), dtype=np.float64)
+
+
+def _by_action(network: TwoSliceNetwork, potentials: tuple[Potential, ...], build: Callable[..., Any]) -> list[Any]:
+    """Return what is built for each joint action, once for those that none of the potentials tells apart."""
+    used = sorted({node.place for potential in potentials for node in potential.scope if node.role == "action"})
+    done: dict[tuple[int, ...], Any] = {}
+    result = []
+    for action in range(len(network.actions)):
+        actions = _digits("action", np.array([action]), network.actions.shape)
+        key = tuple(int(actions[Node("action", index)][0]) for index in used)
+        if key not in done:
+            done[key] = build(actions)
+        result.append(done[key])
+    return result
+
+
+def _grow(network: TwoSliceNetwork, role: Role, count: int, given: dict[Node, Indices]) -> _Joint:
+    """Return the joint distribution of a role's variables in each of some rows, given the values of others there."""
+    factors = network.factors(role)
+    strides = [math.prod(map(len, factors[index + 1 :])) for index in range(len(factors))]
+    every = np.arange(count)
+    joint = _Joint(every, np.zeros(count, dtype=np.intp), np.ones(count))
+    for index in network.orders[role]:
+        if not joint.rows.size:  # nothing is possible at all, as where an event is never told of
+            break
+        potential = network.potentials(role)[index]
+        child = Node(role, index)
+        size = len(factors[index])
+
+        def digits(node: Node, joint: _Joint = joint) -> Indices:
+            if node.role == role:
+                return joint.values // strides[node.place] % len(factors[node.place])
+            return given[node] if joint.rows is every else _along(given[node], joint.rows)
+
+        parents = [node for node in potential.scope if node != child]
+        varying = [node for node in parents if node.role == role or given[node].size > 1]
+        fixed = {node: given[node] for node in parents if node not in varying}
+        shape = tuple(len(network.factor(node)) for node in varying)
+        if math.prod(shape) <= len(joint.rows):
+            # Few different distributions: each is looked at once.
+            cases: Any = np.unravel_index(np.arange(math.prod(shape)), shape) if shape else ()
+            of_row = np.zeros(len(joint.rows), dtype=np.intp)
+            for node, factor_size in zip(varying, shape, strict=True):
+                of_row *= factor_size
+                of_row += digits(node)
+            rows = potential.rows(_spread(varying, cases, fixed), math.prod(shape), child, size)
+            joint = _extend(joint, rows, of_row, strides[index])
+        else:
+            step = max(1, _BLOCK // size)
+            parts = []
+            columns = [digits(node) for node in varying]
+            for start in range(0, len(joint.rows), step):
+                part = _Joint(*(array[start : start + step] for array in joint))  # type: ignore[arg-type]
+                cases = [column[start : start + step] for column in columns]
+                rows = potential.rows(_spread(varying, cases, fixed), len(part.rows), child, size)
+                parts.append(_extend(part, rows, np.arange(len(part.rows)), strides[index]))
+            joint = _Joint(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    return joint
+
+
+def _spread(varying: list[Node], cases: Any, fixed: dict[Node, Indices]) -> dict[Node, Indices]:
+    """Return the values of variables in arrays of one length."""
+    count = len(cases[0]) if len(cases) else 1
+    return dict(zip(varying, cases, strict=True)) | {
+        node: np.broadcast_to(values, (count,)) for node, values in fixed.items()
+    }
+
+
+def _extend(joint: _Joint, distributions: Vector, of_row: Indices, stride: int) -> _Joint:
+    """Repeat each joint value for every value that the next variable can take with it."""
+    cases, values = np.nonzero(distributions)
+    chances = distributions[cases, values]
+    counts = np.bincount(cases, minlength=len(distributions))
+    if len(values) == len(distributions) and (counts == 1).all():  # one value each: nothing to repeat
+        certain = (chances == 1).all()
+        probabilities = joint.probabilities if certain else joint.probabilities * chances[of_row]
+        return _Joint(joint.rows, joint.values + stride * values[of_row], probabilities)
+    starts = np.cumsum(counts) - counts
+    repeats = counts[of_row]
+    source = np.repeat(np.arange(len(of_row)), repeats)
+    ends = np.cumsum(repeats)
+    entry = np.arange(len(source)) - np.repeat(ends - repeats - starts[of_row], repeats)
+    return _Joint(
+        joint.rows[source], joint.values[source] + stride * values[entry], joint.probabilities[source] * chances[entry]
+    )
+
+
+def _values(network: TwoSliceNetwork, utility: Potential, digits: dict[Node, Indices], count: int) -> Vector:
+    """Return a potential without a child in each of some rows."""
+    varying = [node for node in utility.scope if digits[node].size > 1]
+    fixed = {node: digits[node] for node in utility.scope if node not in varying}
+    shape = tuple(len(network.factor(node)) for node in varying)
+    total = math.prod(shape)
+    if total > count:
+        columns = [digits[node] for node in varying]
+        return utility.rows(_spread(varying, columns, fixed), count, None, 1)[:, 0]
+    cases: Any = np.unravel_index(np.arange(total), shape) if shape else ()
+    of_row = np.zeros(count, dtype=np.intp)
+    for node, size in zip(varying, shape, strict=True):
+        of_row *= size
+        of_row += digits[node]
+    values: Vector = utility.rows(_spread(varying, cases, fixed), total, None, 1)[of_row, 0]
+    return values
+
+
+def _digits(role: Role, joint: Indices, shape: tuple[int, ...]) -> dict[Node, Indices]:
+    return {Node(role, index): values for index, values in enumerate(np.unravel_index(joint, shape))}
+
+
+def _transition_digits(
+    network: TwoSliceNetwork, action: int, states: Indices, next_states: Indices
+) -> dict[Node, Indices]:
+    shape = network.states.shape
+    return {
+        **_digits("state", states, shape),
+        **_digits("action", np.array([action]), network.actions.shape),
+        **_digits("next_state", next_states, shape),
+    }
+
+
+def _along(values: Indices, rows: Indices) -> Indices:
+    return values if values.size == 1 else values[rows]
+
+
+def _compressed(joint: _Joint, shape: tuple[int, int]) -> Any:
+    starts = np.concatenate(([0], np.cumsum(np.bincount(joint.rows, minlength=shape[0]))))
+    matrix = csr((joint.probabilities, joint.values, starts), shape)
+    matrix.sort_indices()
+    return matrix
+
+
+def _blocks(matrix: Any, size: int) -> Iterator[tuple[int, int]]:
+    """Yield ranges of rows that hold about so many entries."""
+    starts = matrix.indptr.astype(np.int64)
+    first = 0
+    while first < matrix.shape[0]:
+        last = int(np.searchsorted(starts, starts[first] + size, side="right")) - 1
+        last = min(max(last, first + 1), matrix.shape[0])
+        yield first, last
+        first = last

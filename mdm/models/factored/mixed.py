@@ -1,0 +1,160 @@
+"""Mixed observability: some factors of the state are seen without error, the others show in observations alone.
+
+A state is (x, y), x seen and y hidden. What an agent observes after an action is the pair (x', o); said so, the model
+is a POMDP like any other, in whose beliefs one x has all the weight: they are as small as y (S. C. W. Ong, S. W. Png,
+D. Hsu and W. S. Lee, *Planning under uncertainty for robotic tasks with mixed observability*, International Journal of
+Robotics Research 29, 2010).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.models.compressed import csr, is_compressed
+from mdm.models.factored.model import FactoredPOMDP
+from mdm.models.factored.potential import Node, Potential, Table, Tree
+from mdm.models.factored.two_slice import TwoSliceNetwork
+from mdm.models.matrices import Checked, Vector, read_only
+from mdm.models.pomdp import POMDP
+from mdm.models.space import Space
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+__all__ = ["MixedPOMDP"]
+
+
+class MixedPOMDP(FactoredPOMDP):
+    """A POMDP whose observations tell, first of all, the values of some state factors.
+
+    Its observation space has those factors before the model's own; what is seen before the first action are their
+    first values.
+
+    Args:
+        model: The model, whose own observations tell of states.
+        observed: The places of the state factors that are seen.
+
+    Raises:
+        ModelError: If there is no such factor, or the observations are events.
+    """
+
+    def __init__(self, model: FactoredPOMDP, observed: Sequence[int]) -> None:
+        states = model.state_space
+        if not observed or not set(observed) <= set(range(len(states.factors))):
+            raise ModelError(
+                f"the observed factors {list(observed)} are not among the {len(states.factors)} of the states"
+            )
+        if len(set(observed)) < len(observed):
+            raise ModelError(f"the observed factors {list(observed)} have one twice")
+        if model.event_observations:
+            raise ModelError("observed factors and observations that are events do not go together")
+        super().__init__(_network(model.network, observed), discount=model.discount, sparse=True)
+        self.observed = tuple(observed)
+        self._model = model
+
+    @cached_property
+    def seen_in(self) -> npt.NDArray[np.intp]:
+        """For each state what is seen in it, as one index over the observed factors; read-only."""
+        shape = self.state_space.shape
+        digits = np.unravel_index(np.arange(len(self.state_space)), shape)
+        seen = np.ravel_multi_index(
+            [digits[place] for place in self.observed], [shape[place] for place in self.observed]
+        )
+        seen.flags.writeable = False
+        return seen
+
+    @cached_property
+    def _flat(self) -> POMDP:
+        model = self._model.flatten()
+        return POMDP(
+            Checked(model.transition_matrix(a) for a in range(len(model.action_space))),
+            _observations(model, self.seen_in, len(self.observation_space)),
+            model.rewards,
+            discount=self.discount,
+            states=self.state_space,
+            actions=self.action_space,
+            observation_names=self.observation_space,
+            initial_belief=model.initial_belief,
+            outcome_rewards=self.outcome_rewards,
+            sparse=True,
+        )
+
+    @property
+    def layout(self) -> npt.NDArray[np.intp]:
+        """The index of each state: an X x Y array, seen x hidden."""
+        states = self.state_space
+        hidden = [place for place in range(len(states.factors)) if place not in self.observed]
+        array = np.arange(len(states)).reshape(states.shape).transpose([*self.observed, *hidden])
+        return np.ascontiguousarray(array.reshape(math.prod(array.shape[: len(self.observed)]), -1))
+
+    def revealed(self) -> POMDP:
+        """Return the model itself: what can be seen is seen."""
+        return self
+
+    def belief_at_start(self, state: int) -> Vector:
+        """Return the belief of who sees the observed factors of the first state.
+
+        Raises:
+            ModelError: If no episode begins in a state where they are so.
+        """
+        self.state_space.unravel(state)
+        weights = np.where(self.seen_in == self.seen_in[state], self.initial_belief, 0.0)
+        total = weights.sum()
+        if not total > 0:
+            raise ModelError(f"an episode cannot begin in state {self.state_space.names[state]!r}")
+        weights /= total
+        weights.setflags(write=False)
+        return weights
+
+
+def _network(network: TwoSliceNetwork, observed: Sequence[int]) -> TwoSliceNetwork:
+    """Return a network with copies of some state factors before its observations."""
+    assert network.observations is not None
+    seen = [network.states.factors[place] for place in observed]
+    copies = [
+        Table([Node("next_state", place), Node("observation", index)], np.eye(len(seen[index])))
+        for index, place in enumerate(observed)
+    ]
+    return TwoSliceNetwork(
+        network.states,
+        network.actions,
+        Space([*seen, *network.observations.factors]),
+        initial=network.initial,
+        transitions=network.transitions,
+        observation=[*copies, *(_moved(potential, len(seen)) for potential in network.observation)],
+        utilities=[_moved(potential, len(seen)) for potential in network.utilities],
+        fully_observed=network.fully_observed,
+    )
+
+
+def _moved(potential: Potential, by: int) -> Potential:
+    """Return a potential over observations that have others before them."""
+
+    def moved(node: Node) -> Node:
+        return Node(node.role, node.place + by) if node.role == "observation" else node
+
+    if isinstance(potential, Table):
+        return Table([moved(node) for node in potential.scope], potential.values)
+    return Tree(moved(potential.node), potential.choice.tolist(), [_moved(branch, by) for branch in potential.branches])
+
+
+def _observations(model: POMDP, seen_in: npt.NDArray[np.intp], count: int) -> list[Any]:
+    """Return P(x', o | a, s') per action, as CSR: each row of the model's own, moved to the columns of what is seen."""
+    width = len(model.observation_space)
+    done: dict[int, Any] = {}
+    result = []
+    for action in range(len(model.action_space)):
+        matrix = model.observation_matrix(action)
+        if id(matrix) not in done:
+            own = matrix if is_compressed(matrix) else csr(matrix)
+            columns = own.indices + width * np.repeat(seen_in, np.diff(own.indptr))
+            done[id(matrix)] = read_only(csr((own.data, columns, own.indptr), (len(seen_in), count)))
+        result.append(done[id(matrix)])
+    return result

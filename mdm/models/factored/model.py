@@ -1,0 +1,256 @@
+"""Factored decision processes: two-slice networks that are flattened into matrices on demand."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.models.compressed import is_compressed
+from mdm.models.events import DenseEvents, EventObservations, TransitionEvents
+from mdm.models.factored import flattening
+from mdm.models.factored.potential import Node
+from mdm.models.matrices import Checked, Matrix, Vector, distribution, stochastic_matrices
+from mdm.models.mdp import MDP, checked_discount
+from mdm.models.pomdp import POMDP
+
+if TYPE_CHECKING:
+    from mdm.models.factored.potential import Role
+    from mdm.models.factored.two_slice import TwoSliceNetwork
+    from mdm.models.space import Space
+
+__all__ = ["FactoredMDP", "FactoredPOMDP"]
+
+_Flat = TypeVar("_Flat", bound=MDP)
+
+
+class _Factored(MDP):
+    """What factored models have in common: a network, and what is known of it or of its matrices."""
+
+    @property
+    def _flat(self) -> MDP:
+        raise NotImplementedError
+
+    def __init__(self, network: TwoSliceNetwork, *, discount: float, sparse: bool | None = None) -> None:
+        self.network = network
+        self.state_space = network.states
+        self.action_space = network.actions
+        self.discount = checked_discount(discount)
+        self.outcome_rewards = _outcomes(network)
+        self._sparse = sparse
+
+    @cached_property
+    def initial_belief(self) -> Vector:
+        """The distribution of the first state: S numbers, read-only."""
+        first = flattening.first_distribution(self.network)
+        return distribution(first, what="the start", size=len(self.network.states))
+
+    @property
+    def rewards(self) -> Vector:
+        """The expected immediate reward R(s, a): S x A, read-only."""
+        return self._flat.rewards
+
+    def transition_matrix(self, action: Any) -> Matrix:
+        """Return P(s' | s, a) as an S x S' matrix, read-only."""
+        return self._flat.transition_matrix(action)
+
+
+class FactoredMDP(_Factored):
+    """An MDP that is kept as a two-slice network; its matrices are made when they are first asked for, and kept.
+
+    Args:
+        network: The network.
+        discount: In (0, 1].
+        sparse: Force CSR or dense matrices; None chooses by size and density.
+    """
+
+    @cached_property
+    def _flat(self) -> MDP:
+        transitions = flattening.transition_matrices(self.network)
+        return MDP(
+            transitions,
+            flattening.expected_rewards(self.network, transitions),
+            discount=self.discount,
+            states=self.state_space,
+            actions=self.action_space,
+            initial_belief=self.initial_belief,
+            outcome_rewards=self.outcome_rewards,
+            sparse=self._sparse,
+        )
+
+    def flatten(self) -> MDP:
+        """Return the same model as matrices; they are made once and kept."""
+        return _with_discount(self._flat, self.discount)
+
+    def with_discount(self, discount: float) -> FactoredMDP:
+        """Return the same model with another discount; what was flattened is shared."""
+        return super().with_discount(discount)
+
+    def marginalize(self, factor: str) -> MDP:
+        """Return the model without a state factor, as `MDP.marginalize` does; the result is flat."""
+        return self.flatten().marginalize(factor)
+
+
+class FactoredPOMDP(_Factored, POMDP):
+    """A POMDP that is kept as a two-slice network; its matrices are made when they are first asked for, and kept.
+
+    Args:
+        network: The network, with observations.
+        discount: In (0, 1].
+        sparse: Force CSR or dense matrices; None chooses by size and density.
+    """
+
+    def __init__(self, network: TwoSliceNetwork, *, discount: float, sparse: bool | None = None) -> None:
+        if network.observations is None:
+            raise ModelError("the network has no observations: it is a FactoredMDP's")
+        super().__init__(network, discount=discount, sparse=sparse)
+        self.observation_space = network.observations
+
+    @cached_property
+    def _flat(self) -> POMDP:
+        network = self.network
+        transitions = flattening.transition_matrices(network)
+        rewards = flattening.expected_rewards(network, transitions)
+        given: Any = transitions
+        told: Any = None
+        if network.event_observations:
+            # Events stand in the order of T's entries, as the model will have them.
+            given = Checked(
+                stochastic_matrices(
+                    transitions,
+                    what="T",
+                    actions=network.actions,
+                    rows=network.states,
+                    columns=len(network.states),
+                    sparse_=self._sparse,
+                )
+            )
+            told = _events(network, given)
+        return POMDP(
+            given,
+            flattening.observation_matrices(network) if told is None else told,
+            rewards,
+            discount=self.discount,
+            states=self.state_space,
+            actions=self.action_space,
+            observation_names=self.observation_space,
+            initial_belief=self.initial_belief,
+            outcome_rewards=self.outcome_rewards,
+            sparse=self._sparse,
+        )
+
+    def flatten(self) -> POMDP:
+        """Return the same model as matrices; they are made once and kept."""
+        return _with_discount(self._flat, self.discount)
+
+    def revealed(self) -> POMDP:
+        """Return the model as its agent sees it, a `MixedPOMDP`, where factors of the state are fully observed."""
+        from mdm.models.factored.mixed import MixedPOMDP  # noqa: PLC0415 - it is a model of this kind
+
+        seen = [place for place, observed in enumerate(self.network.fully_observed) if observed]
+        return MixedPOMDP(self, seen) if seen else self
+
+    @property
+    def events(self) -> EventObservations | None:
+        """How observations tell of transitions; None where they tell of states."""
+        return self._flat.events
+
+    @property
+    def event_observations(self) -> bool:
+        """Whether observations tell of transitions, P(o | s, a, s'), rather than of states."""
+        return self.network.event_observations
+
+    def observation_matrix(self, action: Any) -> Matrix:
+        """Return P(o | a, s') as an S' x O matrix, read-only."""
+        return self._flat.observation_matrix(action)
+
+    def event_matrix(self, action: Any, observation: Any) -> Matrix:
+        """Return P(o | s, a, s') of event observations as an S x S' matrix, read-only."""
+        return self._flat.event_matrix(action, observation)
+
+    def joint_matrix(self, action: Any, observation: Any) -> Matrix:
+        """Return P(s', o | s, a) as an S x S' matrix."""
+        return self._flat.joint_matrix(action, observation)
+
+    def _event_row(self, action: int, state: int, next_state: int) -> Vector:
+        return self._flat._event_row(action, state, next_state)  # noqa: SLF001 - a model of the same kind
+
+    def marginalize(self, factor: str) -> POMDP:
+        """Return the model without a state factor, as `POMDP.marginalize` does; the result is flat."""
+        return self.flatten().marginalize(factor)
+
+
+class _Outcomes:
+    """The utilities of a network at one outcome."""
+
+    def __init__(self, network: TwoSliceNetwork) -> None:
+        self._network = network
+
+    def at(self, action: int, state: int, next_state: int, observation: int | None) -> float:
+        """Return R(a, s, s', o)."""
+        network = self._network
+        joint = [("state", network.states, state), ("action", network.actions, action)]
+        joint.append(("next_state", network.states, next_state))
+        if observation is not None and network.observations is not None:
+            joint.append(("observation", network.observations, observation))
+        digits = {
+            Node(role, index): np.array([value])  # type: ignore[arg-type] # roles, written out above
+            for role, space, symbol in joint
+            for index, value in enumerate(space.unravel(symbol))
+        }
+        if any(node not in digits for utility in network.utilities for node in utility.scope):
+            raise ModelError("the reward depends on the observation: name one")
+        return float(sum(utility.rows(digits, 1, None, 1)[0, 0] for utility in network.utilities))
+
+    def array(self, largest: int) -> Vector | None:
+        """Return R(a, s, s') or, where observations count, R(a, s, s', o); None where that would be too large."""
+        network = self._network
+        spaces: dict[Role, Space] = {"action": network.actions, "state": network.states, "next_state": network.states}
+        if network.observations is not None and any(
+            n.role == "observation" for u in network.utilities for n in u.scope
+        ):
+            spaces["observation"] = network.observations
+        sizes = tuple(map(len, spaces.values()))
+        count = math.prod(sizes)
+        if count > largest:
+            return None
+        joint = dict(zip(spaces, np.unravel_index(np.arange(count), sizes), strict=True))
+        digits = {
+            Node(role, place): values
+            for role, space in spaces.items()
+            for place, values in enumerate(np.unravel_index(joint[role], space.shape))
+        }
+        values = sum((utility.rows(digits, count, None, 1)[:, 0] for utility in network.utilities), np.zeros(count))
+        return values.reshape(sizes)
+
+
+def _outcomes(network: TwoSliceNetwork) -> _Outcomes | None:
+    later = {"next_state", "observation"}
+    return _Outcomes(network) if any(node.role in later for u in network.utilities for node in u.scope) else None
+
+
+def _with_discount(flat: _Flat, discount: float) -> _Flat:
+    return flat if flat.discount == discount else flat.with_discount(discount)
+
+
+def _events(network: TwoSliceNetwork, transitions: Checked) -> DenseEvents | TransitionEvents:
+    size = len(network.states)
+    names = {"actions": network.actions, "states": network.states}
+    if is_compressed(transitions[0]):
+        events = [
+            flattening.transition_events(
+                network, action, np.repeat(np.arange(size), np.diff(matrix.indptr)), matrix.indices
+            )
+            for action, matrix in enumerate(transitions)
+        ]
+        return TransitionEvents(transitions, events, **names)
+    # As the network says, also where T is 0.
+    states, next_states = (place.ravel() for place in np.indices((size, size)))
+    everywhere = [
+        flattening.transition_events(network, action, states, next_states).toarray().T.reshape(-1, size, size)
+        for action in range(len(transitions))
+    ]
+    return DenseEvents(transitions, everywhere, **names)

@@ -1,0 +1,234 @@
+"""Two-slice Bayesian networks: factored dynamics, observations and rewards of a decision process.
+
+The first slice holds the state factors and the actions, the second the next state factors and the observations. Each
+next factor, observation and first factor has a conditional probability given its parents; utilities add up to the
+reward (T. Dean and K. Kanazawa, *A model for reasoning about persistence and causation*, Computational Intelligence
+5, 1989; C. Boutilier, R. Dearden and M. Goldszmidt, *Stochastic dynamic programming with factored representations*,
+Artificial Intelligence 121, 2000, for trees).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.models.factored.potential import Node, Potential, Role, Tree
+from mdm.models.matrices import TOLERANCE, Vector
+from mdm.models.validation import forgive
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from mdm.models.space import Factor, Space
+
+    Indices = npt.NDArray[np.intp]
+
+__all__ = ["PotentialError", "TwoSliceNetwork"]
+
+_BLOCK = 1 << 16
+_LARGEST = 50_000_000
+_TOLD = 100
+_PARENTS: dict[Role, frozenset[Role]] = {
+    "state": frozenset({"state"}),
+    "next_state": frozenset({"state", "action", "next_state"}),
+    "observation": frozenset({"state", "action", "next_state", "observation"}),
+}
+
+
+class PotentialError(ModelError):
+    """What one variable's distribution says cannot be.
+
+    Attributes:
+        node: The variable.
+    """
+
+    def __init__(self, message: str, node: Node) -> None:
+        super().__init__(message)
+        self.node = node
+
+
+class TwoSliceNetwork:
+    """The structure and numbers of a factored decision process.
+
+    Args:
+        states: The state factors.
+        actions: A factor per agent.
+        observations: A factor per agent; None for an MDP.
+        initial: For each state factor its first distribution, given others' where it depends on them.
+        transitions: For each state factor the distribution of its next value.
+        observation: For each factor of the observations its distribution.
+        utilities: Their sum is the reward; over any variables.
+        fully_observed: Which state factors an agent sees without error; none by default.
+        event_observations: Whether observations are events, P(o | s, a, s'); also where a distribution of observations
+            has a state factor among its parents.
+
+    Raises:
+        ModelError: If a potential is missing, depends on what comes after it or, at last, on itself, or if
+            probabilities do not sum to 1 (of observations that are events, this is checked when it is flattened).
+    """
+
+    def __init__(
+        self,
+        states: Space,
+        actions: Space,
+        observations: Space | None = None,
+        *,
+        initial: Sequence[Potential],
+        transitions: Sequence[Potential],
+        observation: Sequence[Potential] = (),
+        utilities: Sequence[Potential] = (),
+        fully_observed: Sequence[bool] | None = None,
+        event_observations: bool = False,
+    ) -> None:
+        self.states = states
+        self.actions = actions
+        self.observations = observations
+        self.initial = tuple(initial)
+        self.transitions = tuple(transitions)
+        self.observation = tuple(observation)
+        self.utilities = tuple(utilities)
+        self.fully_observed = (
+            tuple(fully_observed) if fully_observed is not None else (False,) * len(self.states.factors)
+        )
+        if len(self.fully_observed) != len(states.factors):
+            raise ModelError(
+                f"{len(self.fully_observed)} state factors are marked, but there are {len(states.factors)}"
+            )
+        if observations is None and (event_observations or self.observation):
+            raise ModelError("a network without observations cannot say how they are distributed")
+        self.event_observations = event_observations or any(
+            node.role == "state" for potential in self.observation for node in potential.scope
+        )
+        self.orders: dict[Role, tuple[int, ...]] = {
+            "state": self._order("state", self.initial),
+            "next_state": self._order("next_state", self.transitions),
+            "observation": self._order("observation", self.observation),
+        }
+        for utility in self.utilities:
+            self._check_sizes(utility, "a utility")
+        checked: tuple[Role, ...] = ("state", "next_state", "observation")
+        for role in checked[: 2 if self.event_observations else 3]:
+            for index, potential in enumerate(self.potentials(role)):
+                self._check_sums(Node(role, index), potential, set())
+
+    def factors(self, role: Role) -> tuple[Factor, ...]:
+        """Return the variables of a role."""
+        space = {
+            "state": self.states,
+            "next_state": self.states,
+            "action": self.actions,
+            "observation": self.observations,
+        }[role]
+        return () if space is None else space.factors
+
+    def factor(self, node: Node) -> Factor:
+        """Return a variable's name and values."""
+        return self.factors(node.role)[node.place]
+
+    def potentials(self, role: Role) -> tuple[Potential, ...]:
+        """Return the conditional probabilities of a role's variables."""
+        return {
+            "state": self.initial,
+            "next_state": self.transitions,
+            "observation": self.observation,
+            "action": (),
+        }[role]
+
+    def name(self, node: Node) -> str:
+        """Return a variable's name, with ``'`` after that of a next state factor."""
+        return self.factor(node).name + ("'" if node.role == "next_state" else "")
+
+    def parents(self, node: Node) -> tuple[Node, ...]:
+        """Return what a variable depends on."""
+        return tuple(other for other in self.potentials(node.role)[node.place].scope if other != node)
+
+    def _order(self, role: Role, potentials: Sequence[Potential]) -> tuple[int, ...]:
+        """Return the variables of a role such that each comes after its parents; the first ones first."""
+        factors = self.factors(role)
+        if len(potentials) != len(factors):
+            raise ModelError(f"{len(potentials)} distributions are given for {len(factors)} {role.replace('_', ' ')}s")
+        waiting: dict[int, set[int]] = {}
+        for index, potential in enumerate(potentials):
+            name = f"the distribution of {self.name(Node(role, index))!r}"
+            if Node(role, index) not in potential.scope:
+                raise PotentialError(f"{name} is not over it", Node(role, index))
+            self._check_sizes(potential, name)
+            for node in potential.scope:
+                if node.role not in _PARENTS[role]:
+                    raise PotentialError(
+                        f"{name} depends on {self.name(node)!r}, which comes after it", Node(role, index)
+                    )
+            waiting[index] = {node.place for node in potential.scope if node.role == role} - {index}
+        order: list[int] = []
+        while waiting:
+            ready = next((index for index, parents in waiting.items() if parents.issubset(order)), None)
+            if ready is None:
+                names = " and ".join(repr(self.name(Node(role, index))) for index in _circle(waiting))
+                raise ModelError(f"{names} depend on each other in a circle")
+            order.append(ready)
+            del waiting[ready]
+        return tuple(order)
+
+    def _check_sizes(self, potential: Potential, name: str) -> None:
+        for node, size in potential.sizes.items():
+            if not 0 <= node.place < len(self.factors(node.role)):
+                raise ModelError(f"{name} is over {node.role.replace('_', ' ')} {node.place}, which there is not")
+            if size != len(self.factor(node)):
+                raise ModelError(f"{name} has {size} values of {self.name(node)!r}, which has {len(self.factor(node))}")
+
+    def _check_sums(self, node: Node, potential: Potential, done: set[int], among: str = "") -> None:
+        if id(potential) in done:  # a branch that several choices lead to
+            return
+        done.add(id(potential))
+        if isinstance(potential, Tree) and potential.node != node:
+            names = self.factor(potential.node).names
+            for number, branch in enumerate(potential.branches):
+                values = [name for name, choice in zip(names, potential.choice, strict=True) if choice == number]
+                if values:
+                    where = f"{among}{', ' if among else ''}{self.name(potential.node)}={'|'.join(values)}"
+                    self._check_sums(node, branch, done, where)
+            return
+        for digits, rows in self._blocks(node, potential):
+            wrong = ~(np.isfinite(rows).all(axis=1) & (rows >= 0).all(axis=1))
+            wrong |= ~(np.abs(rows.sum(axis=1) - 1) <= TOLERANCE)
+            if not wrong.any():
+                continue
+            for at in np.flatnonzero(wrong)[:_TOLD].tolist():
+                given = [among] if among else []
+                given += [f"{self.name(parent)}={self.factor(parent).names[of[at]]}" for parent, of in digits.items()]
+                row = rows[at]
+                bad = row[~((row >= 0) & np.isfinite(row))]
+                what = f"{bad[0]:g} is no probability" if bad.size else f"they sum to {row.sum():.6g}, not to 1"
+                where = f" given {', '.join(given)}" if given else ""
+                problem = f"the probabilities of {self.name(node)!r}{where}: {what}"
+                if not forgive(problem, is_sum=bool(not bad.size and row.sum() > 0)):
+                    raise PotentialError(problem, node)
+
+    def _blocks(self, child: Node, potential: Potential) -> Iterator[tuple[dict[Node, Indices], Vector]]:
+        """Yield the values of a variable's parents and its distributions given them, some thousand at a time."""
+        parents = [node for node in potential.scope if node != child]
+        shape = tuple(len(self.factor(node)) for node in parents)
+        size = len(self.factor(child))
+        total = math.prod(shape)
+        if total > _LARGEST:
+            raise ModelError(f"{self.name(child)!r} depends on {len(parents)} variables at once, in {total} ways")
+        step = max(1, _BLOCK // size)
+        for start in range(0, total, step):
+            flat = np.arange(start, min(start + step, total))
+            digits = dict(zip(parents, np.unravel_index(flat, shape), strict=True)) if parents else {}
+            yield digits, potential.rows(digits, len(flat), child, size)
+
+
+def _circle(parents: Mapping[int, set[int]]) -> list[int]:
+    """Return a circle, where each variable has a parent that waits as well."""
+    path = [min(parents)]
+    while True:
+        after = min(parents[path[-1]] & parents.keys())
+        if after in path:
+            return sorted(path[path.index(after) :])
+        path.append(after)

@@ -1,0 +1,1 @@
+"""Solvers of MDPs: value iteration, policy iteration and prioritised sweeping, over one stacked matrix."""

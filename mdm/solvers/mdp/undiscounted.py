@@ -1,0 +1,104 @@
+"""A discount of 1: whether a model comes to rest, and a policy that brings it there.
+
+A state *rests* where some action earns nothing and leads to nothing but states that rest. The total reward of a model
+is finite if from every state some policy comes to rest (a stochastic shortest path: D. P. Bertsekas and J. N.
+Tsitsiklis, *An analysis of stochastic shortest path problems*, Mathematics of Operations Research 16, 1991), and no
+policy earns for ever, which policy iteration notices by a policy that never rests.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.models.compressed import csr, is_compressed
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from mdm.models.matrices import Matrix, Vector
+    from mdm.solvers.mdp.stack import Stack
+
+    Mask = npt.NDArray[np.bool_]
+
+__all__ = ["first_policy", "resting"]
+
+_REMEDY = "give a discount below 1, or a horizon"
+
+
+def first_policy(stack: Stack) -> npt.NDArray[np.intp]:
+    """Return a policy that comes to rest from every state.
+
+    Raises:
+        ModelError: If there is none.
+    """
+    policy, rest = _rest(stack)
+    rows, columns = _entries(stack.matrix)
+    states, actions = np.divmod(rows, stack.num_actions)
+    reached, following = _leading_to(states, columns, rest)
+    if not reached.all():
+        name = stack.state_names[int((~reached).argmax())]
+        raise ModelError(
+            f"the discount is 1, but from state {name!r} no policy comes to where nothing more is earned or paid: "
+            f"{_REMEDY}"
+        )
+    towards = (columns == following[states]) & ~rest[states]
+    policy[~rest] = stack.num_actions
+    np.minimum.at(policy, states[towards], actions[towards])
+    return policy
+
+
+def resting(matrix: Matrix, rewards: Vector, stack: Stack) -> Mask:
+    """Return the states from which a policy earns nothing more, given its transitions and rewards.
+
+    Raises:
+        ModelError: If it never comes there from some state: policy iteration takes to such a policy only where it earns
+            for ever.
+    """
+    states, columns = _entries(matrix)
+    active, _ = _leading_to(states, columns, rewards != 0)
+    reached, _ = _leading_to(states, columns, ~active)
+    if not reached.all():
+        name = stack.state_names[int((~reached).argmax())]
+        raise ModelError(f"the discount is 1, and from state {name!r} rewards can be earned without end: {_REMEDY}")
+    return ~active
+
+
+def _rest(stack: Stack) -> tuple[npt.NDArray[np.intp], Mask]:
+    """Return an action that rests for each state that has one, and which do."""
+    free = stack.rewards == 0
+    rest = free.any(axis=1)
+    while True:
+        leaves = (stack.matrix @ (~rest).astype(np.float64)).reshape(free.shape) > 0
+        stays = free & ~leaves
+        if (still := stays.any(axis=1) & rest).sum() == rest.sum():
+            return stays.argmax(axis=1), rest
+        rest = still
+
+
+def _entries(matrix: Matrix) -> tuple[Any, Any]:
+    """Return rows and columns of what is not zero."""
+    if not is_compressed(matrix):
+        rows, columns = np.nonzero(matrix)
+        return rows, columns
+    filled = matrix.data > 0
+    return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))[filled], matrix.indices[filled]
+
+
+def _leading_to(states: Any, next_states: Any, targets: Mask) -> tuple[Mask, npt.NDArray[np.intp]]:
+    """Return the states from which transitions lead to targets, and the next state on the shortest way there."""
+    from scipy.sparse.csgraph import breadth_first_order  # noqa: PLC0415 - imported where it is needed
+
+    size = len(targets)
+    ends = np.flatnonzero(targets)
+    # Backwards from one more node, which the targets lead to.
+    heads, tails = np.concatenate([next_states, np.full(len(ends), size)]), np.concatenate([states, ends])
+    order = np.argsort(heads, kind="stable")
+    starts = np.concatenate(([0], np.cumsum(np.bincount(heads, minlength=size + 1))))
+    graph = csr((np.ones(len(order)), tails[order], starts), (size + 1, size + 1))
+    found, before = breadth_first_order(graph, size, directed=True, return_predecessors=True)
+    reached = np.zeros(size + 1, dtype=bool)
+    reached[found] = True
+    return reached[:size], before[:size].astype(np.intp)

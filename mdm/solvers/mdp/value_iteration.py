@@ -1,0 +1,86 @@
+"""Value iteration: sweeps of backups until the bounds on the optimal values meet; backward induction to a horizon.
+
+Infinite horizon: rounds of Gauss-Seidel sweeps (M. L. Puterman, *Markov Decision Processes*, 1994, section 6.3.3), each
+round ended by a backup that bounds the optimal values (see `mdm.solvers.mdp.rounds`). A sweep costs one pass over the
+transitions, S A times the successors of a state; the error falls at least by the discount in each. Modified policy
+iteration needs fewer passes where there are many actions; policy iteration suits small models and discounts near 1.
+
+Finite horizon H: H backups from the last stage to the first (R. Bellman, *Dynamic Programming*, 1957), exact; the
+policy holds S A numbers a stage.
+
+With a discount of 1 and no horizon a backup proves nothing of the optimal values: policy iteration solves the model in
+its place, if it comes to rest at all.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.errors import ConfigError
+from mdm.policies import StagedPolicy
+from mdm.solvers.limits import Watch
+from mdm.solvers.mdp.policy_iteration import improve_policies
+from mdm.solvers.mdp.rounds import bounded, sweeping
+from mdm.solvers.mdp.stack import Stack
+
+if TYPE_CHECKING:
+    from mdm.models import MDP
+    from mdm.models.matrices import Vector
+    from mdm.solvers.solution import Solution
+
+__all__ = ["value_iteration"]
+
+_NAME = "value-iteration"
+
+
+def value_iteration(model: MDP, *, watch: Watch | None = None, horizon: int | None = None) -> Solution:
+    """Return the optimal values of a model's states, as a `QTable`; a POMDP's state is taken to be seen.
+
+    Args:
+        model: The model; factored ones are flattened.
+        watch: The limits; its iterations are rounds of a few sweeps, or stages where there is a horizon.
+        horizon: How many decisions there are. The policy is a `StagedPolicy`, with a Q-table for each; stages that were
+            not reached when the solver had to stop take that of the earliest that was.
+
+    Raises:
+        ModelError: If the discount is 1, there is no horizon, and values grow or fall without end.
+        ConfigError: If the horizon is not positive.
+    """
+    if horizon is not None and horizon < 1:
+        raise ConfigError(f"a horizon is a number of decisions from 1 on, not {horizon}", key="horizon")
+    with Watch() if watch is None else watch as watching:
+        stack = Stack(model)
+        if horizon is not None:
+            return _backward(stack, model.initial_belief, watching, horizon)
+        if stack.discount == 1:
+            return improve_policies(stack, model.initial_belief, watching, _NAME)
+        improve = sweeping(stack, watching.gap, 1)
+        return bounded(stack, model.initial_belief, watching, _NAME, improve)
+
+
+def _backward(stack: Stack, belief: Vector, watch: Watch, horizon: int) -> Solution:
+    """Return the optimal policy of each stage, from the last to the first.
+
+    While stages are missing the value is bounded by the least and the greatest reward in each of them.
+    """
+    tables = np.empty((horizon, stack.size, stack.num_actions))
+    rewards = stack.rewards.min(), stack.rewards.max()
+    values = np.zeros(stack.size)
+    for stage in range(horizon - 1, -1, -1):
+        tables[stage] = stack.q_values(values)
+        values = tables[stage].max(axis=1)
+        lower = upper = float(belief @ values)
+        if stage:
+            ahead = stack.discount**stage
+            sums = stage if stack.discount == 1 else (1 - ahead) / (1 - stack.discount)
+            lower = float(sums * rewards[0] + ahead * values.min())
+            upper = float(sums * rewards[1] + ahead * values.max())
+        if watch.ends(lower, upper, iterations=horizon - stage, size=horizon * stack.size):
+            break
+    tables[:stage] = tables[stage]
+    done = horizon - stage
+    return watch.solution(
+        StagedPolicy(tables), _NAME, lower, upper, iterations=done, size=horizon * stack.size, exact=not stage
+    )

@@ -1,0 +1,297 @@
+"""Online tree search: look ahead from the present belief for as long as there is time, then act.
+
+It finds the best action at one belief, by best-first search in the tree of the beliefs that may follow. Each belief has
+an upper and a lower bound of its value; each step looks into the leaf whose error, weighed by how likely it is to be
+reached by the best action and discounted, is the largest (AEMS2; S. Ross, J. Pineau, S. Paquet and B. Chaib-draa,
+*Online planning algorithms for POMDPs*, Journal of Artificial Intelligence Research 32, 2008). Beliefs are exact as
+long as they are small; larger ones are drawn from, with a seed (as in D. Silver and J. Veness, *Monte-Carlo planning in
+large POMDPs*, NeurIPS 2010). Where none was drawn from, the bounds are certain.
+
+Cost of a step: for one action, the transitions and observations that are possible in the belief, and for each belief
+that may follow its states times the actions and plans. Choose it where a model is too large to be solved ahead, or to
+better a policy that was solved roughly; alpha vectors that are nearly optimal are faster, and as good.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+import numpy as np
+
+from mdm.errors import ConfigError, ModelError
+from mdm.models import POMDP
+from mdm.models.matrices import distribution
+from mdm.solvers.online.tables import SearchTables, search_tables
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
+    from mdm.models import MDP
+    from mdm.models.space import Symbol
+    from mdm.policies.alpha_vectors import AlphaVectors
+    from mdm.policies.policy import Policy
+    from mdm.policies.table import QTable
+    from mdm.solvers.online.kernel import SearchTree
+
+__all__ = ["Search", "SearchResult", "TreeSearch"]
+
+_ROUND = 0.001
+"""Seconds between looks at the clock."""
+
+
+class SearchResult(msgspec.Struct, frozen=True):
+    """What a search found at one belief.
+
+    Attributes:
+        action: The action.
+        lower: For each action what it is worth at least; -inf where nothing is known.
+        upper: For each action what it is worth at most.
+        looks: How many leaves were looked into.
+        nodes: How many beliefs the tree has.
+        seconds: How long it took.
+    """
+
+    action: int
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    looks: int
+    nodes: int
+    seconds: float
+
+
+class Search:
+    """The search itself: a model as arrays, and limits.
+
+    Args:
+        tables: The model.
+        seconds: Search for so long; None sets no limit.
+        looks: Look into so many leaves at most; None sets no limit.
+        particles: How many states a belief of the tree may have, before it is drawn from.
+        memory: How many bytes the tree may take, roughly.
+        seed: Seeds what is drawn.
+        clock: Returns seconds; for tests.
+    """
+
+    def __init__(
+        self,
+        tables: SearchTables,
+        *,
+        seconds: float | None,
+        looks: int | None,
+        particles: int,
+        memory: int,
+        seed: int | None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self._tables = tables
+        self._seconds = float("inf") if seconds is None else seconds
+        self._looks = looks
+        self._particles = particles
+        self._memory = memory
+        self._seed: int = np.random.SeedSequence().entropy if seed is None else seed  # type: ignore[assignment]
+        self._clock = clock
+        self._tree: SearchTree | None = None
+
+    def prepare(self) -> None:
+        """Take the room, and compile: what would make the first search slow."""
+        if self._tree is None:
+            self.run(np.zeros(1, dtype=np.int64), np.ones(1), 0, stopped=lambda: True)
+
+    def run(
+        self,
+        states: npt.NDArray[np.int64],
+        weights: npt.NDArray[np.float64],
+        number: int,
+        *,
+        stopped: Callable[[], bool] = lambda: False,
+        timed: bool = True,
+    ) -> SearchResult:
+        """Search from a belief.
+
+        Args:
+            states: The states of the belief.
+            weights: Their probabilities.
+            number: The same number, belief and seed draw the same.
+            stopped: Asked every millisecond whether to give up.
+            timed: Whether its seconds count; without, its number of looks alone ends it.
+        """
+        from mdm.solvers.online.kernel import grow, plant  # noqa: PLC0415 - numba takes long to import
+
+        began = self._clock()
+        tree = self._room()
+        generator = np.random.default_rng([self._seed, number])
+        plant(self._tables, tree, states, weights, generator, self._particles)
+        seconds = self._seconds if timed else float("inf")
+        done, step = 0, 1
+        while self._looks is None or done < self._looks:
+            step = step if self._looks is None else min(step, self._looks - done)
+            looked = grow(self._tables, tree, generator, self._particles, step)
+            done += looked
+            passed = self._clock() - began
+            if looked < step or passed >= seconds or stopped():
+                break
+            span = min(_ROUND, seconds - passed)
+            step = max(1, min(2 * step, int(done * span / passed) if passed > 0 else 2 * step))
+        return SearchResult(
+            action=int(tree.lower[0].argmax()),
+            lower=tuple(tree.lower[0].tolist()),
+            upper=tuple(tree.upper[0].tolist()),
+            looks=done,
+            nodes=int(tree.sizes[0]),
+            seconds=self._clock() - began,
+        )
+
+    def _room(self) -> SearchTree:
+        from mdm.solvers.online.kernel import search_tree  # noqa: PLC0415 - see above
+
+        if self._tree is None:
+            size, actions = self._tables.rewards.shape
+            nodes = self._memory // (2 * (40 * actions + 48))
+            entries = self._memory // (2 * 16) + size
+            if self._looks is not None:
+                nodes = min(nodes, self._looks * (min(self._tables.num_observations, entries) + 1) + 1)
+            self._tree = search_tree(self._tables, max(nodes, 2), entries)
+        return self._tree
+
+
+class TreeSearch:
+    """Chooses by looking ahead from the present belief, anew at each decision.
+
+    In an ensemble the search runs in a process of its own, beside the loop: see `Planner`. Called directly,
+    ``action`` searches before it returns. Where nothing is noticed after an action, the search takes it to go on, as
+    it does in an ensemble that is driven by events.
+
+    Args:
+        model: The model; its discount is below 1.
+        seconds: How long to search.
+        looks: How many leaves of the tree to look into at most; with it alone, the same seed gives the same actions.
+        seed: Seeds what is drawn from large beliefs.
+        fallback: In an ensemble, what decides where the search cannot in time.
+        plans: Alpha vectors whose values can be reached by acting, such as a point-based solver's (and not QMDP's,
+            which are too large): bounds from below, beside those of doing the same for ever.
+        bound: Q-values that are never too small, S x A, such as those of a fast informed bound; by default those of
+            acting with the state known.
+        particles: How many states a belief in the tree may have, before it is drawn from.
+        false_negative: The observation, by name or index, that nobody notices; see `BeliefTracker`.
+        memory: How many bytes the tree may take.
+
+    Raises:
+        ConfigError: If there is neither a time nor a number of leaves, or one is not positive.
+        ModelError: If the discount is 1, or what is given does not fit the model.
+    """
+
+    def __init__(
+        self,
+        model: MDP,
+        *,
+        seconds: float | None = None,
+        looks: int | None = None,
+        seed: int | None = None,
+        fallback: Policy | None = None,
+        plans: AlphaVectors | None = None,
+        bound: QTable | None = None,
+        particles: int = 1000,
+        false_negative: Symbol | None = None,
+        memory: int = 256_000_000,
+    ) -> None:
+        if seconds is None and looks is None:
+            raise ConfigError("a tree search needs an end: give it seconds, or a number of looks", key="seconds")
+        for name, limit in (("seconds", seconds), ("looks", looks), ("particles", particles), ("memory", memory)):
+            if limit is not None and not limit > 0:
+                raise ConfigError(f"{name} is a number above 0, not {limit}", key=name)
+        self.input: Literal["state", "belief"] = "belief" if isinstance(model, POMDP) else "state"
+        self.num_states = len(model.state_space)
+        self.num_actions = len(model.action_space)
+        self.seconds = seconds
+        self.looks = looks
+        self.fallback = fallback
+        for what, other in (("fallback", fallback), ("plans", plans), ("bound", bound)):
+            if other is not None and (other.num_states, other.num_actions) != (self.num_states, self.num_actions):
+                raise ModelError(
+                    f"the {what} is for {other.num_states} states and {other.num_actions} actions, but the model has "
+                    f"{self.num_states} and {self.num_actions}"
+                )
+        if isinstance(fallback, TreeSearch):
+            raise ModelError("the fallback of a tree search is to decide at once: give it a policy of another kind")
+        if fallback is not None and fallback.input != self.input:
+            raise ModelError(f"the fallback chooses by {fallback.input}, but the search by {self.input}")
+        self.unnoticed: int | None = None
+        """The index of the observation that nobody notices, if there is one."""
+        if false_negative is not None:
+            if not isinstance(model, POMDP):
+                raise ModelError("an MDP has no observations, and so none that nobody notices")
+            self.unnoticed = model.observation_space.index(false_negative)
+        self._options = {"seconds": seconds, "looks": looks, "particles": particles, "memory": memory}
+        self._tables = search_tables(
+            model,
+            unnoticed=self.unnoticed,
+            upper=None if bound is None else bound.values,
+            lower=None if plans is None else (plans.vectors, plans.actions),
+        )
+        self.seed(seed)
+
+    def seed(self, seed: int | None) -> None:
+        """Begin what is drawn anew."""
+        self._seed = seed
+        self._number = 0
+        self._search: Search | None = None
+
+    def parts(self) -> tuple[SearchTables, dict[str, Any]]:
+        """Return what a `Search` is made of, for another process."""
+        return self._tables, {**self._options, "seed": self._seed}
+
+    def prepare(self) -> None:
+        """Compile, and take the tree's memory: the first decision is then no slower than others."""
+        self._own().prepare()
+
+    def _own(self) -> Search:
+        if self._search is None:
+            tables, options = self.parts()
+            self._search = Search(tables, **options)
+        return self._search
+
+    def belief_of(self, x: Any) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+        """Return the states and their probabilities that a state index, a belief, or just such a pair stands for.
+
+        Raises:
+            ModelError: If it is no state or belief of the model.
+        """
+        if self.input == "state":
+            if not 0 <= x < self.num_states:
+                raise ModelError(f"there is no state {x}; the model's {self.num_states} count from 0")
+            return np.array([x]), np.ones(1)
+        if isinstance(x, tuple):
+            states = np.array(x[0], dtype=np.int64)
+            if not ((states >= 0) & (states < self.num_states)).all():
+                raise ModelError(f"the belief has states that are not among the model's {self.num_states}")
+            return states, distribution(x[1], what="the belief", size=len(states))
+        belief = distribution(x, what="the belief", size=self.num_states)
+        states = np.flatnonzero(belief)
+        return states, belief[states]
+
+    def search(self, x: Any, *, timed: bool = True) -> SearchResult:
+        """Search from a state index (MDP) or a belief: S numbers, or states and their probabilities.
+
+        Args:
+            x: The state or belief.
+            timed: Whether its seconds count; without, its number of looks alone ends it.
+        """
+        states, weights = self.belief_of(x)
+        self._number += 1
+        return self._own().run(states, weights, self._number, timed=timed)
+
+    def action(self, x: Any) -> int:
+        """Return the action for a state index (MDP) or a belief, after a search."""
+        return self.search(x).action
+
+    def value(self, x: Any) -> float:
+        """Return what a state or belief is worth at least, after a search."""
+        return max(self.search(x).lower)
+
+    def q_values(self, x: Any) -> npt.NDArray[np.float64]:
+        """Return what each action is worth at least, after a search; -inf where nothing is known."""
+        return np.array(self.search(x).lower)

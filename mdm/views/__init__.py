@@ -1,0 +1,1 @@
+"""Pictures of policies, beliefs, bounds and networks; they need matplotlib (``mdm[plot]``)."""

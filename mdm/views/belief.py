@@ -1,0 +1,154 @@
+"""Pictures of beliefs: what a policy does between two states, and a belief over an episode."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.beliefs import Support
+from mdm.errors import Error, ModelError
+from mdm.models import POMDP
+from mdm.simulation.episodes import Single
+from mdm.views.canvas import pyplot
+from mdm.views.grid import action_colours
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mdm.models import MDP
+    from mdm.models.matrices import Vector
+    from mdm.simulation.episodes import Moment
+
+__all__ = ["belief_figure", "doubt_figure"]
+
+_POINTS = 401
+_EPISODES = 20
+_STEPS = 50
+_LIKELY = 6
+_ROWS = 25
+_NAMED = 30
+"""Decisions up to which actions and observations stand by name."""
+
+
+def doubt_figure(
+    model: MDP, policy: Any, states: Sequence[str] | None, seed: int, false_negative: str | None = None
+) -> Any:
+    """Draw the value and the action of a policy over beliefs in two states.
+
+    Args:
+        model: The model.
+        policy: The policy.
+        states: The two; by default those that share most of the belief in simulated episodes.
+        seed: Of these episodes.
+        false_negative: The observation that stands for an event that nobody noticed.
+    """
+    if states is None:
+        pair = _in_doubt(model, policy, seed, false_negative)
+    else:
+        pair = model.state_space.index(states[0]), model.state_space.index(states[1])
+        if pair[0] == pair[1]:
+            raise ModelError(f"two states are needed, not {states[0]!r} twice")
+    shares = np.linspace(0, 1, _POINTS)
+    beliefs = np.zeros((_POINTS, len(model.state_space)))
+    beliefs[:, pair[0]], beliefs[:, pair[1]] = 1 - shares, shares
+    values = np.array([policy.value(belief) for belief in beliefs])
+    actions = np.array([policy.action(belief) for belief in beliefs])
+    names = [model.state_space.names[state] for state in pair]
+    figure, axes = pyplot().subplots(figsize=(8, 5))
+    colours, handles = action_colours(model, sorted(set(actions.tolist())))
+    edges = np.flatnonzero(np.diff(actions)) + 1
+    for part in np.split(np.arange(_POINTS), edges):
+        begin, end = shares[part[0]], shares[min(part[-1] + 1, _POINTS - 1)]
+        axes.axvspan(begin, end, color=colours[int(actions[part[0]])], lw=0)
+    if hasattr(policy, "q_values"):
+        each = np.array([policy.q_values(belief) for belief in beliefs])
+        each[~np.isfinite(each)] = np.nan
+        axes.plot(shares, each, color="#666666", lw=0.7)
+    axes.plot(shares, values, color="black", lw=2)
+    finite = values[np.isfinite(values)]
+    if len(finite):  # what actions that are never best are worth may lie far below
+        margin = 0.25 * (finite.max() - finite.min()) or 1.0
+        axes.set_ylim(finite.min() - margin, finite.max() + margin / 2)
+    axes.set_xlim(0, 1)
+    axes.set_xlabel(f"belief in {names[1]!r}, the rest in {names[0]!r}")
+    axes.set_ylabel("value (black), and of each action (grey)")
+    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False, fontsize=9)
+    return figure
+
+
+def _in_doubt(model: MDP, policy: Any, seed: int, false_negative: str | None) -> tuple[int, int]:
+    """Return the two states that are most often mistaken for each other: with the greatest mean product of beliefs."""
+    shared: defaultdict[tuple[int, int], float] = defaultdict(float)
+    run = _single(model, policy, false_negative)
+    for stream in np.random.SeedSequence(seed).spawn(_EPISODES):
+        for _, moment in zip(range(_STEPS), run(stream), strict=False):
+            belief = _dense(moment.belief, model)
+            likely = sorted(np.argsort(-belief, kind="stable")[:_LIKELY].tolist())
+            for one, other in combinations(likely, 2):
+                shared[one, other] += float(belief[one] * belief[other])
+    pair = max(shared, key=shared.__getitem__, default=None)
+    if pair is None or not shared[pair] > 0:
+        raise Error("the state is never in doubt in this model: name two states with --states")
+    return pair
+
+
+def belief_figure(model: MDP, policy: Any, steps: int, seed: int, false_negative: str | None = None) -> Any:
+    """Draw the belief at each decision of an episode, the true state, what is done and what was seen.
+
+    Args:
+        model: The model.
+        policy: The policy.
+        steps: Decisions, at most.
+        seed: Of the episode.
+        false_negative: The observation that stands for an event that nobody noticed.
+    """
+    moments: list[Moment] = []
+    for moment in _single(model, policy, false_negative)(seed):
+        if moment.decided:
+            moments.append(moment)
+        if len(moments) == steps:
+            break
+    if not moments:
+        raise Error("the episode is over before it begins: nothing can be earned from its first state")
+    assert isinstance(model, POMDP)
+    beliefs = np.array([_dense(moment.belief, model) for moment in moments]).T
+    true = np.array([moment.state for moment in moments])
+    peak = beliefs.max(axis=1)
+    peak[true] += 1  # the true states are shown whatever the belief says
+    kept = np.sort(np.argsort(-peak, kind="stable")[: min(_ROWS, int((peak > 1e-3).sum()))])
+    width = 0.32 * len(moments) + 2
+    figure, axes = pyplot().subplots(figsize=(float(np.clip(width, 6, 16)), 0.3 * len(kept) + 2))
+    shades = axes.imshow(beliefs[kept], cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    figure.colorbar(shades, ax=axes, fraction=0.04, pad=0.02, label="probability")
+    shown = np.isin(true, kept)
+    axes.plot(
+        np.flatnonzero(shown), np.searchsorted(kept, true[shown]), "o", ms=5, mfc="none", mec="C3", label="true state"
+    )
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 1.01), frameon=False, fontsize=8)
+    names = model.state_space.names
+    axes.set_yticks(range(len(kept)), [names[int(state)] for state in kept], fontsize=8)
+    if len(moments) <= _NAMED:
+        acts, sights = model.action_space.names, model.observation_space.names
+        labels = [
+            f"{'' if moment.seen is None else sights[moment.seen]} → {acts[moment.action]}".lstrip(" ")
+            for moment in moments
+        ]
+        axes.set_xticks(range(len(moments)), labels, rotation=90, fontsize=7)
+        axes.set_xlabel("decision: what was seen → what is done")
+    else:
+        axes.set_xlabel("decision")
+    return figure
+
+
+def _dense(belief: Vector | Support | None, model: MDP) -> Vector:
+    assert belief is not None
+    return belief.dense(len(model.state_space)) if isinstance(belief, Support) else belief
+
+
+def _single(model: MDP, policy: Any, false_negative: str | None) -> Single:
+    assert isinstance(model, POMDP)
+    unnoticed = None if false_negative is None else model.observation_space.index(false_negative)
+    return Single(model, policy, unnoticed)

@@ -1,0 +1,68 @@
+"""A picture of bounds over time, of one solver's run or of several."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from mdm.errors import FormatError
+from mdm.views.canvas import pyplot
+
+__all__ = ["bounds_figure"]
+
+
+class _Entry(msgspec.Struct):
+    seconds: float
+    lower: float | None
+    upper: float | None
+
+
+class _Run(msgspec.Struct):
+    solver: str
+    history: list[_Entry]
+
+
+def bounds_figure(paths: list[str]) -> Any:
+    """Draw the histories in some files.
+
+    Raises:
+        FormatError: If one is no history.
+    """
+    runs = [_read(Path(path)) for path in paths]
+    figure, axes = pyplot().subplots(figsize=(8, 5))
+    settled: list[float] = []
+    for place, (path, run) in enumerate(zip(paths, runs, strict=True)):
+        label, entries = f"{Path(path).stem} ({run.solver})", run.history
+        for side in ("lower", "upper"):
+            points = [(entry.seconds, value) for entry in entries if (value := getattr(entry, side)) is not None]
+            if points:
+                seconds, values = zip(*points, strict=True)
+                style = {"marker": "."} if len(points) == 1 else {}
+                axes.step(seconds, values, where="post", color=f"C{place}", label=label, **style)
+                label = "_"  # the legend needs one of the two lines
+                settled += values[len(values) // 2 :]
+        both = [entry for entry in entries if None not in {entry.lower, entry.upper}]
+        sides = ([getattr(entry, side) for entry in both] for side in ("lower", "upper"))
+        axes.fill_between([entry.seconds for entry in both], *sides, step="post", color=f"C{place}", alpha=0.12)
+    if settled:  # bounds begin far off, and would leave nothing to see of where they end
+        margin = 0.05 * (max(settled) - min(settled)) or 1.0
+        axes.set_ylim(min(settled) - margin, max(settled) + margin)
+        axes.legend(frameon=False)
+    axes.set_xscale("log")
+    axes.set_xlabel("seconds")
+    axes.set_ylabel("value of the start")
+    axes.grid(alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _read(path: Path) -> _Run:
+    try:
+        run = msgspec.json.decode(path.read_bytes(), type=_Run)
+    except msgspec.MsgspecError as error:
+        raise FormatError(f"a history that mdm solve --history wrote was expected: {error}", file=path) from None
+    if not run.history:
+        raise FormatError("the history is empty", file=path)
+    return run

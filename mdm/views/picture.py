@@ -1,0 +1,74 @@
+"""A picture of a two-slice network: now on the left, next in the middle, what comes of it on the right."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mdm.models.factored.potential import Node
+from mdm.views.canvas import keep, pyplot
+
+if TYPE_CHECKING:
+    from mdm.models import TwoSliceNetwork
+    from mdm.models.factored.potential import Role
+
+__all__ = ["draw"]
+
+_COLOURS = {"state": "#cfe2f3", "next_state": "#cfe2f3", "action": "#f9cb9c", "observation": "#d9ead3"}
+_REWARD = "#fff2cc"
+_WIDTH = 5.0
+
+
+def draw(network: TwoSliceNetwork, path: str) -> None:
+    """Draw a network into a file, whose suffix says of which kind: .png, .svg or .pdf.
+
+    Raises:
+        Error: If matplotlib is not installed, or the file cannot be written.
+    """
+    plt = pyplot()
+    columns = _columns(network)
+    places = {
+        name: (_WIDTH * column, -(row - (len(names) - 1) / 2))
+        for column, names in enumerate(columns)
+        for row, name in enumerate(names)
+    }
+    tallest = max(map(len, columns))
+    figure, axes = plt.subplots(figsize=(11, max(3.0, 0.9 * tallest)))
+    boxes: dict[Any, Any] = {}
+    for names in columns:
+        for name, (label, colour) in names.items():
+            style = {"boxstyle": "round,pad=0.4", "facecolor": colour, "edgecolor": "#444444"}
+            boxes[name] = axes.text(*places[name], label, ha="center", va="center", fontsize=10, bbox=style, zorder=3)
+    axes.set_xlim(-_WIDTH / 2, _WIDTH * 2.5)
+    axes.set_ylim(-tallest / 2 - 0.3, tallest / 2 + 0.3)
+    axes.axis("off")
+    figure.canvas.draw()  # boxes have no size before
+    inverse = axes.transData.inverted()
+    spans = {name: box.get_bbox_patch().get_window_extent().transformed(inverse) for name, box in boxes.items()}
+    for child, parent in _edges(network):
+        same = places[child][0] == places[parent][0]
+        start = (spans[parent].x0 if same else spans[parent].x1, places[parent][1])
+        arrow = {"arrowstyle": "-|>", "color": "#888888", "shrinkA": 1, "shrinkB": 1}
+        arrow["connectionstyle"] = f"arc3,rad={0.4 if same else 0.04}"
+        axes.annotate("", xy=(spans[child].x0, places[child][1]), xytext=start, arrowprops=arrow, zorder=1)
+    keep(figure, path)
+
+
+def _columns(network: TwoSliceNetwork) -> list[dict[Any, tuple[str, str]]]:
+    """Return the variables from left to right, each with its label and colour."""
+    columns: list[dict[Any, tuple[str, str]]] = [{}, {}, {}]
+    order: tuple[tuple[int, Role], ...] = ((0, "state"), (0, "action"), (1, "next_state"), (2, "observation"))
+    for column, role in order:
+        for place in range(len(network.factors(role))):
+            node = Node(role, place)
+            columns[column][node] = (network.name(node), _COLOURS[role])
+    for index in range(len(network.utilities)):
+        columns[2][index] = (f"reward {index + 1}", _REWARD)
+    return columns
+
+
+def _edges(network: TwoSliceNetwork) -> list[tuple[Any, Any]]:
+    """Return pairs of a variable and one that it depends on."""
+    roles: tuple[Role, ...] = ("state", "next_state", "observation")
+    nodes = [Node(role, place) for role in roles for place in range(len(network.factors(role)))]
+    pairs: list[tuple[Any, Any]] = [(node, parent) for node in nodes for parent in network.parents(node)]
+    return pairs + [(index, node) for index, utility in enumerate(network.utilities) for node in utility.scope]

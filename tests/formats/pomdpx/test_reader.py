@@ -1,0 +1,258 @@
+"""POMDPX: the corpus, what the format allows, round trips, mutated files."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import random
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from mutation import mutated
+from places import CORPUS, DATA
+from random_models import NAMES, assert_same, dense, factored_models, flat_models
+
+from mdm import FormatError, ModelError, load_model
+from mdm.errors import ModelWarning
+from mdm.formats.pomdpx import reader as pomdpx
+from mdm.models import POMDP, FactoredPOMDP
+
+
+def entries(path):
+    file = CORPUS / path
+    return json.loads(file.read_text()) if file.is_file() else {}
+
+
+def ours(expected):
+    return sorted(file for file in expected if file.endswith(".pomdpx"))
+
+
+MODELS = entries("expected.json")
+EDGE = entries("edge/expected.json")
+MALFORMED = entries("malformed/expected.json").get("cases", {})
+
+
+def load(path, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = load_model(path, **options)
+        model.flatten()
+        return model
+
+
+@pytest.mark.parametrize("file", ours(MODELS))
+def test_real_models(corpus, file):
+    expected = MODELS[file]
+    model = load(corpus / file)
+    sizes = (len(model.state_space), len(model.action_space), len(model.observation_space))
+    assert sizes == (expected["states"], expected["actions"], expected["observations"])
+    assert model.discount == expected["discount"]
+    seen = zip(model.state_space.factors, model.network.fully_observed, strict=True)
+    variables = [
+        {"name": name.removesuffix("_0"), "size": len(f), "fully_observed": s} for f, s in seen for name in [f.name]
+    ]
+    stated = [{**v, "name": v["name"].removesuffix("_1")} for v in expected["state_variables"]]
+    assert variables == stated
+    np.testing.assert_allclose(model.initial_belief, expected["initial_belief"], atol=1e-5)
+    for action, state, following, value in expected["T_a_s_s1"]:
+        assert dense(model.transition_matrix(action))[state, following] == pytest.approx(value, abs=1e-5)
+    for action, following, symbol, value in expected["O_a_s1_o"]:
+        assert dense(model.observation_matrix(action))[following, symbol] == pytest.approx(value, abs=1e-5)
+    for action, state, value in expected["R_a_s"]:
+        assert model.rewards[state, action] == pytest.approx(value, rel=1e-5, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["Tiger", "Hallway", "Hallway2"])
+def test_agrees_with_the_flat_file_of_the_same_model(corpus, name):
+    folder = corpus / "models" / "sarsop"
+    flat = next((file for file in folder.iterdir() if file.name.lower() == f"{name}.pomdp".lower()), None)
+    if flat is None:
+        pytest.skip(f"the corpus has no {name}.pomdp beside it")
+    model, plain = load(folder / f"{name}.pomdpx"), load_quietly(flat)
+    assert len(model.action_space) == len(plain.action_space)
+    if len(model.state_space) != len(plain.state_space):
+        pytest.skip("the two files number their states in other ways")
+    np.testing.assert_allclose(model.rewards, plain.rewards, atol=1e-4)
+    for action in range(len(plain.action_space)):
+        for of in ("transition_matrix", "observation_matrix"):
+            np.testing.assert_allclose(dense(getattr(model, of)(action)), dense(getattr(plain, of)(action)), atol=1e-5)
+
+
+def load_quietly(path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        return load_model(path)
+
+
+@pytest.mark.parametrize("file", ours(EDGE))
+def test_quirks(corpus, file):
+    expected = EDGE[file]["expect"]
+    model = load(corpus / "edge" / file)
+    seen = model.network.fully_observed
+    assert [[f.name, len(f), s] for f, s in zip(model.state_space.factors, seen, strict=True)] == [
+        [name, size, fully] for name, _, size, fully in expected["state_variables"]
+    ]
+    assert [factor.name for factor in model.action_space.factors] == expected["action_variables"]
+    assert [factor.name for factor in model.observation_space.factors] == expected["observation_variables"]
+    np.testing.assert_allclose(model.rewards.T, expected["R_action_state"], atol=1e-9)
+    numbers = np.arange(1, len(model.state_space) + 1)
+    assert (model.initial_belief * numbers).sum() == pytest.approx(expected["b0_checksum"])
+    for action, state, following, value in expected["T_entries"]:
+        assert dense(model.transition_matrix(action))[state, following] == pytest.approx(value, abs=1e-9)
+    for action, following, symbol, value in expected["O_entries"]:
+        assert dense(model.observation_matrix(action))[following, symbol] == pytest.approx(value, abs=1e-9)
+    assert (
+        sum(np.count_nonzero(dense(model.transition_matrix(a))) for a in range(len(model.action_space)))
+        == expected["T_nonzero"]
+    )
+
+
+@pytest.mark.parametrize("file", ours(MALFORMED))
+def test_broken_files_are_refused(corpus, file):
+    expected = MALFORMED[file]
+    with pytest.raises(FormatError) as caught:
+        load(corpus / "malformed" / file)
+    assert file in str(caught.value)
+    for words in expected["message_mentions"]:
+        assert words in str(caught.value)
+
+
+DIAGRAM = (DATA / "models" / "lamp.pomdpx").read_text()
+
+
+def test_diagrams_shortcuts_and_templates(tmp_path):
+    (tmp_path / "d.pomdpx").write_text(DIAGRAM)
+    model = load_model(tmp_path / "d.pomdpx")
+    assert isinstance(model, FactoredPOMDP)
+    assert model.network.fully_observed == (True, False)
+    assert model.transition("wait", "on s1", "on s1") == 1
+    assert model.transition("press", "off s0", "on s0") == 0.75
+    assert model.transition("press", "on s2", "off s2") == 0.25
+    assert model.observation("wait", "off s0", "dark") == 1
+    assert model.observation("wait", "on s0", "dark") == 0.5
+    assert [model.reward("press", f"on s{door}") for door in range(3)] == [0, 0, -7.5]
+    assert model.reward("wait", "on s2") == 0
+    np.testing.assert_allclose(model.initial_belief, [1 / 3] * 3 + [0] * 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('idref="mostly"/></Edge>\n<Edge val="on">', 'idref="no"/></Edge>\n<Edge val="on">'), "no template 'no'"),
+        (('<SubDAGTemplate id="mostly">', '<SubDAGTemplate id="other">'), "no template 'mostly'"),
+        (('<Edge val="on"><Terminal>0.75', '<Edge val="off"><Terminal>0.75'), "a second edge for 'off'"),
+        (('<Edge val="on"><Terminal>0.75', '<Edge val="on"><Terminal>much'), "'much' is no finite number"),
+        (("<Terminal>0.75", "<Terminal>0.5"), "they sum to 0.75"),
+        (
+            ('var="lamp1"/></Edge>\n<Edge val="press">', 'var="act"/></Edge>\n<Edge val="press">'),
+            "is no state variable",
+        ),
+        (('type="uniform" var="door"', 'type="even" var="door"'), "'even' is none of"),
+        (("<Parent>act door</Parent>", "<Parent>act act</Parent>"), "over one variable twice"),
+        (('vnameCurr="door1"', 'vnameCurr="lamp1"'), "two variables are called 'lamp1'"),
+        (("<NumValues>3</NumValues>", "<NumValues>-3</NumValues>"), "number of values from 1"),
+        (("<Discount>0.9</Discount>", ""), "no <Discount>"),
+        (("<Discount>0.9</Discount>", "<Discount>2</Discount>"), "at most 1, not '2'"),
+        (("<Var>r</Var>", "<Var>q</Var>"), "no RewardVar 'q'"),
+        (("<Var>door1</Var>", "<Var>lamp1</Var>"), "has a distribution already"),
+        (('fullyObs="true"', 'fullyObs="perhaps"'), "true or false"),
+        (("<Instance>- -</Instance>", "<Instance>s0 -</Instance>"), "'identity' needs two"),
+        (("<pomdpx ", "<pomdp "), "XML|was expected"),
+    ],
+)
+def test_wrong_files_are_refused_with_the_place(tmp_path, change, message):
+    assert change[0] in DIAGRAM
+    (tmp_path / "d.pomdpx").write_text(DIAGRAM.replace(*change, 1))
+    with pytest.raises(FormatError, match=message) as caught:
+        load_model(tmp_path / "d.pomdpx")
+    assert "d.pomdpx" in str(caught.value)
+
+
+def test_a_model_without_observations_is_an_mdp_where_all_is_seen(tmp_path):
+    text = DIAGRAM[: DIAGRAM.index("<ObsFunction>")] + DIAGRAM[DIAGRAM.index("<RewardFunction>") :]
+    text = text.replace('<ObsVar vname="eye"><ValueEnum>dark light</ValueEnum></ObsVar>\n', "")
+    (tmp_path / "hidden.pomdpx").write_text(text)
+    model = load_model(tmp_path / "hidden.pomdpx")
+    assert (model.kind, len(model.observation_space)) == ("POMDP", 1)
+    (tmp_path / "seen.pomdpx").write_text(text.replace('vnameCurr="door1"', 'vnameCurr="door1" fullyObs="true"'))
+    assert load_model(tmp_path / "seen.pomdpx").kind == "MDP"
+
+
+def test_a_missing_start_is_uniform_with_a_warning(tmp_path):
+    begin, end = DIAGRAM.index("<InitialStateBelief>"), DIAGRAM.index("<StateTransitionFunction>")
+    (tmp_path / "d.pomdpx").write_text(DIAGRAM[:begin] + DIAGRAM[end:])
+    with pytest.warns(ModelWarning, match="no initial belief"):
+        model = load_model(tmp_path / "d.pomdpx")
+    np.testing.assert_allclose(model.initial_belief, np.full(6, 1 / 6))
+
+
+@given(model=factored_models())
+def test_factored_models_come_back(model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("round") / "model.pomdpx"
+    pomdpx.write(model, path)
+    again = load(path)
+    assert_same(model, again)
+    if model.kind == "POMDP":
+        assert again.network.fully_observed == model.network.fully_observed
+    assert [f.name for f in again.state_space.factors] == [f.name for f in model.state_space.factors]
+
+
+@given(model=flat_models())
+def test_flat_models_come_back(model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("round") / "model.pomdpx"
+    pomdpx.write(model, path)
+    again = load(path)
+    assert_same(model, again, finer=True)
+
+
+@given(model=flat_models(names=NAMES, finer=False))
+@settings(max_examples=50)
+def test_odd_names_are_written_so_that_they_can_be_read(model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("round") / "model.pomdpx"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        pomdpx.write(model, path)
+    assert_same(model, load(path), named=False)
+
+
+def test_changed_names_are_told(tmp_path):
+    model = POMDP([np.eye(2)], [np.eye(2)], np.zeros((2, 1)), discount=0.9, states=["a b", "c"], actions=["*"])
+    with pytest.warns(ModelWarning, match="2 names that POMDPX cannot hold .* 'a b' as 'a_b', '\\*' as '_\\*'"):
+        pomdpx.write(model, tmp_path / "m.pomdpx")
+    assert load(tmp_path / "m.pomdpx").state_space.names == ("a_b", "c")
+
+
+def test_events_have_no_place_in_it(tmp_path):
+    told = np.full((1, 2, 2, 2), 0.5)
+    model = POMDP([np.eye(2)], told, np.zeros((2, 1)), discount=0.9, event_observations=True)
+    with pytest.raises(ModelError, match="no observations of events"):
+        pomdpx.write(model, tmp_path / "m.pomdpx")
+    assert list(tmp_path.iterdir()) == []
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=200)
+def test_mutated_files_make_a_model_or_an_error(seed, tmp_path_factory):
+    pieces = ["<", "-", "*", "1e999", "nan", "&x;", "é", '"', "</Node>"]
+    text = mutated(DIAGRAM, random.Random(seed), pieces)
+    path = tmp_path_factory.mktemp("mutated") / "m.pomdpx"
+    path.write_text(text)
+    with contextlib.suppress(FormatError):
+        load(path)
+
+
+@pytest.mark.parametrize("name", ["TagAvoid", "RockSample_7_8", "Hallway"])
+def test_real_models_come_back(corpus, tmp_path, name):
+    """Large tables, most of them zero, are written by their entries."""
+    model = load(corpus / "models" / "sarsop" / f"{name}.pomdpx")
+    pomdpx.write(model, tmp_path / "again.pomdpx.gz")
+    again = load(tmp_path / "again.pomdpx.gz")
+    assert again.network.fully_observed == model.network.fully_observed
+    for action in range(len(model.action_space)):
+        difference = model.transition_matrix(action) - again.transition_matrix(action)
+        assert abs(difference).max() <= 1e-12
+        difference = model.observation_matrix(action) - again.observation_matrix(action)
+        assert abs(difference).max() <= 1e-12
+    np.testing.assert_allclose(model.rewards, again.rewards)

@@ -1,0 +1,294 @@
+"""JESP against published optima, and against plain recursion over everything that can happen."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from random_models import distributions
+
+from mdm import ConfigError, ModelError, load_model
+from mdm.formats import load_policy, save_policy
+from mdm.models import POMDP, Factor, Space
+from mdm.solvers import Watch, solve
+from mdm.solvers.jesp import jesp
+
+
+def team(seed, *, agents=2, states=2, actions=2, observations=2, events=False, discount=0.9):
+    """Return a random Dec-POMDP."""
+    random = np.random.default_rng(seed)
+    joint_actions, joint_observations = actions**agents, observations**agents
+    told = distributions(random, joint_actions, states, joint_observations)
+    if events:
+        told = np.moveaxis(distributions(random, joint_actions, states, states, joint_observations), -1, 1)
+    return POMDP(
+        distributions(random, joint_actions, states, states),
+        told,
+        random.normal(size=(states, joint_actions)).round(2),
+        discount=discount,
+        actions=Space(Factor(f"robot{agent}", actions) for agent in range(agents)),
+        observation_names=Space(Factor(f"robot{agent}", observations) for agent in range(agents)),
+        initial_belief=distributions(random, states),
+        event_observations=events,
+    )
+
+
+def worth(model, horizon, act):
+    """Return the value of acting by ``act(histories)``, by recursion over states and observations."""
+    seen = model.observation_space
+
+    def from_here(state, histories, left):
+        action = model.action_space.ravel(act(histories))
+        total = float(model.rewards[state, action])
+        if left > 1:
+            for after in range(len(model.state_space)):
+                for observation in range(len(seen)):
+                    chance = model.transition(action, state, after) * model.observation(
+                        action, after, observation, state=state
+                    )
+                    if chance > 0:
+                        parts = seen.unravel(observation)
+                        longer = tuple((*past, part) for past, part in zip(histories, parts, strict=True))
+                        total += model.discount * chance * from_here(after, longer, left - 1)
+        return total
+
+    start = ((),) * model.num_agents
+    return sum(p * from_here(s, start, horizon) for s, p in enumerate(model.initial_belief) if p > 0)
+
+
+def by_trees(policy):
+    def act(histories):
+        actions = []
+        for controller, past in zip(policy.controllers, histories, strict=True):
+            node = controller.start
+            for observation in past:
+                node = controller.next_node(node, observation)
+            actions.append(controller.action_at(node))
+        return actions
+
+    return act
+
+
+def best_of_all(model, horizon):
+    """Return the best value over all joint plans, by enumeration."""
+    pasts = [past for length in range(horizon) for past in itertools.product(*[range(2)] * length)]
+    agents = model.num_agents
+    values = []
+    for choice in itertools.product(range(2), repeat=len(pasts) * agents):
+        tables = [dict(zip(pasts, choice[agent * len(pasts) :], strict=False)) for agent in range(agents)]
+        values.append(
+            worth(model, horizon, lambda seen, of=tables: [table[p] for table, p in zip(of, seen, strict=True)])
+        )
+    return max(values)
+
+
+# -- Published optima ----------------------------------------------------------------------------------------------
+# dectiger, broadcastChannel, GridSmall, boxPushing, fireFighting: F. A. Oliehoek, M. T. J. Spaan, C. Amato and
+# S. Whiteson, Incremental clustering and expansion for faster optimal planning in Dec-POMDPs, JAIR 46, 2013.
+
+OPTIMA = [
+    ("dectiger.dpomdp", 2, -4.0),
+    ("dectiger.dpomdp", 3, 5.19081),
+    ("dectiger.dpomdp", 4, 4.80276),
+    ("broadcastChannel.dpomdp", 2, 2.0),
+    ("broadcastChannel.dpomdp", 3, 2.99),
+    ("broadcastChannel.dpomdp", 4, 3.89),
+    ("GridSmall.dpomdp", 2, 0.91),
+    ("GridSmall.dpomdp", 3, 1.55044),
+    ("GridSmall.dpomdp", 4, 2.24158),
+    ("boxPushingUAI07.dpomdp.gz", 2, 17.6),
+    ("boxPushingUAI07.dpomdp.gz", 3, 66.081),
+    ("fireFighting_2_3_3.dpomdp.gz", 3, -5.73697),
+    ("Mars.dpomdp.gz", 2, 5.8),
+    ("Mars.dpomdp.gz", 3, 9.38),
+]
+
+
+@pytest.mark.parametrize(("name", "horizon", "optimum"), OPTIMA)
+def test_published_optima_are_found_and_proven(corpus, name, horizon, optimum):
+    model = load_model(corpus / "models/madp" / name).with_discount(1.0)
+    solution = jesp(model, horizon=horizon, watch=Watch(gap=1e-9))
+    assert solution.reason in {"exact", "gap"}
+    assert solution.lower == pytest.approx(optimum, abs=2e-5)
+    assert solution.upper == pytest.approx(solution.lower, abs=1e-9)
+
+
+def test_the_models_discount_applies(corpus):
+    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+    solution = jesp(model.with_discount(0.5), horizon=2)
+    assert solution.lower == pytest.approx(-2 - 0.5 * 2)  # listen, listen
+
+
+def test_values_of_large_horizons_come_without_proof(corpus):
+    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+    solution = jesp(model, horizon=6, restarts=3, search=0)
+    assert solution.reason == "iterations"
+    assert solution.lower < solution.upper < math.inf
+
+
+# -- Brute force ---------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.booleans(), st.integers(0, 40))
+def test_the_bound_below_is_the_plans_value(seed, horizon, events, effort):
+    model = team(seed, states=3, observations=2, events=events)
+    solution = jesp(model, horizon=horizon, restarts=1, search=effort, watch=Watch(gap=0))
+    assert solution.lower == pytest.approx(worth(model, horizon, by_trees(solution.policy)), abs=1e-9)
+    assert solution.lower <= solution.upper
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_two_steps_are_solved_to_the_optimum(seed, events):
+    model = team(seed, events=events)
+    solution = jesp(model, horizon=2, restarts=1, watch=Watch(gap=0))
+    assert solution.reason in {"exact", "gap"}
+    assert solution.lower == pytest.approx(best_of_all(model, 2), abs=1e-9)
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60))
+def test_bounds_hold_however_early_the_search_ends(seed, effort):
+    model = team(seed, states=3, discount=1.0)
+    optimum = jesp(model, horizon=3, watch=Watch(gap=0))
+    assert optimum.reason in {"exact", "gap"}
+    early = jesp(model, horizon=3, restarts=1, search=effort, watch=Watch(gap=0))
+    assert early.lower <= optimum.lower + 1e-9
+    assert early.upper >= optimum.lower - 1e-9
+
+
+def test_three_agents_are_solved_to_the_optimum():
+    model = team(5, agents=3)
+    solution = jesp(model, horizon=2, watch=Watch(gap=0))
+    assert solution.policy.num_agents == 3
+    assert solution.reason in {"exact", "gap"}
+    assert solution.lower == pytest.approx(best_of_all(model, 2), abs=1e-9)
+
+
+def test_one_agent_gets_its_optimum_at_the_first_response():
+    model = team(3, agents=1, states=3)
+    solution = jesp(model, horizon=3, watch=Watch(gap=1e-9))
+    assert solution.reason == "gap"
+    assert solution.lower == pytest.approx(worth(model, 3, by_trees(solution.policy)), abs=1e-9)
+
+
+def test_sparse_models_give_the_same():
+    model = team(11, states=4)
+    sparse = POMDP(
+        [model.transition_matrix(a) for a in range(4)],
+        [model.observation_matrix(a) for a in range(4)],
+        model.rewards,
+        discount=model.discount,
+        actions=model.action_space,
+        observation_names=model.observation_space,
+        initial_belief=model.initial_belief,
+        sparse=True,
+    )
+    assert sparse.is_sparse
+    first, second = (jesp(each, horizon=3, watch=Watch(gap=0)) for each in (model, sparse))
+    assert first.lower == pytest.approx(second.lower, abs=1e-9)
+    assert first.policy.controllers[0].actions == second.policy.controllers[0].actions
+
+
+# -- Stopping ------------------------------------------------------------------------------------------------------
+
+
+def test_an_interrupt_gives_the_best_plan_so_far(corpus):
+    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+    watch = Watch(gap=0, progress=lambda progress: progress.iterations >= 5 and watch.interrupt())
+    solution = jesp(model, horizon=4, watch=watch)
+    assert solution.reason == "interrupted"
+    assert solution.iterations == 5
+    assert solution.lower == pytest.approx(worth(model, 4, by_trees(solution.policy)), abs=1e-9)
+
+
+def test_an_interrupt_ends_the_search_too(corpus):
+    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+    moments = itertools.count()
+    solution = jesp(
+        model, horizon=6, restarts=1, search=10**9, watch=Watch(gap=0, seconds=3000, clock=lambda: next(moments))
+    )
+    assert solution.reason == "time"
+    assert solution.lower <= 10.38163 <= solution.upper
+
+
+def test_time_that_is_up_at_once_still_gives_a_plan(corpus):
+    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+    solution = jesp(model, horizon=3, watch=Watch(seconds=0))
+    assert (solution.reason, solution.iterations) == ("time", 0)
+    assert solution.policy.controllers[0].num_nodes == 7
+    assert solution.lower == pytest.approx(worth(model, 3, by_trees(solution.policy)), abs=1e-9)
+
+
+def test_memory_that_is_used_up_still_leaves_a_plan(corpus):
+    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+    assert jesp(model, horizon=3, watch=Watch(memory=1)).reason == "memory"
+
+
+def test_the_same_seed_gives_the_same_plan():
+    model = team(8, states=3)
+    first, second = (jesp(model, horizon=3, seed=4, search=0, restarts=2) for _ in range(2))
+    assert [c.actions for c in first.policy.controllers] == [c.actions for c in second.policy.controllers]
+
+
+# -- Refusals ------------------------------------------------------------------------------------------------------
+
+
+def test_a_horizon_that_is_too_long_is_refused():
+    with pytest.raises(ModelError, match=r"a plan over 40 steps needs .* take a shorter horizon"):
+        jesp(team(0), horizon=40)
+
+
+def test_a_horizon_is_at_least_one_decision():
+    with pytest.raises(ModelError, match="a horizon is at least 1 decision, not 0"):
+        jesp(team(0), horizon=0)
+
+
+def test_there_is_at_least_one_start():
+    with pytest.raises(ConfigError, match="at least 1 random plan is needed to begin with, not 0"):
+        jesp(team(0), restarts=0)
+
+
+def test_observations_are_one_for_each_agent():
+    model = team(0)
+    shared = POMDP(
+        [model.transition_matrix(a) for a in range(4)],
+        [model.observation_matrix(a) for a in range(4)],
+        model.rewards,
+        discount=1.0,
+        actions=model.action_space,
+    )
+    with pytest.raises(ModelError, match="1 factors of observations for 2 agents"):
+        jesp(shared)
+
+
+def test_events_that_go_unobserved_are_refused():
+    told = np.full((4, 4, 2, 2), 0.2)
+    with pytest.warns(match="observation"):
+        silent = POMDP(
+            np.full((4, 2, 2), 0.5),
+            told,
+            np.zeros((2, 4)),
+            discount=1.0,
+            actions=Space([Factor("a", 2), Factor("b", 2)]),
+            observation_names=Space([Factor("a", 2), Factor("b", 2)]),
+            event_observations=True,
+        )
+    with pytest.raises(ModelError, match="may lead to no observation at all"):
+        jesp(silent)
+
+
+# -- Together with the rest ----------------------------------------------------------------------------------------
+
+
+def test_a_plan_is_written_and_read_as_madp_does(corpus, tmp_path):
+    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+    solution = solve(model, "jesp", horizon=3)
+    for name in ("plan.jpol", "plan.npz"):
+        save_policy(solution.policy, tmp_path / name, model)
+        again = load_policy(tmp_path / name, model)
+        assert worth(model, 3, by_trees(again)) == pytest.approx(5.19081, abs=1e-5)

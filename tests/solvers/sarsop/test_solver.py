@@ -1,0 +1,314 @@
+"""SARSOP: bounds against exhaustive recursion, exact solvers' results, and known optima."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from places import EXAMPLES
+from random_models import dense, distributions
+
+from mdm import ConfigError, ModelError, ModelWarning, load_model, load_policy
+from mdm.models import POMDP, Factor, FactoredPOMDP, MixedPOMDP, Space
+from mdm.models.factored.factoring import as_network
+from mdm.policies import MixedAlphaVectors
+from mdm.solvers import Watch, solve
+from mdm.solvers.sarsop import sarsop, solver
+from mdm.solvers.sarsop.graph import NODES, hashed
+from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, prune_points, prune_vectors
+from mdm.solvers.sarsop.solver import _Search
+
+TIGER = EXAMPLES / "tiger.pomdp"
+
+
+def small(seed, states=3, actions=2, observations=2, discount=0.5):
+    random = np.random.default_rng(seed)
+    return POMDP(
+        distributions(random, actions, states, states),
+        distributions(random, actions, states, observations),
+        random.integers(-5, 6, size=(states, actions)).astype(float),
+        discount=discount,
+        initial_belief=distributions(random, states),
+    )
+
+
+def optimum(model, belief, depth):
+    """Return what the best plan of so many steps is worth, by looking at all of them."""
+    if depth == 0:
+        return 0.0
+    best = -np.inf
+    for a in range(len(model.action_space)):
+        value = belief @ model.rewards[:, a]
+        ahead = belief @ model.transition_matrix(a)
+        for o in range(len(model.observation_space)):
+            after = ahead * model.observation_matrix(a)[:, o]
+            chance = after.sum()
+            if chance > 0:
+                value += model.discount * chance * optimum(model, after / chance, depth - 1)
+        best = max(best, value)
+    return best
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.integers(1, 3))
+def test_bounds_hold_the_value_that_all_plans_together_have(seed, states, actions):
+    model = small(seed, states, actions)
+    depth = 5 if actions > 2 else 7
+    value = optimum(model, model.initial_belief, depth)
+    rest = model.discount**depth * np.abs(model.rewards).max() / (1 - model.discount)
+    found = sarsop(model, watch=Watch(gap=1e-6, seconds=5))
+    assert found.lower <= value + rest + 1e-9
+    assert found.upper >= value - rest - 1e-9
+    assert found.reason == "gap"
+    assert found.policy.value(model.initial_belief) == pytest.approx(found.lower, abs=1e-9)
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60))
+def test_bounds_hold_wherever_it_stops(seed, backups):
+    model = small(seed, discount=0.6)
+    tight = sarsop(model, watch=Watch(gap=1e-5, seconds=5))
+    early = sarsop(model, watch=Watch(gap=1e-5, iterations=backups))
+    assert early.lower <= tight.upper + 1e-9
+    assert early.upper >= tight.lower - 1e-9
+
+
+def assert_worth_what_it_claims(model, policy, random):
+    """At any belief, what the policy does and then its own value come to no less than its value."""
+    for _ in range(20):
+        belief = distributions(random, len(model.state_space))
+        if isinstance(model, MixedPOMDP):
+            belief = np.where(model.seen_in == random.choice(model.seen_in[belief > 0]), belief, 0)
+            belief /= belief.sum()
+        a = policy.action(belief)
+        worth = belief @ model.rewards[:, a]
+        for o in range(len(model.observation_space)):
+            after = belief @ dense(model.joint_matrix(a, o))
+            if after.sum() > 0:
+                worth += model.discount * after.sum() * policy.value(after / after.sum())
+        assert policy.value(belief) <= worth + 1e-7
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.integers(10, 3000), st.booleans())
+def test_a_policy_is_worth_its_lower_bound_whenever_it_was_pruned(seed, backups, seen):
+    model = mixed(seed) if seen else small(seed, discount=0.9)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solver, "_LEAST_VECTORS", 3)
+        found = sarsop(model, watch=Watch(gap=1e-6, iterations=backups))
+    assert found.policy.value(model.initial_belief) == pytest.approx(found.lower, abs=1e-9)
+    assert_worth_what_it_claims(model, found.policy, np.random.default_rng(seed))
+
+
+def test_tiger_is_solved_to_a_thousandth():
+    found = solve(load_model(TIGER).with_discount(0.95), watch=Watch(gap=1e-3))
+    assert found.solver == "sarsop"
+    assert found.reason == "gap"
+    assert found.lower <= 19.3714 <= found.upper  # A. R. Cassandra's optimum
+    assert found.gap <= 1e-3
+
+
+@pytest.mark.parametrize("name", ["1d", "cheese.95", "ejs1", "parr95.95", "tiger.95", "tiger.aaai"])
+def test_what_exact_value_iteration_found_lies_between_the_bounds(corpus, name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = load_model(corpus / "models" / "pomdp-solve" / f"{name}.POMDP")
+    if model.discount >= 1:
+        pytest.skip("the exact values are those of a finite horizon")
+    exact = load_policy(corpus / "policies" / "pomdp-solve" / f"{name}.alpha", model)
+    value = exact.value(model.initial_belief)
+    found = sarsop(model, watch=Watch(gap=1e-4, seconds=10))
+    slack = 2e-3 * max(1.0, abs(value))  # the exact solver stops at a change of 1e-9 to 1e-3
+    assert found.lower <= value + slack
+    assert found.upper >= value - slack
+
+
+def mixed(seed):
+    """Return a model whose first factor is seen."""
+    random = np.random.default_rng(seed)
+    states = Space([Factor("seen", 2), Factor("hidden", 3)])
+    initial = np.zeros(6)
+    initial[3:] = distributions(random, 3)
+    model = POMDP(
+        distributions(random, 2, 6, 6),
+        distributions(random, 2, 6, 2),
+        random.normal(size=(6, 2)),
+        discount=0.6,
+        states=states,
+        initial_belief=initial,
+    )
+    return MixedPOMDP(FactoredPOMDP(as_network(model), discount=0.6), [0])
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1))
+def test_mixed_observability_changes_the_layout_and_no_value(seed):
+    model = mixed(seed)
+    plain = POMDP(
+        [model.transition_matrix(a) for a in range(2)],
+        [model.observation_matrix(a).toarray() for a in range(2)],
+        model.rewards,
+        discount=model.discount,
+        initial_belief=model.initial_belief,
+        sparse=False,
+    )
+    ours = sarsop(model, watch=Watch(gap=1e-4, seconds=5))
+    theirs = sarsop(plain, watch=Watch(gap=1e-4, seconds=5))
+    assert isinstance(ours.policy, MixedAlphaVectors)
+    assert ours.lower <= theirs.upper + 1e-9
+    assert theirs.lower <= ours.upper + 1e-9
+    assert ours.policy.value(model.initial_belief) == pytest.approx(ours.lower, abs=1e-9)
+
+
+def test_factors_that_are_seen_make_tag_easier(corpus):
+    """The bounds of C++ SARSOP after 10 s: -5.959 and -2.30; of the flat model after 60 s -6.20 and -1.95."""
+    model = load_model(corpus / "models" / "sarsop" / "TagAvoid.pomdpx")
+    found = sarsop(model, watch=Watch(iterations=3000))
+    assert isinstance(found.policy, MixedAlphaVectors)
+    assert -10 < found.lower < -5.5 < found.upper < 0
+
+
+def searched():
+    search = _Search(load_model(TIGER).with_discount(0.95))
+    watch = Watch(gap=1e-4)
+    while search.bounds()[1] - search.bounds()[0] > 1e-4:
+        search.run(watch)
+    return search
+
+
+def test_pruning_leaves_the_bounds_as_they_are():
+    search = searched()
+    graph, layout, roots = search._graph, search._layout, search._roots
+    before, many = search.bounds(), search.size
+    prune_vectors(graph, layout, needed_vectors(graph, layout, roots, 1e-9))
+    prune_points(graph)
+    lower, upper = search.bounds()
+    assert search.size < many
+    assert (lower, upper) == pytest.approx(before, abs=1e-8)
+    assert search.policy().value([0.5, 0.5]) == pytest.approx(before[0], abs=1e-8)
+
+
+def test_what_only_bad_actions_lead_to_is_forgotten_and_can_be_found_again():
+    search = searched()
+    before, many = search.bounds(), int(search._graph.counts[NODES])
+    search._roots = forget_nodes(search._graph, search._roots)
+    assert search._graph.counts[NODES] < many
+    assert search.bounds() == pytest.approx(before)
+    codes = search._graph.code[: search._graph.counts[NODES]]
+    table = search._graph.table
+    assert sorted(table[table >= 0]) == list(range(len(codes)))
+    search.run(Watch(gap=1e-6))
+    search.run(Watch(gap=1e-6))
+    lower, upper = search.bounds()
+    assert lower >= before[0] - 1e-9
+    assert upper <= before[1] + 1e-9
+
+
+@given(st.lists(st.integers(0, 2**42 - 1), max_size=60))
+def test_a_table_has_each_code_within_a_row_of_full_slots(codes):
+    codes = np.array(codes, dtype=np.int64)
+    table = hashed(codes, 2 * len(codes))
+    for node, code in enumerate(codes):
+        slot = code & (len(table) - 1)
+        while table[slot] != node:
+            assert table[slot] >= 0
+            slot = (slot + 1) & (len(table) - 1)
+
+
+def test_ctrl_c_leaves_the_best_so_far():
+    def strike(progress):
+        if progress.iterations > 50:
+            signal.raise_signal(signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    model = load_model(TIGER).with_discount(0.99)
+    found = sarsop(model, watch=Watch(gap=0, progress=strike))
+    assert found.reason == "interrupted"
+    assert found.policy.value(model.initial_belief) == pytest.approx(found.lower)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_memory_and_time_end_it():
+    model = load_model(TIGER).with_discount(0.95)
+    assert sarsop(model, watch=Watch(gap=0, memory=1)).reason == "memory"
+    times = iter(np.arange(0, 1000, 0.25))
+    assert sarsop(model, watch=Watch(gap=0, seconds=5, clock=lambda: next(times))).reason == "time"
+
+
+def test_a_gap_of_nothing_ends_where_numbers_end():
+    model = load_model(TIGER).with_discount(0.95)
+    found = sarsop(model, watch=Watch(gap=0, seconds=60))
+    assert found.reason == "converged"
+    assert found.lower == pytest.approx(19.37136, abs=1e-4)
+    assert found.gap < 1e-8
+    assert found.history[-1].size == len(found.policy.actions)
+    single = POMDP(np.ones((1, 1, 1)), np.ones((1, 1, 1)), np.full((1, 1), 2.0), discount=0.9)
+    found = sarsop(single, watch=Watch(gap=0, seconds=60))
+    assert (found.reason, found.lower) == ("converged", pytest.approx(20))
+
+
+def test_what_it_cannot_solve_is_told():
+    huge = POMDP(np.ones((1, 1, 1)), np.ones((1, 1, 1)), np.full((1, 1), 1e308), discount=0.9)
+    with pytest.raises(ModelError, match="scale the rewards down"):
+        sarsop(huge)
+    with pytest.raises(ModelError, match="discount below 1"):
+        sarsop(load_model(TIGER).with_discount(1.0))
+    events = POMDP(np.ones((1, 1, 1)), np.ones((1, 1, 1, 1)), np.ones((1, 1)), discount=0.5, event_observations=True)
+    with pytest.raises(ModelError, match="take perseus"):
+        sarsop(events)
+    with pytest.raises(ConfigError, match="value-iteration"):
+        solve(load_model(TIGER), "value-iteration")
+
+
+@pytest.mark.parametrize("size", [30, 300])
+def test_states_whose_weight_underflows_are_not_reached(size):
+    program = f"""if True:
+        import numpy as np
+        from mdm.models import POMDP
+        from mdm.solvers import Watch
+        from mdm.solvers.sarsop import sarsop
+        initial = np.full({size}, 1e-300)
+        initial[0] = 1
+        ways = np.full(({size}, {size}), 1e-30)  # 1e-330 is 0
+        ways[0] = 0
+        np.fill_diagonal(ways, 1)
+        rewards = np.zeros(({size}, 1))
+        rewards[0] = 1
+        model = POMDP([ways], np.full((1, {size}, 2), 0.5), rewards, discount=0.5, initial_belief=initial)
+        found = sarsop(model, watch=Watch(gap=1e-6, iterations=3))
+        print(found.lower, found.upper)
+    """
+    # Compiled, a write beyond an array would go unseen or end the process.
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env={**os.environ, "MDM_COMPILE": "0"}
+    )
+    assert run.returncode == 0, run.stderr
+    assert [float(word) for word in run.stdout.split()] == pytest.approx([2, 2], abs=1e-5)
+
+
+def test_without_compilation_the_numbers_are_the_same():
+    program = (
+        "import sys, mdm; from mdm.solvers import solve, Watch\n"
+        "found = solve(mdm.load_model(sys.argv[1]).with_discount(0.95), watch=Watch(gap=1e-2, iterations=400))\n"
+        "print(repr(found.lower), repr(found.upper), found.iterations)"
+    )
+    runs = [
+        subprocess.run(
+            [sys.executable, "-W", "error::RuntimeWarning", "-c", program, str(TIGER)],
+            capture_output=True,
+            text=True,
+            check=True,
+            env={**os.environ, "MDM_COMPILE": flag},
+        )
+        for flag in "01"
+    ]
+    outputs = [run.stdout.split() for run in runs]
+    assert "markov-decision-making[fast]" in runs[0].stderr
+    assert not runs[1].stderr
+    assert [float(word) for word in outputs[0][:2]] == pytest.approx([float(word) for word in outputs[1][:2]], abs=1e-3)

@@ -3,8 +3,9 @@ from __future__ import annotations
 import pytest
 from same_model import assert_same_model
 
-from mdm import Watch, load_model, solve
+from mdm import load_model, solve
 from mdm.problems import tiger
+from mdm.solvers import Watch
 
 
 def test_entries():

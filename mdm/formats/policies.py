@@ -121,10 +121,7 @@ def save_policy(policy: LoadedPolicy, path: str | Path, model: MDP | None = None
     wrong = None if model is None else misfit(policy, model)
     if wrong is not None:
         raise ModelError(wrong)
-    try:
-        _writer(type(policy), Path(path))(policy, Path(path), model)
-    except OSError as error:
-        raise FormatError(f"the file cannot be written: {error.strerror}", file=path) from None
+    _writer(type(policy), Path(path))(policy, Path(path), model)
 
 
 def check_policy_file(kind: type, path: str | Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import gzip
 import os
+import stat
 import tempfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -36,6 +38,8 @@ def check_place(path: str | Path) -> None:
     Raises:
         FormatError: If it is a folder, or nothing can be written beside it.
     """
+    if _is_device(Path(path)):  # a pipe that is opened and closed would have come to its end
+        return
     with suppress(_Unwritten), replacing(path):
         raise _Unwritten
 
@@ -46,7 +50,9 @@ class _Unwritten(Exception):
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[IO[bytes]]:
-    """Open a neighbour of a file, which takes its place when all is written.
+    """Open a neighbour of a file, which takes its place, with its permissions, when all of it is on the disk.
+
+    A link stays, and what it leads to is replaced. A device or a pipe is written as it stands.
 
     Raises:
         FormatError: If the file cannot be written; what was there before is then still there.
@@ -55,21 +61,41 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
     if path.is_dir():
         raise FormatError("this is a folder, not a file", file=path)
     try:
-        if path.exists() and not path.is_file():  # a device, such as /dev/null, keeps its place
+        if _is_device(path):
             with path.open("wb") as file:
                 yield file
             return
-        descriptor, neighbour = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                yield file
-            Path(neighbour).chmod(path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_mask())
-            Path(neighbour).replace(path)
-        except BaseException:
-            Path(neighbour).unlink(missing_ok=True)
-            raise
+        with _neighbour(Path(os.path.realpath(path))) as file:
+            yield file
     except OSError as error:
         raise FormatError(f"the file cannot be written: {error.strerror}", file=path) from None
+
+
+def _is_device(path: Path) -> bool:
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+@contextmanager
+def _neighbour(path: Path) -> Iterator[IO[bytes]]:
+    before = path.stat() if path.exists() else None
+    if before is not None and not os.access(path, os.W_OK):  # a rename asks only for the folder's permission
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=".mdm-")
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        if before is None:
+            Path(name).chmod(0o666 & ~_mask())
+        else:
+            with suppress(PermissionError):  # only an administrator gives files away
+                os.chown(name, before.st_uid, before.st_gid)
+            Path(name).chmod(stat.S_IMODE(before.st_mode))
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
 
 
 def _mask() -> int:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mdm.errors import Error
+from mdm.formats.target import replacing
 
 __all__ = ["keep", "pyplot"]
 
@@ -33,9 +34,9 @@ def keep(figure: Any, path: str) -> None:
         Error: If the file cannot be written.
     """
     try:
-        figure.savefig(path, dpi=120, bbox_inches="tight")
-    except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else error
-        raise Error(f"{Path(path)}: the picture cannot be written: {why}") from None
+        with replacing(path) as file:
+            figure.savefig(file, format=Path(path).suffix[1:].lower(), dpi=120, bbox_inches="tight")
+    except ValueError as error:
+        raise Error(f"{Path(path)}: the picture cannot be written: {error}") from None
     finally:
         pyplot().close(figure)

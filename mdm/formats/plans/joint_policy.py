@@ -8,16 +8,18 @@ stands before (``JointPolicyPureVector:``) and after the agents (graphs for draw
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdm.errors import ModelError
 from mdm.formats.fit import misfit
 from mdm.formats.source import Source
+from mdm.formats.target import write_text
 from mdm.models import POMDP
 from mdm.policies import FiniteStateController, JointController
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from mdm.models import MDP, Factor
 
 __all__ = ["read", "write"]
@@ -91,7 +93,7 @@ def write(policy: JointController, path: str | Path, model: MDP | None) -> None:
         texts.append(f"Policy for agent {agent} (index {index}):\n")
         texts += [f"({','.join(past)}) --> {actions.names[controller.action_at(node)]}\n" for node, past in histories]
     head = f"JointPolicyPureVector: \nJPolComponent_VectorImplementation index {joint}\n"
-    Path(path).write_text(head + "".join(texts), encoding="utf-8")
+    write_text(path, head + "".join(texts))
 
 
 def _histories(controller: FiniteStateController, observations: Factor) -> list[tuple[int, tuple[str, ...]]]:

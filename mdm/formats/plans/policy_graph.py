@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.formats.source import Source
+from mdm.formats.target import replacing, write_text
 from mdm.formats.vectors import alpha
 from mdm.policies import FiniteStateController
 
@@ -65,16 +66,21 @@ def read(
 
 
 def write(controller: FiniteStateController, path: str | Path) -> None:
-    """Write a policy graph to a file, and its nodes' values, where they are known, to an ``.alpha`` file beside it."""
+    """Write a policy graph to a file, and its nodes' values, where they are known, to an ``.alpha`` file beside it.
+
+    Neither takes its place before both are written.
+    """
     rows = zip(controller.actions, controller.successors, strict=True)
     lines = (
         f"{node} {action}  {' '.join('X' if after is None else str(after) for after in row)}\n"
         for node, (action, row) in enumerate(rows)
     )
-    Path(path).write_text("".join(lines), encoding="utf-8")
-    if controller.values is not None:
-        text = alpha.lines(np.asarray(controller.values), controller.actions)
-        Path(path).with_suffix(".alpha").write_text(text, encoding="utf-8")
+    with replacing(path) as file:
+        file.write("".join(lines).encode())
+        file.flush()  # so that a full disk is noticed before the values are replaced
+        if controller.values is not None:
+            text = alpha.lines(np.asarray(controller.values), controller.actions)
+            write_text(Path(path).with_suffix(".alpha"), text)
 
 
 def _rows(source: Source, num_observations: int | None) -> Iterator[tuple[int, list[str]]]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from mdm.formats.source import Source
+from mdm.formats.target import write_text
 from mdm.formats.vectors.alpha import numbers
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from mdm.policies import QTable
 
 __all__ = ["read", "write"]
@@ -39,4 +41,4 @@ def read(path: str | Path) -> npt.NDArray[np.float64]:
 def write(table: QTable, path: str | Path) -> None:
     """Write a Q-table to a file; reading it gives the same numbers."""
     text = "".join(f"{' '.join(map(repr, row))}\n" for row in table.values.tolist())
-    Path(path).write_text(text, encoding="utf-8")
+    write_text(path, text)

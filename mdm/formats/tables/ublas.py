@@ -6,16 +6,17 @@ A vector is ``[4](0,2,1,0)``, a matrix ``[2,3]((0.25,1,0),(0.75,0,1))``; blanks 
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from mdm.formats.source import Source, number
+from mdm.formats.target import write_text
 from mdm.policies import DeterministicPolicy, QTable, StochasticPolicy
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from typing import NoReturn
 
 __all__ = ["read", "write"]
@@ -45,7 +46,7 @@ def write(policy: DeterministicPolicy | StochasticPolicy | QTable | npt.ArrayLik
         text = _text(policy.probabilities)
     else:
         text = _text(policy.values if isinstance(policy, QTable) else np.asarray(policy, dtype=np.float64))
-    Path(path).write_text(f"{text}\n", encoding="utf-8")
+    write_text(path, f"{text}\n")
 
 
 def _text(array: npt.NDArray[np.float64]) -> str:

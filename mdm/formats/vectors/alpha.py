@@ -7,17 +7,18 @@ rewards, or of negated costs, so that the greatest is the best.
 from __future__ import annotations
 
 from itertools import zip_longest
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mdm.formats.cassandra.model import LARGEST
 from mdm.formats.source import Source, number as number_of
+from mdm.formats.target import write_text
 from mdm.policies import AlphaVectors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     import numpy.typing as npt
 
@@ -58,7 +59,7 @@ def read_in_order(
 
 def write(policy: AlphaVectors, path: str | Path) -> None:
     """Write alpha vectors to a file; reading it gives the same numbers."""
-    Path(path).write_text(lines(policy.vectors, policy.actions), encoding="utf-8")
+    write_text(path, lines(policy.vectors, policy.actions))
 
 
 def lines(vectors: npt.NDArray[np.float64], actions: Sequence[int], after_action: str = "") -> str:

@@ -8,7 +8,6 @@ observed variables, ``vectorLength`` how many joint values the rest has.
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,9 +15,12 @@ import numpy as np
 from mdm.formats.cassandra.model import LARGEST
 from mdm.formats.markup import Element, stream
 from mdm.formats.source import Source, number as number_of
+from mdm.formats.target import write_text
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import numpy.typing as npt
 
     from mdm.models import MDP
@@ -70,12 +72,12 @@ def write(policy: AlphaVectors | MixedAlphaVectors, path: str | Path) -> None:
         if vectors is not None
         for action, row in zip(vectors.actions, vectors.vectors.tolist(), strict=True)
     ]
-    Path(path).write_text(
+    write_text(
+        path,
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         '<Policy version="0.1" type="value" model="mdm">\n'
         f'<AlphaVector vectorLength="{width}" numObsValue="{len(sets)}" numVectors="{len(lines)}">\n'
         f"{''.join(lines)}</AlphaVector>\n</Policy>\n",
-        encoding="utf-8",
     )
 
 

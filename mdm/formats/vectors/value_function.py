@@ -6,11 +6,15 @@ with a number for every state, and a blank line.
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mdm.formats.source import Source
+from mdm.formats.target import write_text
 from mdm.formats.vectors import alpha
 from mdm.policies import AlphaVectors
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 __all__ = ["read", "write"]
 
@@ -42,4 +46,4 @@ def read(path: str | Path, *, num_actions: int | None = None) -> AlphaVectors:
 
 def write(policy: AlphaVectors, path: str | Path) -> None:
     """Write a value function to a file; MADP reads it, and reading it gives the same numbers."""
-    Path(path).write_text(alpha.lines(policy.vectors, policy.actions, " -1"), encoding="utf-8")
+    write_text(path, alpha.lines(policy.vectors, policy.actions, " -1"))

@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdm.formats.cassandra.model import LARGEST
 from mdm.formats.source import Source, number as number_of
+from mdm.formats.target import write_text
 from mdm.formats.vectors import sarsop as sarsop_policy
 from mdm.policies import AlphaVectors, MaskedAlphaVectors, MixedAlphaVectors
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from mdm.models import MDP
 
 __all__ = ["read", "write"]
@@ -88,11 +90,11 @@ def write(policy: MaskedAlphaVectors | AlphaVectors, path: str | Path) -> None:
         + "\n      ]\n    }"
         for action, plane in zip(policy.actions, planes, strict=True)
     ]
-    Path(path).write_text(
+    write_text(
+        path,
         f'{{\n  policyType => "MaxPlanesLowerBound",\n  numPlanes => {len(texts)},\n  planes => [\n'
         + ",\n".join(texts)
         + "\n  ]\n}\n",
-        encoding="utf-8",
     )
 
 

@@ -51,7 +51,7 @@ class Stack:
         self.kernels: Any = None
         """The compiled sweeps over it; None where there are none."""
         if is_compressed(self.matrix) and can_compile():
-            from mdm.solvers import sweeps  # noqa: PLC0415 - imports numba
+            from mdm.solvers.mdp import sweeps  # noqa: PLC0415 - imports numba
 
             self.kernels = sweeps
 

@@ -23,7 +23,8 @@ from measurement import parser, report, table
 
 import mdm
 from mdm.models.compilation import can_compile
-from mdm.solvers import Watch, solve
+from mdm.solvers import Limits
+from mdm.solvers.sarsop import sarsop
 
 MODELS = Path(__file__).resolve().parents[2] / "shared" / "corpus" / "models" / "sarsop"
 TIGER = Path(__file__).resolve().parents[1] / "examples" / "tiger.pomdp"
@@ -40,7 +41,7 @@ _LINE = re.compile(r"^\s*([\d.]+)\s+\d+\s+\d+\s+(\S+)\s+(\S+)\s+\S+\s+\d+\s+\d+\
 
 def ours(path: Path, marks: list[float]) -> dict[float, tuple[float, float]]:
     """Return the bounds that ours had at some times."""
-    found = solve(mdm.load_model(path), "sarsop", watch=Watch(gap=0.0, seconds=marks[-1], clock=time.process_time))
+    found = sarsop(mdm.load_model(path), limits=Limits(gap=0.0, time=marks[-1], clock=time.process_time))
     return _at(marks, [(p.seconds, p.lower, p.upper) for p in found.history])
 
 
@@ -69,7 +70,7 @@ def _at(marks: list[float], rows: list[Any]) -> dict[float, tuple[float, float]]
 
 def to_gap(path: Path, gap: float) -> float:
     """Return the seconds to a gap."""
-    return solve(mdm.load_model(path).with_discount(0.95), "sarsop", watch=Watch(gap=gap)).seconds
+    return mdm.solve(mdm.load_model(path).with_discount(0.95), "sarsop", gap=gap).seconds
 
 
 def main() -> None:

@@ -16,7 +16,7 @@ from measurement import arguments, report, table
 
 import mdm
 from mdm.models.compilation import can_compile
-from mdm.solvers import Watch, solve
+from mdm.solvers import solve
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -103,7 +103,7 @@ def quantecons(model: mdm.models.MDP) -> dict[str, Callable[[], Any]]:
 
 def ours(model: mdm.models.MDP, solver: str) -> Any:
     """Return the values that one of our solvers finds, everything that it builds included."""
-    return solve(model, solver, watch=Watch(gap=GAP)).policy.values.max(axis=1)
+    return solve(model, solver, gap=GAP).policy.values.max(axis=1)
 
 
 def mdp_rows(
@@ -115,7 +115,7 @@ def mdp_rows(
     )
     for solver in solvers:
         ways[f"mdm: {solver}"] = lambda solver=solver: ours(model, solver)
-    best = solve(model, watch=Watch(gap=1e-8)).policy.values.max(axis=1)
+    best = solve(model, gap=1e-8).policy.values.max(axis=1)
     seconds: dict[str, list[float]] = {way: [] for way in ways}
     errors = {}
     for turn in range(rounds + 1):

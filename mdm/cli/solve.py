@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -69,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
     from mdm.formats.fit import misfit  # noqa: PLC0415
     from mdm.formats.target import check_place, write_text  # noqa: PLC0415
-    from mdm.solvers import SOLVERS, Watch, solve  # noqa: PLC0415
+    from mdm.solvers import SOLVERS, solve  # noqa: PLC0415
     from mdm.solvers.solve import default_solver  # noqa: PLC0415
 
     if arguments.solver is not None and arguments.solver not in SOLVERS:
@@ -85,15 +84,17 @@ def run(arguments: argparse.Namespace) -> int:
     if (note := shown(world)) is not None:
         print(f"mdm solve: {note}", file=sys.stderr)
     line = ProgressLine()
-    watch = Watch(
-        gap=arguments.gap,
-        seconds=arguments.time,
-        iterations=arguments.iterations,
-        memory=None if arguments.memory is None else int(min(arguments.memory * 1e6, sys.maxsize)),
-        progress=line,
-    )
     try:
-        solution = solve(world, solver, watch=watch, **options)
+        solution = solve(
+            world,
+            solver,
+            gap=arguments.gap,
+            time=arguments.time,
+            iterations=arguments.iterations,
+            memory=None if arguments.memory is None else int(min(arguments.memory * 1e6, sys.maxsize)),
+            progress=line,
+            **options,
+        )
     finally:
         line.end()
     if arguments.output is not None:
@@ -112,19 +113,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _options(arguments: argparse.Namespace, solver: str) -> dict[str, Any]:
     """Return what the solver takes of what only some take."""
-    import inspect  # noqa: PLC0415 - `mdm --help` needs none of it
-
-    from mdm.solvers import SOLVERS  # noqa: PLC0415
+    from mdm.solvers.solve import options_of  # noqa: PLC0415 - `mdm --help` needs none of it
 
     if solver == "jesp" and arguments.horizon is None:
         raise UsageError("jesp plans a number of decisions: give it (--horizon)")
     given = {name: value for name in _OPTIONS if (value := getattr(arguments, name)) is not None}
-    if given:
-        module, function, _ = SOLVERS[solver]
-        taken = inspect.signature(getattr(importlib.import_module(f"mdm.solvers.{module}"), function)).parameters
-        for name in given:
-            if name not in taken:
-                raise UsageError(f"{solver} takes no --{name.replace('_', '-')}")
+    for name in given:
+        if name not in options_of(solver):
+            raise UsageError(f"{solver} takes no --{name.replace('_', '-')}")
     return given
 
 

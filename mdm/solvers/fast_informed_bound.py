@@ -17,7 +17,7 @@ import numpy as np
 
 from mdm.models.compressed import csr, is_compressed
 from mdm.policies import AlphaVectors
-from mdm.solvers.limits import Watch
+from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.stack import Stack
 from mdm.solvers.qmdp import known_state
 
@@ -38,14 +38,14 @@ _SETTLED = 1e-3
 """With a discount of 1, backups end when they change vectors by less than this share of the gap."""
 
 
-def fast_informed_bound(model: POMDP, *, watch: Watch | None = None) -> Solution:
+def fast_informed_bound(model: POMDP, *, limits: Limits | None = None) -> Solution:
     """Return an upper bound of a POMDP's value function as `AlphaVectors`, one per action.
 
     Args:
         model: The model, with observations of either kind; factored ones are flattened. Where observations of events do
             not sum to 1, the rest is taken for one more of them.
-        watch: The limits; the gap is how far the vectors may be from their limit, and the iterations are backups, those
-            for QMDP's vectors included.
+        limits: When to stop; the gap is how far the vectors may be from their limit, and the iterations are backups,
+            those for QMDP's vectors included.
 
     Returns:
         The vectors, and the upper bound that they are; nothing is proven of what their policy is worth: ``lower`` is
@@ -54,19 +54,19 @@ def fast_informed_bound(model: POMDP, *, watch: Watch | None = None) -> Solution
     Raises:
         ModelError: If the discount is 1, and values grow or fall without end.
     """
-    with Watch() if watch is None else watch as watching:
+    with Limits() if limits is None else limits as run:
         flat = model.flatten()
         count = len(flat.action_space)
         belief = flat.initial_belief
         iterations = 0
-        for table, bounds in _bounds(flat, watching.gap):
+        for table, bounds in _bounds(flat, run.gap):
             iterations += 1
             upper = float((belief @ table).max()) if bounds else np.inf
-            if watching.ends(-np.inf, upper, iterations=iterations, size=count):
+            if run.ends(-np.inf, upper, iterations=iterations, size=count):
                 break
         else:
-            watching.reason = "converged"
-        return watching.solution(
+            run.reason = "converged"
+        return run.solution(
             AlphaVectors(table.T, range(count), count), "fib", -np.inf, upper, iterations=iterations, size=count
         )
 

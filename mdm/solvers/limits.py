@@ -1,4 +1,4 @@
-"""The watch over a solver: it tells it when to stop, and others how far it has come."""
+"""The limits of a solver's run: when it stops, and where it reports how far it has come."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ import resource
 import signal
 import sys
 import threading
-import time
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
 
 from mdm.errors import ConfigError, ModelError
 from mdm.solvers.solution import Progress, Reason, Solution
@@ -18,13 +20,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType, TracebackType
 
-__all__ = ["Watch"]
+__all__ = ["Limits"]
 
 _KEPT = 0.05
 """Seconds between entries of the history, as a share of the time so far."""
 
 
-class Watch:
+class Limits:
     """Limits of a solver's run, and where it reports.
 
     It is a context: inside it the first Ctrl-C stops the solver, which returns the best policy that it has, and the
@@ -32,32 +34,32 @@ class Watch:
 
     Args:
         gap: Stop when the bounds at the initial belief are no further apart.
-        seconds: Stop after so long; None sets no limit.
+        time: Stop after so many seconds; None sets no limit.
         iterations: Stop after so many sweeps, trials or rounds.
         memory: Stop when the process holds so many bytes; by default 80 % of the machine's memory.
         progress: Called with each `Progress` that is reported.
         clock: Returns seconds; for tests.
 
     Raises:
-        ConfigError: If a limit is not positive.
+        ConfigError: If a limit is no number from 0 on.
     """
 
     def __init__(
         self,
         *,
         gap: float = 1e-3,
-        seconds: float | None = None,
+        time: float | None = None,
         iterations: int | None = None,
         memory: int | None = None,
         progress: Callable[[Progress], object] | None = None,
-        clock: Callable[[], float] = time.perf_counter,
+        clock: Callable[[], float] = perf_counter,
     ) -> None:
-        for name, limit in (("gap", gap), ("seconds", seconds), ("iterations", iterations), ("memory", memory)):
-            if limit is not None and not limit >= 0:
-                raise ConfigError(f"{name} is a number from 0 on, not {limit}", key=name)
+        for name, limit in (("gap", gap), ("time", time), ("iterations", iterations), ("memory", memory)):
+            if limit is not None and not _is_limit(limit):
+                raise ConfigError(f"{name} is a number from 0 on, not {limit!r}", key=name)
         self.gap = float(gap)
         self.reason: Reason | None = None
-        self._seconds = float("inf") if seconds is None else seconds
+        self._time = float("inf") if time is None else time
         self._iterations = sys.maxsize if iterations is None else iterations
         self._memory = int(0.8 * _machine_memory()) if memory is None else memory
         self._progress = progress
@@ -97,7 +99,7 @@ class Watch:
     @property
     def remaining(self) -> float:
         """How many seconds it has left; below 0 where they are used up or it was interrupted."""
-        return -1.0 if self._interrupted else self._seconds - self.seconds
+        return -1.0 if self._interrupted else self._time - self.seconds
 
     @property
     def room(self) -> int:
@@ -139,7 +141,7 @@ class Watch:
             return True
         elif self._interrupted:
             self.reason = "interrupted"
-        elif report.seconds >= self._seconds:
+        elif report.seconds >= self._time:
             self.reason = "time"
         elif iterations >= self._iterations:
             self.reason = "iterations"
@@ -154,6 +156,10 @@ class Watch:
         last = Progress(self.seconds, lower, upper, iterations, size, _held())
         reason: Reason = "exact" if exact or self.reason is None else self.reason
         return Solution(policy, solver, lower, upper, reason, (*self._history, last))
+
+
+def _is_limit(given: object) -> bool:
+    return isinstance(given, int | float | np.integer | np.floating) and bool(given >= 0)
 
 
 def _held() -> int:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.policies import AlphaVectors
-from mdm.solvers.limits import Watch
+from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.policy_iteration import steps
 from mdm.solvers.mdp.rounds import rounding, rounds, sweeping
 from mdm.solvers.mdp.stack import Stack
@@ -31,12 +31,12 @@ __all__ = ["known_state", "qmdp"]
 _EACH = 15
 
 
-def qmdp(model: MDP, *, watch: Watch | None = None) -> Solution:
+def qmdp(model: MDP, *, limits: Limits | None = None) -> Solution:
     """Return what a POMDP's actions were worth if its state were known, as `AlphaVectors`, one per action.
 
     Args:
         model: The model; factored ones are flattened.
-        watch: The limits; the gap is how far the vectors may be from their limit, and the iterations are rounds of
+        limits: When to stop; the gap is how far the vectors may be from their limit, and the iterations are rounds of
             sweeps, or policies where the discount is 1.
 
     Returns:
@@ -46,16 +46,16 @@ def qmdp(model: MDP, *, watch: Watch | None = None) -> Solution:
     Raises:
         ModelError: If the discount is 1, and values grow or fall without end.
     """
-    with Watch() if watch is None else watch as watching:
+    with Limits() if limits is None else limits as run:
         stack = Stack(model)
         belief = model.initial_belief
-        for iterations, (table, bounds) in enumerate(known_state(stack, watching.gap), 1):
+        for iterations, (table, bounds) in enumerate(known_state(stack, run.gap), 1):
             upper = float((belief @ table).max()) if bounds else np.inf
-            if watching.ends(-np.inf, upper, iterations=iterations, size=stack.num_actions):
+            if run.ends(-np.inf, upper, iterations=iterations, size=stack.num_actions):
                 break
         else:
-            watching.reason = "converged" if stack.discount < 1 else "exact"
-        return watching.solution(
+            run.reason = "converged" if stack.discount < 1 else "exact"
+        return run.solution(
             AlphaVectors(table.T, range(stack.num_actions), stack.num_actions),
             "qmdp",
             -np.inf,

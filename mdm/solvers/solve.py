@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import importlib
+import inspect
+import os
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from mdm.errors import ConfigError
 from mdm.models import POMDP
-from mdm.solvers.limits import Watch
+from mdm.solvers.limits import Limits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mdm.models import MDP
-    from mdm.solvers.solution import Solution
+    from mdm.solvers.solution import Progress, Solution
 
-__all__ = ["SOLVERS", "default_solver", "solve"]
+__all__ = ["SOLVERS", "default_solver", "options_of", "solve"]
 
 SOLVERS: dict[str, tuple[str, str, str]] = {
     "value-iteration": ("mdp.value_iteration", "value_iteration", "MDP"),
@@ -38,25 +41,66 @@ def default_solver(model: MDP) -> str:
     return "perseus" if model.event_observations else "sarsop"
 
 
-def solve(model: MDP, solver: str | None = None, *, watch: Watch | None = None, **options: Any) -> Solution:
-    """Solve a model.
+def options_of(solver: str) -> list[str]:
+    """Return the names of the options that a solver takes beside its limits."""
+    _, *parameters = inspect.signature(_function(solver)).parameters
+    return [name for name in parameters if name != "limits"]
+
+
+def solve(
+    model: MDP | str | PathLike[str],
+    solver: str | None = None,
+    *,
+    gap: float = 1e-3,
+    time: float | None = None,
+    iterations: int | None = None,
+    memory: int | None = None,
+    progress: Callable[[Progress], object] | None = None,
+    **options: Any,
+) -> Solution:
+    """Solve a model: return a policy, with the bounds that certify it.
+
+    It stops at the first of its limits, or at Ctrl-C, and returns the best policy that it has by then.
+
+        solution = mdm.solve("tiger.pomdp", gap=0.01, time=60)
+        print(solution.lower, solution.upper, solution.reason)
+        mdm.save_policy(solution.policy, "tiger.npz")
 
     Args:
-        model: The model.
+        model: The model, or the path of its file.
         solver: One of `SOLVERS`; by default what suits the model.
-        watch: Its limits, and where it reports.
-        options: What the solver itself takes.
+        gap: Stop when the bounds at the initial belief are no further apart.
+        time: Stop after so many seconds.
+        iterations: Stop after so many sweeps, trials or rounds.
+        memory: Stop when the process holds so many bytes; by default 80 % of the machine's memory.
+        progress: Called with each `Progress` that the solver reports.
+        options: What this solver alone takes, such as ``horizon``.
 
     Raises:
-        ConfigError: If there is no such solver, or it is not for such models.
+        ConfigError: If there is no such solver or option, it is not for such models, or a limit is no number.
+        FormatError: If the file holds no model.
         ModelError: If the model has no solution, such as one with a discount of 1 that never ends.
     """
+    if isinstance(model, str | PathLike):
+        from mdm.formats import load_model  # noqa: PLC0415 - imported where a path is given
+
+        model = load_model(os.fspath(model))
     name = default_solver(model) if solver is None else solver
     if name not in SOLVERS:
         raise ConfigError(f"there is no solver {name!r}; there are {', '.join(SOLVERS)}", key="solver")
-    module, function, kind = SOLVERS[name]
+    kind = SOLVERS[name][2]
     if kind != model.kind:
         others = ", ".join(other for other, (*_, of) in SOLVERS.items() if of == model.kind)
         raise ConfigError(f"{name} solves {kind}s, not {model.kind}s: take {others}", key="solver")
-    run: Callable[..., Solution] = getattr(importlib.import_module(f"mdm.solvers.{module}"), function)
-    return run(model, watch=Watch() if watch is None else watch, **options)
+    for option in options:
+        if option not in (known := options_of(name)):
+            which = f"its options are {', '.join(known)}" if known else "it has no options but the limits"
+            raise ConfigError(f"{name} takes no {option!r}: {which}", key=option)
+    limits = Limits(gap=gap, time=time, iterations=iterations, memory=memory, progress=progress)
+    return _function(name)(model, limits=limits, **options)
+
+
+def _function(solver: str) -> Callable[..., Solution]:
+    module, function, _ = SOLVERS[solver]
+    found: Callable[..., Solution] = getattr(importlib.import_module(f"mdm.solvers.{module}"), function)
+    return found

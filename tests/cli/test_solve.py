@@ -16,7 +16,7 @@ from mdm import evaluate, load_model, load_policy
 from mdm.cli.progress import ProgressLine
 from mdm.models import MDP
 from mdm.policies import AlphaVectors
-from mdm.solvers import SOLVERS, Progress, Watch, exact_values
+from mdm.solvers import SOLVERS, Limits, Progress, exact_values
 
 TIGER = ROOT / "examples" / "tiger.pomdp"
 LAMP = ROOT / "tests" / "data" / "models" / "lamp.pomdpx"
@@ -39,10 +39,10 @@ def slow(monkeypatch):
     """Add a solver that has no end and is interrupted in its third round; return the seeds that it was called with."""
     module, calls = ModuleType("mdm.solvers.slow"), []
 
-    def solver(model, *, watch=None, seed=None):
+    def solver(model, *, limits=None, seed=None):
         calls.append(seed)
         lower, rounds = -1.0, 0
-        with Watch() if watch is None else watch as guard:
+        with Limits() if limits is None else limits as guard:
             while not guard.ends(lower, 20.0, iterations=rounds, size=1):
                 rounds, lower = rounds + 1, lower + 0.25
                 if rounds == 3:

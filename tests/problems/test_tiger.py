@@ -5,7 +5,6 @@ from same_model import assert_same_model
 
 from mdm import load_model, solve
 from mdm.problems import tiger
-from mdm.solvers import Watch
 
 
 def test_entries():
@@ -19,7 +18,7 @@ def test_entries():
 
 
 def test_published_value():
-    solution = solve(tiger(), watch=Watch(gap=1e-3))
+    solution = solve(tiger(), gap=1e-3)
     assert solution.lower <= 19.3722
     assert solution.upper >= 19.3711
     assert solution.lower == pytest.approx(19.3713, abs=2e-3)

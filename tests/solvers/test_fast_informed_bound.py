@@ -7,7 +7,7 @@ from random_models import dense, factored_models, flat_models
 
 import mdm
 from mdm.models import POMDP
-from mdm.solvers import Watch, solve
+from mdm.solvers import Limits, solve
 from mdm.solvers.fast_informed_bound import fast_informed_bound
 from mdm.solvers.qmdp import qmdp
 
@@ -57,13 +57,13 @@ def test_vectors_are_those_of_the_equation(model):
     model = model.with_discount(0.9 if model.discount == 1 else model.discount)
     joint = joints(model.flatten())
     truth = plain(model, joint)
-    found = fast_informed_bound(model, watch=Watch(gap=1e-5))
+    found = fast_informed_bound(model, limits=Limits(gap=1e-5))
     assert found.policy.actions == list(range(len(model.action_space)))
     assert (found.policy.vectors >= truth - 1e-7 * (1 + abs(truth))).all()
     assert (found.policy.vectors <= truth + 1e-5 + 1e-7 * (1 + abs(truth))).all()
     assert found.lower == -np.inf
     assert found.reason == "converged"
-    above = qmdp(model, watch=Watch(gap=1e-5))
+    above = qmdp(model, limits=Limits(gap=1e-5))
     assert found.upper <= above.upper + 1e-5
     least = model.rewards.min() * model.discount**2 / (1 - model.discount)
     assert found.upper >= expectimax(model, joint, model.initial_belief, 2) + least - 1e-6
@@ -73,7 +73,7 @@ def test_vectors_are_those_of_the_equation(model):
 def test_it_bounds_wherever_it_stops(limit, corpus):
     model = mdm.load_model(corpus / "models" / "pomdp-solve" / "tiger.95.POMDP")
     reports = []
-    found = solve(model, "fib", watch=Watch(iterations=limit, progress=reports.append))
+    found = solve(model, "fib", iterations=limit, progress=reports.append)
     assert all(report.upper >= 19.3713 for report in reports)
     assert found.upper >= 19.3713
     assert (np.diff([report.upper for report in reports]) <= 1e-9).all()

@@ -17,7 +17,7 @@ import mdm
 from mdm.errors import ModelError, ModelWarning
 from mdm.models import MDP
 from mdm.models.compilation import can_compile
-from mdm.solvers import Watch
+from mdm.solvers import Limits
 from mdm.solvers.mdp import stack
 from mdm.solvers.mdp.policy_iteration import modified_policy_iteration, policy_iteration
 from mdm.solvers.mdp.prioritised_sweeping import prioritised_sweeping
@@ -74,7 +74,7 @@ def test_values_are_those_of_a_linear_program(solver, data):
     for compiled in {False, can_compile()}:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(stack, "can_compile", lambda compiled=compiled: compiled)
-            found = solver(model, watch=Watch(gap=1e-6))
+            found = solver(model, limits=Limits(gap=1e-6))
         np.testing.assert_allclose(found.policy.values.max(axis=1), best, atol=2e-6)
         value = model.initial_belief @ best
         assert found.lower - 1e-7 <= value <= found.upper + 1e-7
@@ -91,7 +91,7 @@ def test_bounds_hold_wherever_it_stops(solver, data):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stack, "can_compile", lambda: False)
         patch.setattr("mdm.solvers.mdp.rounds._SWEEPS", (1, 1))
-        found = solver(model, watch=Watch(gap=0, iterations=limit, progress=reports.append))
+        found = solver(model, limits=Limits(gap=0, iterations=limit, progress=reports.append))
     best = optimum(model)
     value = model.initial_belief @ best
     for report in [*reports, found]:
@@ -113,7 +113,7 @@ def worth(model, policy):
 def test_tables_are_those_of_madp(solver, name, discount, corpus):
     told = json.loads((corpus / "values" / f"{name}_{discount}.json").read_text())
     model = load(corpus, name, discount)
-    found = solver(model, watch=Watch(gap=1e-6))
+    found = solver(model, limits=Limits(gap=1e-6))
     table = np.array(told["mdp_q_table"])
     slack = 1e-4 * discount / (1 - discount)  # it stopped when values changed by no more than 1e-4
     np.testing.assert_allclose(found.policy.values[: len(table)], table, atol=slack + 2e-6)
@@ -146,7 +146,7 @@ def chain(size=400, *, sparse, discount=0.95):
 
 @every_solver
 def test_dense_and_sparse_agree(solver):
-    tables = [solver(chain(sparse=sparse), watch=Watch(gap=1e-8)).policy.values for sparse in (False, True)]
+    tables = [solver(chain(sparse=sparse), limits=Limits(gap=1e-8)).policy.values for sparse in (False, True)]
     np.testing.assert_allclose(*tables, atol=2e-8)
     np.testing.assert_allclose(tables[0].max(axis=1), optimum(chain(sparse=False)), atol=1e-6)
 
@@ -157,7 +157,7 @@ def test_matrices_full_of_numbers_stay_dense(solver):
     transitions = random.random((3, 40, 40))
     model = MDP(transitions / transitions.sum(axis=-1, keepdims=True), random.normal(size=(40, 3)), discount=0.97)
     assert isinstance(stack.Stack(model).matrix, np.ndarray)
-    found = solver(model, watch=Watch(gap=1e-6))
+    found = solver(model, limits=Limits(gap=1e-6))
     np.testing.assert_allclose(found.policy.values.max(axis=1), optimum(model), atol=2e-6)
 
 
@@ -166,7 +166,7 @@ def test_matrices_full_of_numbers_stay_dense(solver):
 @pytest.mark.parametrize("sparse", [False, True])
 def test_a_gap_that_rounding_leaves_open(solver, discount, sparse):
     model = chain(30, sparse=sparse, discount=discount)
-    found = solver(model, watch=Watch(gap=0))
+    found = solver(model, limits=Limits(gap=0))
     assert found.reason in {"converged", "exact", "gap"}
     np.testing.assert_allclose(found.policy.values.max(axis=1), optimum(model), rtol=1e-7)
 
@@ -183,7 +183,7 @@ def test_ctrl_c_returns_the_best_so_far(solver):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mdm.solvers.mdp.rounds._SWEEPS", (1, 1))
-        found = solver(model, watch=Watch(gap=0, progress=interrupt))
+        found = solver(model, limits=Limits(gap=0, progress=interrupt))
     assert found.reason == "interrupted"
     assert found.iterations == len(reports) == 2
     assert found.policy.num_states == 400
@@ -195,8 +195,8 @@ def test_time_is_up(solver):
     times = iter(range(1000))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mdm.solvers.mdp.rounds._SWEEPS", (1, 1))
-        watch = Watch(gap=0, seconds=3, clock=lambda: float(next(times)))
-        found = solver(chain(sparse=True, discount=0.999), watch=watch)
+        limits = Limits(gap=0, time=3, clock=lambda: float(next(times)))
+        found = solver(chain(sparse=True, discount=0.999), limits=limits)
     assert found.reason == "time"
     assert found.iterations == 3
 

@@ -1,4 +1,4 @@
-"""The watch: limits, reports, interruption."""
+"""Limits, reports, interruption."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from mdm import ConfigError, ModelError
-from mdm.solvers import Watch
+from mdm.solvers import Limits
 
 
 def ticking(step=1.0):
@@ -24,31 +24,31 @@ def ticking(step=1.0):
         ({"iterations": 3}, (0.0, 9.0), "iterations"),
         ({"iterations": 4}, (0.0, 9.0), None),
         ({"memory": 1}, (0.0, 9.0), "memory"),
-        ({"seconds": 0}, (0.0, 9.0), "time"),
+        ({"time": 0}, (0.0, 9.0), "time"),
     ],
 )
 def test_each_limit_ends_a_run(limits, bounds, reason):
-    watch = Watch(**{"gap": 1e-9, **limits})
-    with watch:
-        assert watch.ends(*bounds, iterations=3, size=1) is (reason is not None)
-    assert watch.reason == reason
+    limits = Limits(**{"gap": 1e-9, **limits})
+    with limits:
+        assert limits.ends(*bounds, iterations=3, size=1) is (reason is not None)
+    assert limits.reason == reason
 
 
 def test_time_is_that_of_the_clock():
-    watch = Watch(gap=0, seconds=3, clock=ticking())
-    with watch:
-        ends = [watch.ends(0, 1, iterations=k, size=1) for k in range(4)]
+    limits = Limits(gap=0, time=3, clock=ticking())
+    with limits:
+        ends = [limits.ends(0, 1, iterations=k, size=1) for k in range(4)]
     assert ends == [False, False, True, True]
-    assert watch.reason == "time"
+    assert limits.reason == "time"
 
 
 def test_every_report_is_told_and_the_history_stays_short():
     told = []
-    watch = Watch(gap=0, progress=told.append, clock=ticking())
-    with watch:
+    limits = Limits(gap=0, progress=told.append, clock=ticking())
+    with limits:
         for k in range(1000):
-            watch.ends(0, 1, iterations=k, size=2)
-    history = watch.solution("policy", "name", 0, 1, iterations=1000, size=2).history
+            limits.ends(0, 1, iterations=k, size=2)
+    history = limits.solution("policy", "name", 0, 1, iterations=1000, size=2).history
     assert [p.iterations for p in told] == list(range(1000))
     assert len(history) < 150
     assert [p.seconds for p in history] == sorted(p.seconds for p in history)
@@ -56,20 +56,20 @@ def test_every_report_is_told_and_the_history_stays_short():
 
 
 def test_what_nothing_stopped_is_exact():
-    watch = Watch()
-    found = watch.solution("policy", "name", 1.0, 1.0, iterations=7, size=2)
+    limits = Limits()
+    found = limits.solution("policy", "name", 1.0, 1.0, iterations=7, size=2)
     assert (found.reason, found.gap, found.iterations) == ("exact", 0.0, 7)
 
 
 def test_the_second_ctrl_c_breaks_off():
-    watch = Watch()
-    with watch:
+    limits = Limits()
+    with limits:
         signal.raise_signal(signal.SIGINT)
-        assert watch.remaining < 0
-        assert watch.ends(0, 1, iterations=1, size=1)
+        assert limits.remaining < 0
+        assert limits.ends(0, 1, iterations=1, size=1)
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-    assert watch.reason == "interrupted"
+    assert limits.reason == "interrupted"
 
 
 def test_in_another_thread_signals_are_left_alone():
@@ -77,10 +77,10 @@ def test_in_another_thread_signals_are_left_alone():
     before = signal.getsignal(signal.SIGINT)
 
     def work():
-        with Watch() as watch:
+        with Limits() as limits:
             handlers.append(signal.getsignal(signal.SIGINT))
-            watch.interrupt()
-            handlers.append(watch.ends(0, 1, iterations=1, size=1))
+            limits.interrupt()
+            handlers.append(limits.ends(0, 1, iterations=1, size=1))
 
     thread = threading.Thread(target=work)
     thread.start()
@@ -89,9 +89,9 @@ def test_in_another_thread_signals_are_left_alone():
 
 
 def test_limits_below_zero_and_bounds_that_are_no_numbers_are_refused():
-    with pytest.raises(ConfigError, match="seconds is a number from 0 on, not -1"):
-        Watch(seconds=-1)
+    with pytest.raises(ConfigError, match="time is a number from 0 on, not -1"):
+        Limits(time=-1)
     with pytest.raises(ConfigError, match="gap"):
-        Watch(gap=float("nan"))
+        Limits(gap=float("nan"))
     with pytest.raises(ModelError, match="no number"):
-        Watch().ends(float("nan"), 1, iterations=1, size=1)
+        Limits().ends(float("nan"), 1, iterations=1, size=1)

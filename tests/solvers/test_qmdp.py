@@ -11,7 +11,7 @@ from random_models import factored_models, flat_models
 import mdm
 from mdm.errors import ModelError, ModelWarning
 from mdm.models import MDP, POMDP
-from mdm.solvers import Watch
+from mdm.solvers import Limits
 from mdm.solvers.mdp.policy_iteration import policy_iteration
 from mdm.solvers.qmdp import qmdp
 
@@ -32,7 +32,7 @@ def test_values_at_the_start_are_those_of_madp(name, discount, corpus):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
         model = mdm.load_model(path).with_discount(discount)
-        found = qmdp(model, watch=Watch(gap=1e-6))
+        found = qmdp(model, limits=Limits(gap=1e-6))
     values = found.policy.q_values(model.initial_belief)
     np.testing.assert_allclose(values, told["qmdp_at_isd"], atol=1e-4 * discount / (1 - discount) + 2e-6)
     assert found.lower == -np.inf
@@ -50,9 +50,9 @@ def test_vectors_are_the_values_of_the_mdp_from_above(model):
     states = MDP(
         [flat.transition_matrix(a) for a in range(len(flat.action_space))], flat.rewards, discount=flat.discount
     )
-    truth = policy_iteration(states, watch=Watch(gap=0)).policy.values.T
+    truth = policy_iteration(states, limits=Limits(gap=0)).policy.values.T
     for gap, limit in ((1e-4, None), (0, 2)):
-        found = qmdp(model, watch=Watch(gap=gap, iterations=limit))
+        found = qmdp(model, limits=Limits(gap=gap, iterations=limit))
         assert found.policy.actions == list(range(len(flat.action_space)))
         assert (found.policy.vectors >= truth - 1e-6).all()
         assert found.upper >= (truth @ flat.initial_belief).max() - 1e-6
@@ -68,6 +68,6 @@ def test_without_a_discount_it_is_exact_or_no_bound():
     found = qmdp(model)
     np.testing.assert_allclose(found.policy.vectors, [[-4, -6, 0], [-2, -1, 0]])
     assert (found.lower, found.upper, found.reason) == (-np.inf, -2, "exact")
-    assert qmdp(model, watch=Watch(iterations=1)).upper in {-2, np.inf}
+    assert qmdp(model, limits=Limits(iterations=1)).upper in {-2, np.inf}
     with pytest.raises(ModelError, match="discount is 1"):
         qmdp(POMDP([np.eye(1)], np.ones((1, 1, 1)), [[1.0]], discount=1))

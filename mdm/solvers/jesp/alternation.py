@@ -22,7 +22,7 @@ from mdm.solvers.jesp.joint_plan import as_controller, plan_size, plan_value, ra
 from mdm.solvers.jesp.response import best_response, solve_as_one
 from mdm.solvers.jesp.search import PlanSearch
 from mdm.solvers.jesp.team import Team
-from mdm.solvers.limits import Watch
+from mdm.solvers.limits import Limits
 
 if TYPE_CHECKING:
     from mdm.models import POMDP
@@ -38,7 +38,7 @@ _BETTER = 1e-10
 def jesp(
     model: POMDP,
     *,
-    watch: Watch | None = None,
+    limits: Limits | None = None,
     horizon: int = 3,
     restarts: int = 20,
     seed: int | None = 0,
@@ -48,7 +48,7 @@ def jesp(
 
     Args:
         model: The team's POMDP, with a factor of observations per agent. Its discount applies; it may be 1.
-        watch: Limits, and where to report; an iteration is a best response.
+        limits: When to stop, and where to report; an iteration is a best response.
         horizon: How many decisions the plan is for.
         restarts: From how many random plans to begin.
         seed: For these.
@@ -64,15 +64,15 @@ def jesp(
     if restarts < 1:
         raise ConfigError(f"at least 1 random plan is needed to begin with, not {restarts}", key="restarts")
     team = Team(model)
-    return _Alternation(team, Watch() if watch is None else watch, horizon).run(
+    return _Alternation(team, Limits() if limits is None else limits, horizon).run(
         Team(model, as_one=True), np.random.default_rng(seed), restarts, search
     )
 
 
 class _Alternation:
-    def __init__(self, team: Team, watch: Watch, horizon: int) -> None:
+    def __init__(self, team: Team, limits: Limits, horizon: int) -> None:
         self._team = team
-        self._watch = watch
+        self._limits = limits
         self._horizon = horizon
         self._size = plan_size(team, horizon)
         self._responses = 0
@@ -82,8 +82,8 @@ class _Alternation:
 
     def run(self, one: Team, random: np.random.Generator, restarts: int, effort: int) -> Solution:
         """Solve; ``one`` is the team taken as one agent."""
-        team, watch = self._team, self._watch
-        with watch:
+        team, limits = self._team, self._limits
+        with limits:
             self.upper = team.known_states_value(self._horizon)
             self._take(random_plan(team, self._horizon, random))
             stages = None if self._ends() else solve_as_one(one, self._horizon, self._goes_on)
@@ -96,11 +96,11 @@ class _Alternation:
                 if self._ends() or not self._climb(plan):
                     break
             exact = self._search(stages, effort) if stages is not None and effort and not self._ends() else False
-            if not exact and watch.reason is None and not self._ends():
-                watch.reason = "iterations"  # the restarts and the effort are used up
+            if not exact and limits.reason is None and not self._ends():
+                limits.reason = "iterations"  # the restarts and the effort are used up
             # What rounding put above the bound is no contradiction.
             self.upper = max(self.lower, self.upper)
-            return watch.solution(
+            return limits.solution(
                 as_controller(team, self.best),
                 "jesp",
                 self.lower,
@@ -111,10 +111,10 @@ class _Alternation:
             )
 
     def _goes_on(self) -> bool:
-        return self._watch.remaining > 0
+        return self._limits.remaining > 0
 
     def _ends(self) -> bool:
-        return self._watch.ends(self.lower, self.upper, iterations=self._responses, size=self._size)
+        return self._limits.ends(self.lower, self.upper, iterations=self._responses, size=self._size)
 
     def _take(self, plan: JointPlan) -> None:
         value = plan_value(self._team, plan)

@@ -18,7 +18,7 @@ import numpy as np
 
 from mdm.models.compressed import csr_identity, is_compressed
 from mdm.policies import QTable
-from mdm.solvers.limits import Watch
+from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.rounds import bounded, sweeping
 from mdm.solvers.mdp.stack import Stack
 from mdm.solvers.mdp.undiscounted import first_policy, resting
@@ -42,37 +42,37 @@ _EACH = 15
 """One of so many sweeps looks for the best actions. An odd number: so these go forward and backward in turn."""
 
 
-def policy_iteration(model: MDP, *, watch: Watch | None = None) -> Solution:
+def policy_iteration(model: MDP, *, limits: Limits | None = None) -> Solution:
     """Return the optimal values of a model's states, as a `QTable`; a POMDP's state is taken to be seen.
 
     Args:
         model: The model; factored ones are flattened.
-        watch: The limits; its iterations are policies. With a gap of 0 the result is exact.
+        limits: When to stop; its iterations are policies. With a gap of 0 the result is exact.
 
     Raises:
         ModelError: If the discount is 1, and values grow or fall without end.
     """
-    with Watch() if watch is None else watch as watching:
-        return improve_policies(Stack(model), model.initial_belief, watching, "policy-iteration")
+    with Limits() if limits is None else limits as run:
+        return improve_policies(Stack(model), model.initial_belief, run, "policy-iteration")
 
 
-def modified_policy_iteration(model: MDP, *, watch: Watch | None = None) -> Solution:
+def modified_policy_iteration(model: MDP, *, limits: Limits | None = None) -> Solution:
     """Return the optimal values of a model's states, as a `QTable`; a POMDP's state is taken to be seen.
 
     Args:
         model: The model; factored ones are flattened.
-        watch: The limits; its iterations are rounds of sweeps, for one policy each.
+        limits: When to stop; its iterations are rounds of sweeps, for one policy each.
 
     Raises:
         ModelError: If the discount is 1, and values grow or fall without end.
     """
     name = "modified-policy-iteration"
-    with Watch() if watch is None else watch as watching:
+    with Limits() if limits is None else limits as run:
         stack = Stack(model)
         if stack.discount == 1:
-            return improve_policies(stack, model.initial_belief, watching, name)
-        improve = sweeping(stack, watching.gap, _EACH)
-        return bounded(stack, model.initial_belief, watching, name, improve)
+            return improve_policies(stack, model.initial_belief, run, name)
+        improve = sweeping(stack, run.gap, _EACH)
+        return bounded(stack, model.initial_belief, run, name, improve)
 
 
 class Step(NamedTuple):
@@ -115,15 +115,15 @@ def steps(stack: Stack) -> Iterator[Step]:
         yield Step(values, table, policy, 0.0 if stable else upper, stable)
 
 
-def improve_policies(stack: Stack, belief: Vector, watch: Watch, solver: str) -> Solution:
-    """Return a Q-table with its bounds at a belief, of as many policies as a watch allows."""
+def improve_policies(stack: Stack, belief: Vector, limits: Limits, solver: str) -> Solution:
+    """Return a Q-table with its bounds at a belief, of as many policies as the limits allow."""
     for iterations, step in enumerate(steps(stack), 1):
         lower = float(belief @ step.values)
         upper = lower + step.upper
-        if watch.ends(lower, upper, iterations=iterations, size=stack.size):
+        if limits.ends(lower, upper, iterations=iterations, size=stack.size):
             break
     table = step.table if stack.discount < 1 else _going_on(step)
-    return watch.solution(
+    return limits.solution(
         QTable(table), solver, lower, upper, iterations=iterations, size=stack.size, exact=step.stable
     )
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.models.compressed import csr, is_compressed
-from mdm.solvers.limits import Watch
+from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.policy_iteration import improve_policies
 from mdm.solvers.mdp.rounds import Round, bounded, sweeps_of
 from mdm.solvers.mdp.stack import Stack, unsigned
@@ -34,20 +34,20 @@ _SETTLED = 0.01
 """A round ends when priorities are below this share of the largest at its start."""
 
 
-def prioritised_sweeping(model: MDP, *, watch: Watch | None = None) -> Solution:
+def prioritised_sweeping(model: MDP, *, limits: Limits | None = None) -> Solution:
     """Return the optimal values of a model's states, as a `QTable`; a POMDP's state is taken to be seen.
 
     Args:
         model: The model; factored ones are flattened.
-        watch: The limits; its iterations are rounds, of as many backups as some sweeps have.
+        limits: When to stop; its iterations are rounds, of as many backups as some sweeps have.
 
     Raises:
         ModelError: If the discount is 1, and values grow or fall without end.
     """
-    with Watch() if watch is None else watch as watching:
+    with Limits() if limits is None else limits as run:
         stack = Stack(model)
         if stack.discount == 1:
-            return improve_policies(stack, model.initial_belief, watching, _NAME)
+            return improve_policies(stack, model.initial_belief, run, _NAME)
         before = _before(stack)
         most = stack.size * sweeps_of(stack)
 
@@ -59,7 +59,7 @@ def prioritised_sweeping(model: MDP, *, watch: Watch | None = None) -> Solution:
             largest = float(priorities.max())
             _sweep(stack, values, priorities, before, largest / 2, _SETTLED * largest, most)
 
-        return bounded(stack, model.initial_belief, watching, _NAME, improve)
+        return bounded(stack, model.initial_belief, run, _NAME, improve)
 
 
 def _before(stack: Stack) -> Matrix:

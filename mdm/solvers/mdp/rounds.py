@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.models.matrices import Vector
-    from mdm.solvers.limits import Watch
+    from mdm.solvers.limits import Limits
     from mdm.solvers.mdp.stack import Stack
     from mdm.solvers.solution import Solution
 
@@ -90,18 +90,18 @@ def rounds(stack: Stack, improve: Callable[[Vector, Round], None]) -> Iterator[R
 
 
 def bounded(
-    stack: Stack, belief: Vector, watch: Watch, solver: str, improve: Callable[[Vector, Round], None]
+    stack: Stack, belief: Vector, limits: Limits, solver: str, improve: Callable[[Vector, Round], None]
 ) -> Solution:
-    """Return a Q-table with its bounds at a belief, from as many rounds as a watch allows."""
+    """Return a Q-table with its bounds at a belief, from as many rounds as the limits allow."""
     for iterations, now in enumerate(rounds(stack, improve), 1):
         value = float(belief @ now.backed)
         lower, upper = value + now.below, value + now.above
-        if watch.ends(lower, upper, iterations=iterations, size=stack.size):
+        if limits.ends(lower, upper, iterations=iterations, size=stack.size):
             break
         if now.above - now.below <= rounding(stack, now):
-            watch.reason = "converged"
+            limits.reason = "converged"
             break
-    return watch.solution(now.table(stack), solver, lower, upper, iterations=iterations, size=stack.size)
+    return limits.solution(now.table(stack), solver, lower, upper, iterations=iterations, size=stack.size)
 
 
 def rounding(stack: Stack, now: Round) -> float:

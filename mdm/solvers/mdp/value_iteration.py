@@ -20,7 +20,7 @@ import numpy as np
 
 from mdm.errors import ConfigError
 from mdm.policies import StagedPolicy
-from mdm.solvers.limits import Watch
+from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.policy_iteration import improve_policies
 from mdm.solvers.mdp.rounds import bounded, sweeping
 from mdm.solvers.mdp.stack import Stack
@@ -35,12 +35,12 @@ __all__ = ["value_iteration"]
 _NAME = "value-iteration"
 
 
-def value_iteration(model: MDP, *, watch: Watch | None = None, horizon: int | None = None) -> Solution:
+def value_iteration(model: MDP, *, limits: Limits | None = None, horizon: int | None = None) -> Solution:
     """Return the optimal values of a model's states, as a `QTable`; a POMDP's state is taken to be seen.
 
     Args:
         model: The model; factored ones are flattened.
-        watch: The limits; its iterations are rounds of a few sweeps, or stages where there is a horizon.
+        limits: When to stop; its iterations are rounds of a few sweeps, or stages where there is a horizon.
         horizon: How many decisions there are. The policy is a `StagedPolicy`, with a Q-table for each; stages that were
             not reached when the solver had to stop take that of the earliest that was.
 
@@ -50,17 +50,17 @@ def value_iteration(model: MDP, *, watch: Watch | None = None, horizon: int | No
     """
     if horizon is not None and horizon < 1:
         raise ConfigError(f"a horizon is a number of decisions from 1 on, not {horizon}", key="horizon")
-    with Watch() if watch is None else watch as watching:
+    with Limits() if limits is None else limits as run:
         stack = Stack(model)
         if horizon is not None:
-            return _backward(stack, model.initial_belief, watching, horizon)
+            return _backward(stack, model.initial_belief, run, horizon)
         if stack.discount == 1:
-            return improve_policies(stack, model.initial_belief, watching, _NAME)
-        improve = sweeping(stack, watching.gap, 1)
-        return bounded(stack, model.initial_belief, watching, _NAME, improve)
+            return improve_policies(stack, model.initial_belief, run, _NAME)
+        improve = sweeping(stack, run.gap, 1)
+        return bounded(stack, model.initial_belief, run, _NAME, improve)
 
 
-def _backward(stack: Stack, belief: Vector, watch: Watch, horizon: int) -> Solution:
+def _backward(stack: Stack, belief: Vector, limits: Limits, horizon: int) -> Solution:
     """Return the optimal policy of each stage, from the last to the first.
 
     While stages are missing the value is bounded by the least and the greatest reward in each of them.
@@ -77,10 +77,10 @@ def _backward(stack: Stack, belief: Vector, watch: Watch, horizon: int) -> Solut
             sums = stage if stack.discount == 1 else (1 - ahead) / (1 - stack.discount)
             lower = float(sums * rewards[0] + ahead * values.min())
             upper = float(sums * rewards[1] + ahead * values.max())
-        if watch.ends(lower, upper, iterations=horizon - stage, size=horizon * stack.size):
+        if limits.ends(lower, upper, iterations=horizon - stage, size=horizon * stack.size):
             break
     tables[:stage] = tables[stage]
     done = horizon - stage
-    return watch.solution(
+    return limits.solution(
         StagedPolicy(tables), _NAME, lower, upper, iterations=done, size=horizon * stack.size, exact=not stage
     )

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from mdm.models.matrices import Matrix
-    from mdm.solvers.limits import Watch
+    from mdm.solvers.limits import Limits
     from mdm.solvers.perseus.outlook import Only, Outlook
 
 __all__ = ["Choice", "Vectors", "best", "choose", "improve", "needed"]
@@ -79,7 +79,7 @@ def improve(
     points: Matrix,
     backup: Callable[[Matrix], tuple[Vector, Indices]],
     random: np.random.Generator,
-    watch: Watch,
+    limits: Limits,
     *,
     every: bool = False,
 ) -> tuple[Vectors, float]:
@@ -94,7 +94,7 @@ def improve(
         points: n x S.
         backup: Makes a vector, and its action, for each of some points.
         random: Orders the points.
-        watch: Ends it early; the old vectors are kept then beside the new ones.
+        limits: Ends it early; the old vectors are kept then beside the new ones.
         every: Back up all points, those that were improved along with others, too.
     """
     worth = points @ np.ascontiguousarray(old.values.T)
@@ -107,7 +107,7 @@ def improve(
     kept: set[int] = set()
     waiting = random.permutation(len(before))
     count = _BLOCK if every else 1
-    while len(waiting) and watch.remaining >= 0:
+    while len(waiting) and limits.remaining >= 0:
         block, waiting = waiting[:count], waiting[count:]
         count = min(2 * count, _BLOCK)
         values, actions = backup(points[block])

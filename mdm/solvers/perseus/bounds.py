@@ -15,7 +15,7 @@ from mdm.policies.blind_policy import for_ever
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector
-    from mdm.solvers.limits import Watch
+    from mdm.solvers.limits import Limits
     from mdm.solvers.perseus.outlook import Outlook
 
 __all__ = ["upper_bound"]
@@ -24,22 +24,22 @@ _SWEEPS = 2_000
 _SETTLED = 1e-6
 
 
-def upper_bound(outlook: Outlook, starts: Vector, watch: Watch, horizon: int | None = None) -> float:
+def upper_bound(outlook: Outlook, starts: Vector, limits: Limits, horizon: int | None = None) -> float:
     """Return the fast informed bound: no policy earns more from the beliefs at the start.
 
     Args:
         outlook: The model.
         starts: The beliefs, each times its probability: k x S.
-        watch: Ends the sweeps. Those of a horizon must not be ended: there is then no bound, but inf.
+        limits: Ends the sweeps. Those of a horizon must not be ended: there is then no bound, but inf.
         horizon: How many decisions there are.
 
     Raises:
         ModelError: If the rewards are too large for numbers.
     """
-    values = np.zeros((outlook.num_actions, outlook.size)) if horizon is not None else _known_state(outlook, watch)
+    values = np.zeros((outlook.num_actions, outlook.size)) if horizon is not None else _known_state(outlook, limits)
     rows = [outlook.apart(action, csr(matrix)) for action, matrix in enumerate(outlook.ahead)]
     for _ in range(_SWEEPS if horizon is None else horizon):
-        if watch.remaining < 0:
+        if limits.remaining < 0:
             if horizon is not None:
                 return np.inf
             break
@@ -55,7 +55,7 @@ def upper_bound(outlook: Outlook, starts: Vector, watch: Watch, horizon: int | N
     return float((starts @ values.T).max(axis=1).sum())
 
 
-def _known_state(outlook: Outlook, watch: Watch) -> Vector:
+def _known_state(outlook: Outlook, limits: Limits) -> Vector:
     """Return what actions are worth, at most, where the state is known after them: A x S."""
     values = np.full(outlook.size, for_ever(outlook.rewards.max(), outlook.discount))
     for _ in range(_SWEEPS):
@@ -65,6 +65,6 @@ def _known_state(outlook: Outlook, watch: Watch) -> Vector:
         better = table.max(axis=0)
         change = np.abs(better - values).max()
         values = better
-        if change <= _SETTLED * np.ptp(values) or watch.remaining < 0:
+        if change <= _SETTLED * np.ptp(values) or limits.remaining < 0:
             break
     return table

@@ -23,7 +23,7 @@ from mdm.solvers.perseus.backup import Vectors, choose
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
-    from mdm.solvers.limits import Watch
+    from mdm.solvers.limits import Limits
     from mdm.solvers.perseus.outlook import Outlook
 
 __all__ = ["certified"]
@@ -34,7 +34,7 @@ _LATE = 0.5, 0.05
 """How long the last sweeps may take when the time is up: so many seconds, and such a share of the time before."""
 
 
-def certified(outlook: Outlook, points: Matrix, vectors: Vectors, precision: float, watch: Watch) -> Vectors:
+def certified(outlook: Outlook, points: Matrix, vectors: Vectors, precision: float, limits: Limits) -> Vectors:
     """Return the vectors as values that choosing by them earns, at least.
 
     Args:
@@ -42,7 +42,7 @@ def certified(outlook: Outlook, points: Matrix, vectors: Vectors, precision: flo
         points: n x S.
         vectors: The vectors.
         precision: By how much they may be too low.
-        watch: Ends the sweeps, a little after its time is up; the vectors are then the lower for it.
+        limits: Ends the sweeps, a little after its time is up; the vectors are then the lower for it.
     """
     groups = []
     for action in np.unique(vectors.actions).tolist():
@@ -58,14 +58,14 @@ def certified(outlook: Outlook, points: Matrix, vectors: Vectors, precision: flo
         return result
 
     values = vectors.values
-    began = watch.seconds
+    began = limits.seconds
     for _ in range(_SWEEPS):
         better = backed(values)
         change = float(np.abs(better - values).max())
         values = better
         if change * outlook.discount <= precision * (1 - outlook.discount):
             break
-        if watch.remaining < 0 and watch.seconds - began > _LATE[0] + _LATE[1] * began:
+        if limits.remaining < 0 and limits.seconds - began > _LATE[0] + _LATE[1] * began:
             break
     excess = max(float((values - backed(values)).max()), 0.0)
     return vectors._replace(values=values - excess / (1 - outlook.discount))

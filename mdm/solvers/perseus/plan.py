@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from mdm.models import POMDP
     from mdm.models.matrices import Matrix
-    from mdm.solvers.limits import Watch
+    from mdm.solvers.limits import Limits
     from mdm.solvers.solution import Solution
 
 __all__ = ["plan"]
@@ -44,7 +44,7 @@ class _Stage(NamedTuple):
 def plan(
     model: POMDP,
     first: Vector,
-    watch: Watch,
+    limits: Limits,
     beliefs: int | npt.ArrayLike,
     random: np.random.Generator,
     horizon: int,
@@ -55,21 +55,21 @@ def plan(
     Where it has to stop early, what is missing is planned for the initial belief alone.
     """
     outlook = Outlook(model, without=unnoticed)
-    upper = upper_bound(outlook, first, watch, horizon)
-    points = outlook.points(sampled(model, outlook, model.initial_belief[None], beliefs, random, watch, unnoticed))
+    upper = upper_bound(outlook, first, limits, horizon)
+    points = outlook.points(sampled(model, outlook, model.initial_belief[None], beliefs, random, limits, unnoticed))
     stages: list[_Stage] = []
     values = np.zeros((1, outlook.size))
     stopped = False
     for stage in range(1, horizon + 1):
-        stopped = stopped or watch.ends(-np.inf, upper, iterations=stage - 1, size=sum(len(s.actions) for s in stages))
+        stopped = stopped or limits.ends(-np.inf, upper, iterations=stage - 1, size=sum(len(s.actions) for s in stages))
         stages.append(_stage(outlook, points[:1] if stopped or stage == horizon else points, values))
         values = stages[-1].values
     controller = _controller(stages, outlook, len(model.observation_space))
     lower = float(values[0] @ model.initial_belief)
     size = controller.num_nodes
-    if not watch.ends(lower, upper, iterations=horizon, size=size):
-        watch.reason = "converged"
-    return watch.solution(controller, _NAME, lower, upper, iterations=horizon, size=size)
+    if not limits.ends(lower, upper, iterations=horizon, size=size):
+        limits.reason = "converged"
+    return limits.solution(controller, _NAME, lower, upper, iterations=horizon, size=size)
 
 
 def _stage(outlook: Outlook, points: Matrix, values: Vector) -> _Stage:

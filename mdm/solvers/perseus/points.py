@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Vector
     from mdm.models.pomdp import POMDP
-    from mdm.solvers.limits import Watch
+    from mdm.solvers.limits import Limits
     from mdm.solvers.perseus.outlook import Outlook
 
 __all__ = ["sampled", "starts"]
@@ -50,7 +50,7 @@ def sampled(
     first: Vector,
     beliefs: int | npt.ArrayLike,
     random: np.random.Generator,
-    watch: Watch,
+    limits: Limits,
     unnoticed: int | None = None,
 ) -> Vector:
     """Return different beliefs as an n x S array, those at the start first.
@@ -61,7 +61,7 @@ def sampled(
         first: Its `starts`.
         beliefs: How many to find, fewer where no more are met or there is no room for them; or an n x S array of them.
         random: Draws actions and observations.
-        watch: Ends the search.
+        limits: Ends the search.
         unnoticed: The observation that stands for an event that nobody noticed; what goes unnoticed is taken into
             account as a tracker does.
 
@@ -76,11 +76,11 @@ def sampled(
     if beliefs < 1:
         raise ConfigError(f"Perseus needs at least 1 belief, not {beliefs}", key="beliefs")
     found: list[Vector] = []
-    beliefs = max(1, min(int(beliefs), watch.room // (_COPIES * outlook.size)))
+    beliefs = max(1, min(int(beliefs), limits.room // (_COPIES * outlook.size)))
     walks = _walks(_Step(model, outlook, unnoticed), first, model.discount, _TRIES * beliefs, random)
     for belief in _each_once(walks):
         found.append(belief)
-        if len(found) == beliefs or watch.remaining < 0:
+        if len(found) == beliefs or limits.remaining < 0:
             break
     return np.stack(found)
 

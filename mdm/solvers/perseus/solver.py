@@ -25,7 +25,7 @@ import numpy as np
 from mdm.errors import ConfigError, ModelError
 from mdm.policies import AlphaVectors
 from mdm.policies.blind_policy import blind_values
-from mdm.solvers.limits import Watch
+from mdm.solvers.limits import Limits
 from mdm.solvers.perseus.backup import Vectors, best, improve, needed
 from mdm.solvers.perseus.bounds import upper_bound
 from mdm.solvers.perseus.certificate import certified
@@ -54,7 +54,7 @@ class _ValueFunction(Protocol):
 
     vectors: Vectors
 
-    def round(self, random: np.random.Generator, watch: Watch, *, every: bool) -> float:
+    def round(self, random: np.random.Generator, limits: Limits, *, every: bool) -> float:
         """Improve the vectors; return by how much at most."""
         ...
 
@@ -62,7 +62,7 @@ class _ValueFunction(Protocol):
 def perseus(
     model: POMDP,
     *,
-    watch: Watch | None = None,
+    limits: Limits | None = None,
     beliefs: int | npt.ArrayLike = 1000,
     seed: int | None = 0,
     false_negative: Symbol | None = None,
@@ -72,11 +72,11 @@ def perseus(
 
     Where factors of the state are observed from the start (`POMDP.revealed`), the bounds are for who sees them.
 
-    It has ``converged`` when no belief is improved so far that more rounds could add more than the watch's gap.
+    It has ``converged`` when no belief is improved so far that more rounds could add more than the gap of the limits.
 
     Args:
         model: The model; its observations tell of states or are events. Factored ones are flattened.
-        watch: The limits, and where to report; its iterations are rounds.
+        limits: When to stop, and where to report; its iterations are rounds.
         beliefs: How many beliefs to find, or an array of them, n x S. The initial one is always among them.
         seed: Of the exploration and the order of backups; the same seed gives the same policy.
         false_negative: The observation that stands for an event that nobody noticed: the action goes on. The lower
@@ -95,31 +95,31 @@ def perseus(
         raise ModelError("Perseus needs a discount below 1, or a horizon: give one (--discount)")
     unnoticed = None if false_negative is None else model.observation_space.index(false_negative)
     random = np.random.default_rng(seed)
-    with Watch() if watch is None else watch as watching:
+    with Limits() if limits is None else limits as run:
         flat, first = model.flatten(), starts(model)
         if horizon is not None:
-            return plan(flat, first, watching, beliefs, random, horizon, unnoticed)
+            return plan(flat, first, run, beliefs, random, horizon, unnoticed)
         outlook = Outlook(flat)
         # As it is for an agent that does not know what went unnoticed: bounds are for that one.
         actual = outlook if unnoticed is None else Outlook(flat, without=unnoticed)
-        upper = upper_bound(actual, first, watching)
-        points = outlook.points(sampled(flat, outlook, first, beliefs, random, watching, unnoticed))
-        search = _Search(first, outlook, actual, points, unnoticed, watching)
+        upper = upper_bound(actual, first, run)
+        points = outlook.points(sampled(flat, outlook, first, beliefs, random, run, unnoticed))
+        search = _Search(first, outlook, actual, points, unnoticed, run)
         search.run(upper, random)
         policy = AlphaVectors(search.sure.values, search.sure.actions.tolist(), outlook.num_actions)
         size = len(search.sure.actions)
-        return watching.solution(policy, _NAME, search.lower, upper, iterations=search.rounds, size=size)
+        return run.solution(policy, _NAME, search.lower, upper, iterations=search.rounds, size=size)
 
 
 class _Search:
     """The state of a run: the vectors that rounds improve, and the best ones that are certified."""
 
     def __init__(
-        self, first: Vector, outlook: Outlook, actual: Outlook, points: Matrix, unnoticed: int | None, watch: Watch
+        self, first: Vector, outlook: Outlook, actual: Outlook, points: Matrix, unnoticed: int | None, limits: Limits
     ) -> None:
         self._starts = first
         self._points = points
-        self._watch = watch
+        self._limits = limits
         self._discount = outlook.discount
         self._actual = actual
         count = outlook.num_actions
@@ -138,31 +138,31 @@ class _Search:
         return float((self._starts @ vectors.values.T).max(axis=1).sum())
 
     def run(self, upper: float, random: np.random.Generator) -> None:
-        """Improve the vectors until the watch ends it or they have converged.
+        """Improve the vectors until the limits end it or they have converged.
 
         Rounds that improve less than the tolerance are followed by one that backs up every point.
         """
-        watch, function, every = self._watch, self._function, False
-        while not watch.ends(self.lower, upper, iterations=self.rounds, size=len(function.vectors.actions)):
+        limits, function, every = self._limits, self._function, False
+        while not limits.ends(self.lower, upper, iterations=self.rounds, size=len(function.vectors.actions)):
             scale = float(np.abs(function.vectors.values).max())
-            tolerance = max(watch.gap * (1 - self._discount) / self._discount, 1e-12 * scale)
-            change = function.round(random, watch, every=every)
+            tolerance = max(limits.gap * (1 - self._discount) / self._discount, 1e-12 * scale)
+            change = function.round(random, limits, every=every)
             self.rounds += 1
-            if watch.remaining < 0:
+            if limits.remaining < 0:
                 continue
             if every and change <= tolerance:
-                watch.reason = "converged"
+                limits.reason = "converged"
                 break
             every = change <= tolerance
             due = not self.rounds % _EVERY
-            if due or upper - self._value(function.vectors) <= watch.gap:
+            if due or upper - self._value(function.vectors) <= limits.gap:
                 function.vectors = needed(Vectors.joined([function.vectors, self._certify()]), self._points)
         self._certify()
 
     def _certify(self) -> Vectors:
         """Return the vectors as a policy earns them, and keep them if they are the best so far."""
-        precision = 0.1 * max(self._watch.gap, 1e-9)
-        vectors = certified(self._actual, self._points, self._function.vectors, precision, self._watch)
+        precision = 0.1 * max(self._limits.gap, 1e-9)
+        vectors = certified(self._actual, self._points, self._function.vectors, precision, self._limits)
         if (value := self._value(vectors)) > self.lower:
             self.sure, self.lower = vectors, value
         return vectors
@@ -176,8 +176,8 @@ class _Plain:
         self._points = points
         self.vectors = start
 
-    def round(self, random: np.random.Generator, watch: Watch, *, every: bool) -> float:
+    def round(self, random: np.random.Generator, limits: Limits, *, every: bool) -> float:
         """Improve the vectors at all points; return by how much at most."""
         backup = partial(best, self._outlook, vectors=self.vectors.values)
-        self.vectors, change = improve(self.vectors, self._points, backup, random, watch, every=every)
+        self.vectors, change = improve(self.vectors, self._points, backup, random, limits, every=every)
         return change

@@ -22,7 +22,7 @@ from mdm.solvers.perseus.backup import Vectors, choose, improve
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
-    from mdm.solvers.limits import Watch
+    from mdm.solvers.limits import Limits
     from mdm.solvers.perseus.outlook import Indices, Outlook
 
 __all__ = ["Constrained"]
@@ -44,7 +44,7 @@ class Constrained:
         self._unnoticed = unnoticed
         self.vectors = start
 
-    def round(self, random: np.random.Generator, watch: Watch, *, every: bool) -> float:
+    def round(self, random: np.random.Generator, limits: Limits, *, every: bool) -> float:
         """Improve each action's vectors at all points; return by how much at most."""
         old, parts, changes = self.vectors, [], []
         for action in range(self._outlook.num_actions):
@@ -56,7 +56,7 @@ class Constrained:
                 values = self._outlook.vectors(action, old.values, chosen.following)
                 return values, np.full(len(values), action)
 
-            part, change = improve(before, self._points, backup, random, watch, every=every)
+            part, change = improve(before, self._points, backup, random, limits, every=every)
             parts.append(part)
             changes.append(change)
         self.vectors = Vectors.joined(parts)

@@ -24,7 +24,7 @@ from mdm.models import POMDP
 from mdm.models.compilation import can_compile
 from mdm.models.factored.mixed import MixedPOMDP
 from mdm.policies import AlphaVectors, MixedAlphaVectors
-from mdm.solvers.limits import Watch
+from mdm.solvers.limits import Limits
 from mdm.solvers.sarsop.graph import LINKS, NODES, POINTS, VECTORS, grown, lacking, new_graph, new_scratch, room_for
 from mdm.solvers.sarsop.initial import blind_values, informed_values
 from mdm.solvers.sarsop.layout import layout_of
@@ -51,7 +51,7 @@ _LEAST_VECTORS = 200
 _LEAST_NODES = 50_000
 
 
-def sarsop(model: POMDP, *, watch: Watch | None = None) -> Solution:
+def sarsop(model: POMDP, *, limits: Limits | None = None) -> Solution:
     """Solve a POMDP.
 
     Where factors of the state are fully observed, it is the model `POMDP.revealed` that is solved, and the bounds are
@@ -59,7 +59,7 @@ def sarsop(model: POMDP, *, watch: Watch | None = None) -> Solution:
 
     Args:
         model: The model; its observations tell of states.
-        watch: Limits, and where to report.
+        limits: When to stop, and where to report.
 
     Raises:
         ModelError: If the discount is 1, or observations are events.
@@ -70,16 +70,16 @@ def sarsop(model: POMDP, *, watch: Watch | None = None) -> Solution:
     if model.discount >= 1:
         raise ModelError("SARSOP needs a discount below 1: bounds without end never meet; give one (--discount)")
     _warm_up()
-    with Watch() if watch is None else watch as guard:
-        search = _Search(model, lambda: guard.remaining < _LEFT * guard.seconds)
+    with Limits() if limits is None else limits as run:
+        search = _Search(model, lambda: run.remaining < _LEFT * run.seconds)
         lower, upper = search.bounds()
-        while not guard.ends(lower, upper, iterations=search.backups, size=search.size):
-            search.run(guard)
+        while not run.ends(lower, upper, iterations=search.backups, size=search.size):
+            search.run(run)
             lower, upper = search.bounds()
-            if guard.gap < upper - lower <= search.rounding:
-                guard.reason = "converged"
+            if run.gap < upper - lower <= search.rounding:
+                run.reason = "converged"
         policy = search.policy()
-        return guard.solution(policy, "sarsop", lower, upper, iterations=search.backups, size=search.kept)
+        return run.solution(policy, "sarsop", lower, upper, iterations=search.backups, size=search.kept)
 
 
 @cache
@@ -91,7 +91,7 @@ def _warm_up() -> None:
     tiny = POMDP([np.eye(2)] * 2, [np.eye(2)] * 2, np.eye(2), discount=0.5)
     search = _Search(tiny)
     search.bounds()
-    search.run(Watch(gap=0.0))
+    search.run(Limits(gap=0.0))
 
 
 class _Search:
@@ -164,11 +164,11 @@ class _Search:
         at = self._graph.first_value[vector]
         return self._graph.values[at : at + width]
 
-    def _grow(self, watch: Watch | None = None) -> bool:
-        """Make room for another step, if the watch allows it."""
+    def _grow(self, limits: Limits | None = None) -> bool:
+        """Make room for another step, if the limits allow it."""
         lengths = lacking(self._graph, self._layout)
         row = 8 * (1 + self._graph.informed.shape[1])
-        if lengths and watch is not None and not watch.allows(row * sum(lengths.values())):
+        if lengths and limits is not None and not limits.allows(row * sum(lengths.values())):
             return False
         self._graph = grown(self._graph, lengths)
         return True
@@ -187,11 +187,11 @@ class _Search:
             float(self._shares @ self._graph.upper[self._roots]),
         )
 
-    def run(self, watch: Watch) -> None:
+    def run(self, limits: Limits) -> None:
         """Run some trials, for about a twentieth of a second."""
-        began = watch.seconds
-        self._prune(watch.gap)
-        if not self._grow(watch):
+        began = limits.seconds
+        self._prune(limits.gap)
+        if not self._grow(limits):
             return
         done = explore(
             self._layout,
@@ -202,12 +202,12 @@ class _Search:
             self._shares,
             self._room,
             self._scale,
-            watch.gap,
+            limits.gap,
             self._budget,
         )
         self.backups += done if done >= 0 else -1 - done
         if done >= 0:
-            share = 0.05 / max(watch.seconds - began, 1e-4)
+            share = 0.05 / max(limits.seconds - began, 1e-4)
             self._budget = int(min(max(16, self._budget * min(share, 4.0)), 1e6))
 
     def _prune(self, goal: float) -> None:

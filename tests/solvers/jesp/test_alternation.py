@@ -13,7 +13,7 @@ from random_models import distributions
 from mdm import ConfigError, ModelError, load_model
 from mdm.formats import load_policy, save_policy
 from mdm.models import POMDP, Factor, Space
-from mdm.solvers import Watch, solve
+from mdm.solvers import Limits, solve
 from mdm.solvers.jesp import jesp
 
 
@@ -110,7 +110,7 @@ OPTIMA = [
 @pytest.mark.parametrize(("name", "horizon", "optimum"), OPTIMA)
 def test_published_optima_are_found_and_proven(corpus, name, horizon, optimum):
     model = load_model(corpus / "models/madp" / name).with_discount(1.0)
-    solution = jesp(model, horizon=horizon, watch=Watch(gap=1e-9))
+    solution = jesp(model, horizon=horizon, limits=Limits(gap=1e-9))
     assert solution.reason in {"exact", "gap"}
     assert solution.lower == pytest.approx(optimum, abs=2e-5)
     assert solution.upper == pytest.approx(solution.lower, abs=1e-9)
@@ -136,7 +136,7 @@ def test_values_of_large_horizons_come_without_proof(corpus):
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.booleans(), st.integers(0, 40))
 def test_the_bound_below_is_the_plans_value(seed, horizon, events, effort):
     model = team(seed, states=3, observations=2, events=events)
-    solution = jesp(model, horizon=horizon, restarts=1, search=effort, watch=Watch(gap=0))
+    solution = jesp(model, horizon=horizon, restarts=1, search=effort, limits=Limits(gap=0))
     assert solution.lower == pytest.approx(worth(model, horizon, by_trees(solution.policy)), abs=1e-9)
     assert solution.lower <= solution.upper
 
@@ -145,7 +145,7 @@ def test_the_bound_below_is_the_plans_value(seed, horizon, events, effort):
 @given(st.integers(0, 2**32 - 1), st.booleans())
 def test_two_steps_are_solved_to_the_optimum(seed, events):
     model = team(seed, events=events)
-    solution = jesp(model, horizon=2, restarts=1, watch=Watch(gap=0))
+    solution = jesp(model, horizon=2, restarts=1, limits=Limits(gap=0))
     assert solution.reason in {"exact", "gap"}
     assert solution.lower == pytest.approx(best_of_all(model, 2), abs=1e-9)
 
@@ -154,16 +154,16 @@ def test_two_steps_are_solved_to_the_optimum(seed, events):
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60))
 def test_bounds_hold_however_early_the_search_ends(seed, effort):
     model = team(seed, states=3, discount=1.0)
-    optimum = jesp(model, horizon=3, watch=Watch(gap=0))
+    optimum = jesp(model, horizon=3, limits=Limits(gap=0))
     assert optimum.reason in {"exact", "gap"}
-    early = jesp(model, horizon=3, restarts=1, search=effort, watch=Watch(gap=0))
+    early = jesp(model, horizon=3, restarts=1, search=effort, limits=Limits(gap=0))
     assert early.lower <= optimum.lower + 1e-9
     assert early.upper >= optimum.lower - 1e-9
 
 
 def test_three_agents_are_solved_to_the_optimum():
     model = team(5, agents=3)
-    solution = jesp(model, horizon=2, watch=Watch(gap=0))
+    solution = jesp(model, horizon=2, limits=Limits(gap=0))
     assert solution.policy.num_agents == 3
     assert solution.reason in {"exact", "gap"}
     assert solution.lower == pytest.approx(best_of_all(model, 2), abs=1e-9)
@@ -171,7 +171,7 @@ def test_three_agents_are_solved_to_the_optimum():
 
 def test_one_agent_gets_its_optimum_at_the_first_response():
     model = team(3, agents=1, states=3)
-    solution = jesp(model, horizon=3, watch=Watch(gap=1e-9))
+    solution = jesp(model, horizon=3, limits=Limits(gap=1e-9))
     assert solution.reason == "gap"
     assert solution.lower == pytest.approx(worth(model, 3, by_trees(solution.policy)), abs=1e-9)
 
@@ -189,7 +189,7 @@ def test_sparse_models_give_the_same():
         sparse=True,
     )
     assert sparse.is_sparse
-    first, second = (jesp(each, horizon=3, watch=Watch(gap=0)) for each in (model, sparse))
+    first, second = (jesp(each, horizon=3, limits=Limits(gap=0)) for each in (model, sparse))
     assert first.lower == pytest.approx(second.lower, abs=1e-9)
     assert first.policy.controllers[0].actions == second.policy.controllers[0].actions
 
@@ -199,8 +199,8 @@ def test_sparse_models_give_the_same():
 
 def test_an_interrupt_gives_the_best_plan_so_far(corpus):
     model = load_model(corpus / "models/madp/dectiger.dpomdp")
-    watch = Watch(gap=0, progress=lambda progress: progress.iterations >= 5 and watch.interrupt())
-    solution = jesp(model, horizon=4, watch=watch)
+    limits = Limits(gap=0, progress=lambda progress: progress.iterations >= 5 and limits.interrupt())
+    solution = jesp(model, horizon=4, limits=limits)
     assert solution.reason == "interrupted"
     assert solution.iterations == 5
     assert solution.lower == pytest.approx(worth(model, 4, by_trees(solution.policy)), abs=1e-9)
@@ -210,7 +210,7 @@ def test_an_interrupt_ends_the_search_too(corpus):
     model = load_model(corpus / "models/madp/dectiger.dpomdp")
     moments = itertools.count()
     solution = jesp(
-        model, horizon=6, restarts=1, search=10**9, watch=Watch(gap=0, seconds=3000, clock=lambda: next(moments))
+        model, horizon=6, restarts=1, search=10**9, limits=Limits(gap=0, time=3000, clock=lambda: next(moments))
     )
     assert solution.reason == "time"
     assert solution.lower <= 10.38163 <= solution.upper
@@ -218,7 +218,7 @@ def test_an_interrupt_ends_the_search_too(corpus):
 
 def test_time_that_is_up_at_once_still_gives_a_plan(corpus):
     model = load_model(corpus / "models/madp/dectiger.dpomdp")
-    solution = jesp(model, horizon=3, watch=Watch(seconds=0))
+    solution = jesp(model, horizon=3, limits=Limits(time=0))
     assert (solution.reason, solution.iterations) == ("time", 0)
     assert solution.policy.controllers[0].num_nodes == 7
     assert solution.lower == pytest.approx(worth(model, 3, by_trees(solution.policy)), abs=1e-9)
@@ -226,7 +226,7 @@ def test_time_that_is_up_at_once_still_gives_a_plan(corpus):
 
 def test_memory_that_is_used_up_still_leaves_a_plan(corpus):
     model = load_model(corpus / "models/madp/dectiger.dpomdp")
-    assert jesp(model, horizon=3, watch=Watch(memory=1)).reason == "memory"
+    assert jesp(model, horizon=3, limits=Limits(memory=1)).reason == "memory"
 
 
 def test_the_same_seed_gives_the_same_plan():

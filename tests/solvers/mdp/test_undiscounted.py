@@ -11,7 +11,7 @@ from random_models import distributions
 
 from mdm.errors import ModelError
 from mdm.models import MDP
-from mdm.solvers import Watch
+from mdm.solvers import Limits
 from mdm.solvers.mdp.policy_iteration import modified_policy_iteration, policy_iteration
 from mdm.solvers.mdp.prioritised_sweeping import prioritised_sweeping
 from mdm.solvers.mdp.value_iteration import value_iteration
@@ -40,7 +40,7 @@ def ending_models(draw):
 @given(model=ending_models())
 @settings(max_examples=25)
 def test_values_are_those_of_the_best_of_all_policies(solver, model):
-    found = solver(model, watch=Watch(gap=0))
+    found = solver(model, limits=Limits(gap=0))
     size = len(model.state_space)
     worths = []
     for actions in itertools.product(range(len(model.action_space)), repeat=size - 1):
@@ -59,7 +59,7 @@ def test_values_are_those_of_the_best_of_all_policies(solver, model):
 def test_the_policy_goes_on_where_waiting_is_worth_the_same(solver):
     # In a corridor whose end pays once, to wait costs nothing: both actions are worth the same.
     rewards = np.array([[0, 0], [0, 1], [0, 0.0]])
-    found = solver(MDP([STAY, ON], rewards, discount=1), watch=Watch(gap=0))
+    found = solver(MDP([STAY, ON], rewards, discount=1), limits=Limits(gap=0))
     assert [found.policy.action(state) for state in range(2)] == [1, 1]
     np.testing.assert_allclose(found.policy.values.max(axis=1), [1, 1, 0])
 
@@ -68,7 +68,7 @@ def test_the_policy_goes_on_where_waiting_is_worth_the_same(solver):
 def test_to_rest_may_be_the_best(solver):
     # The end costs something to come to; to wait is free.
     rewards = np.array([[0, -1], [0, -1], [0, 0.0]])
-    found = solver(MDP([STAY, ON], rewards, discount=1), watch=Watch(gap=0))
+    found = solver(MDP([STAY, ON], rewards, discount=1), limits=Limits(gap=0))
     assert [found.policy.action(state) for state in range(2)] == [0, 0]
     np.testing.assert_allclose(found.policy.values.max(axis=1), 0)
 
@@ -96,5 +96,5 @@ def test_a_long_corridor(solver):
     on[-1, -1] = 1
     rewards = np.full((size, 2), -1.0)
     rewards[-1] = 0
-    found = solver(MDP([np.eye(size), on], rewards, discount=1, sparse=True), watch=Watch(gap=0))
+    found = solver(MDP([np.eye(size), on], rewards, discount=1, sparse=True), limits=Limits(gap=0))
     np.testing.assert_allclose(found.policy.values.max(axis=1), np.arange(size) - size + 1)

@@ -12,7 +12,7 @@ from random_models import flat_models
 from mdm.errors import ConfigError
 from mdm.models import MDP
 from mdm.policies import StagedPolicy
-from mdm.solvers import Watch, solve
+from mdm.solvers import Limits, solve
 from mdm.solvers.mdp.value_iteration import value_iteration
 
 
@@ -35,7 +35,7 @@ def recursion(model, horizon):
 @given(model=flat_models(kinds=("MDP",)), horizon=st.integers(1, 5))
 @settings(max_examples=50)
 def test_horizon_is_plain_recursion(model, horizon):
-    found = value_iteration(model, watch=Watch(gap=0), horizon=horizon)
+    found = value_iteration(model, limits=Limits(gap=0), horizon=horizon)
     truth = recursion(model, horizon)
     assert isinstance(found.policy, StagedPolicy)
     if found.iterations == horizon:  # where nothing is to be decided, it may stop before
@@ -48,7 +48,7 @@ def test_horizon_is_plain_recursion(model, horizon):
 @given(model=flat_models(kinds=("MDP",)), horizon=st.integers(2, 6), limit=st.integers(1, 4))
 @settings(max_examples=50)
 def test_bounds_hold_where_stages_are_missing(model, horizon, limit):
-    found = value_iteration(model, watch=Watch(gap=0, iterations=limit), horizon=horizon)
+    found = value_iteration(model, limits=Limits(gap=0, iterations=limit), horizon=horizon)
     value = model.initial_belief @ recursion(model, horizon)[0].max(axis=1)
     assert found.lower - 1e-9 <= value <= found.upper + 1e-9
     assert found.policy.horizon == horizon
@@ -70,7 +70,7 @@ def worth(model, policy):
 
 def test_undiscounted_horizon_needs_no_rest():
     model = MDP([np.eye(1)], [[1.0]], discount=1)
-    found = solve(model, "value-iteration", watch=Watch(gap=0), horizon=7)
+    found = solve(model, "value-iteration", gap=0, horizon=7)
     assert (found.lower, found.upper) == (7, 7)
 
 

@@ -15,7 +15,7 @@ from random_models import dense, factored_models, flat_models
 from mdm import ConfigError, ModelError, ModelWarning, evaluate, load_model, load_policy
 from mdm.models import POMDP, MixedPOMDP
 from mdm.policies import AlphaVectors
-from mdm.solvers import Watch, controller_values, solve
+from mdm.solvers import Limits, controller_values, solve
 from mdm.solvers.perseus import outlook as outlooks, perseus
 from mdm.solvers.perseus.backup import Vectors
 from mdm.solvers.perseus.outlook import Outlook
@@ -80,7 +80,7 @@ def test_tiger_reaches_its_optimum():
 @settings(max_examples=40)
 def test_bounds_enclose_the_optimum_and_policies_keep_their_promise(model, seed):
     model = model.with_discount(min(model.discount, 0.8))
-    solution = perseus(model, beliefs=30, seed=seed, watch=Watch(iterations=6))
+    solution = perseus(model, beliefs=30, seed=seed, limits=Limits(iterations=6))
     each, depth = parts(model), 3
     ends = [float(pick(model.rewards)) / (1 - model.discount) for pick in (np.min, np.max)]
     low, high = (recursion(each, model.discount, model.initial_belief, depth, end) for end in ends)
@@ -105,7 +105,7 @@ def test_plans_are_optimal_at_all_beliefs_that_can_be_reached(model, seed, horiz
         model = model.with_discount(min(model.discount, 0.9))
     each = parts(model, unnoticed)
     beliefs = reachable(each, model.initial_belief, horizon - 1)
-    solution = perseus(model, beliefs=beliefs, horizon=horizon, false_negative=unnoticed, watch=Watch(gap=0))
+    solution = perseus(model, beliefs=beliefs, horizon=horizon, false_negative=unnoticed, limits=Limits(gap=0))
     best = recursion(each, model.discount, model.initial_belief, horizon)
     slack = 1e-9 * (1 + abs(best))
     assert solution.lower == pytest.approx(best, abs=slack)
@@ -121,7 +121,7 @@ def test_plans_are_optimal_at_all_beliefs_that_can_be_reached(model, seed, horiz
 def test_bounds_are_for_who_sees_what_is_observed_from_the_start(model, seed):
     model = model.with_discount(min(model.discount, 0.5)).revealed()
     assert isinstance(model, MixedPOMDP)
-    solution = perseus(model, beliefs=20, seed=seed, watch=Watch(iterations=4))
+    solution = perseus(model, beliefs=20, seed=seed, limits=Limits(iterations=4))
     each = parts(model)
     ends = [float(pick(model.rewards)) / (1 - model.discount) for pick in (np.min, np.max)]
     starts = [np.where(model.seen_in == seen, model.initial_belief, 0.0) for seen in range(max(model.seen_in) + 1)]
@@ -188,7 +188,7 @@ def test_what_is_never_noticed_goes_on(monkeypatch, sparse):
     monkeypatch.setattr(outlooks, "_DENSE", 2.0)
     model = POMDP([np.eye(2)] * 2, [np.array([[1, 0], [1, 0]])] * 2, [[1, 2], [3, 1]], discount=0.5, sparse=sparse)
     for horizon in (None, 1, 2):
-        solution = perseus(model, horizon=horizon, false_negative=0, watch=Watch(gap=0))
+        solution = perseus(model, horizon=horizon, false_negative=0, limits=Limits(gap=0))
         assert solution.lower == pytest.approx(4, abs=1e-5)  # the first for ever, 2 a step
         assert solution.upper == pytest.approx(4, abs=1e-5)
 
@@ -196,7 +196,7 @@ def test_what_is_never_noticed_goes_on(monkeypatch, sparse):
 @pytest.mark.parametrize("told", [1.0, 0.9])
 def test_what_goes_unnoticed_is_part_of_the_bound(told):
     model = events(5, told=told)
-    solution = perseus(model, beliefs=100, false_negative=1, watch=Watch(iterations=40))
+    solution = perseus(model, beliefs=100, false_negative=1, limits=Limits(iterations=40))
     assert set(solution.policy.actions) <= {0, 1}
     each = parts(model, 1)
     high = recursion(each, 0.85, model.initial_belief, 5, float(model.rewards.max()) / 0.15)
@@ -215,8 +215,8 @@ def test_sparse_and_dense_find_the_same(monkeypatch):
         monkeypatch.setattr(outlooks, "_WIDE", wide)
         monkeypatch.setattr(outlooks, "_NARROW", 2.0)
         for missed in (None, 2):
-            watch = Watch(iterations=5, gap=0)
-            found.append(perseus(model, beliefs=40, false_negative=missed, watch=watch).lower)
+            limits = Limits(iterations=5, gap=0)
+            found.append(perseus(model, beliefs=40, false_negative=missed, limits=limits).lower)
     np.testing.assert_allclose(found[2:4], found[:2], atol=1e-9)
     np.testing.assert_allclose(found[4:], found[:2], atol=1e-9)
 
@@ -231,7 +231,7 @@ def test_policies_are_certified_to_be_worth_what_madp_says_of_its_own(corpus, na
         warnings.simplefilter("ignore", ModelWarning)
         model = load_model(corpus / "models" / "madp" / name).with_discount(discount)
     oracle = json.loads((corpus / "values" / f"{name}_{discount:g}.json").read_text())
-    solution = perseus(model, beliefs=600 if name.startswith("MAISS") else 1000, watch=Watch(iterations=rounds))
+    solution = perseus(model, beliefs=600 if name.startswith("MAISS") else 1000, limits=Limits(iterations=rounds))
     assert solution.lower > oracle["perseus_value_at_isd"] - 1e-3
     assert solution.upper <= max(oracle["qmdp_at_isd"]) + 1e-2
 
@@ -241,7 +241,7 @@ def test_patrol_with_false_negatives_earns_more_than_without_regard_to_them(corp
         warnings.simplefilter("ignore", ModelWarning)
         model = load_model(corpus / "models" / "madp" / "MAISS_Patrol_Single.pgmx").with_discount(0.9)
     theirs = load_policy(corpus / "values" / "MAISS_Patrol_Single.pgmx_0.9.vf", model)
-    solution = perseus(model, beliefs=300, false_negative="False Negative", watch=Watch(iterations=12))
+    solution = perseus(model, beliefs=300, false_negative="False Negative", limits=Limits(iterations=12))
     ours, others = (
         evaluate(model, policy, episodes=3000, seed=1, false_negative=0) for policy in (solution.policy, theirs)
     )
@@ -255,15 +255,13 @@ def test_the_top_level_with_false_negatives(corpus):
         warnings.simplefilter("ignore", ModelWarning)
         model = load_model(corpus / "models" / "madp" / "MAISS_TopLevel.pgmx").with_discount(0.9)
         model.flatten()
-    solution = perseus(model, beliefs=40, false_negative="False Negative", watch=Watch(iterations=2))
+    solution = perseus(model, beliefs=40, false_negative="False Negative", limits=Limits(iterations=2))
     assert solution.history[0].lower < solution.lower < solution.upper < 0
 
 
 def test_the_same_seed_finds_the_same_policy():
     model = events(3)
-    first, again, other = (
-        solve(model, "perseus", watch=Watch(iterations=5), beliefs=50, seed=seed).policy for seed in (1, 1, 2)
-    )
+    first, again, other = (solve(model, "perseus", iterations=5, beliefs=50, seed=seed).policy for seed in (1, 1, 2))
     assert np.array_equal(first.vectors, again.vectors)
     assert first.actions == again.actions
     assert first.vectors.shape != other.vectors.shape or not np.allclose(first.vectors, other.vectors)
@@ -274,23 +272,23 @@ def test_it_stops_when_it_is_told_to():
         if progress.iterations == 3:
             signal.raise_signal(signal.SIGINT)
 
-    solution = perseus(tiger(), watch=Watch(progress=interrupt))
+    solution = perseus(tiger(), limits=Limits(progress=interrupt))
     assert solution.reason == "interrupted"
     assert solution.iterations == 3
     assert isinstance(solution.policy, AlphaVectors)
     assert solution.lower > -20  # what listening for ever is worth
     seconds = iter(range(10**9))
-    late = perseus(tiger(), watch=Watch(seconds=60, gap=0, clock=lambda: next(seconds)))
+    late = perseus(tiger(), limits=Limits(time=60, gap=0, clock=lambda: next(seconds)))
     assert late.reason == "time"
     assert late.policy.value(tiger().initial_belief) == late.lower
-    assert perseus(tiger(), watch=Watch(iterations=0)).lower == pytest.approx(-20, abs=1e-2)
-    assert perseus(tiger(), watch=Watch(gap=150)).reason == "gap"
-    assert perseus(tiger(), watch=Watch(memory=1)).reason == "memory"
+    assert perseus(tiger(), limits=Limits(iterations=0)).lower == pytest.approx(-20, abs=1e-2)
+    assert perseus(tiger(), limits=Limits(gap=150)).reason == "gap"
+    assert perseus(tiger(), limits=Limits(memory=1)).reason == "memory"
 
 
 def test_a_plan_is_whole_wherever_it_is_stopped():
     seconds = iter(range(10**9))
-    solution = perseus(tiger(), horizon=9, watch=Watch(seconds=25, clock=lambda: next(seconds)))
+    solution = perseus(tiger(), horizon=9, limits=Limits(time=25, clock=lambda: next(seconds)))
     assert solution.reason == "time"
     assert solution.policy.horizon == 9
     worth = controller_values(tiger(), solution.policy)[solution.policy.start] @ tiger().initial_belief
@@ -321,8 +319,8 @@ def test_refusals():
 
 def test_fewer_beliefs_are_sampled_where_there_is_no_room_for_all():
     model = tiger()
-    watch = Watch(memory=1)
+    limits = Limits(memory=1)
     outlook = Outlook(model)
-    found = sampled(model, outlook, starts(model), 50, np.random.default_rng(0), watch)
+    found = sampled(model, outlook, starts(model), 50, np.random.default_rng(0), limits)
     assert len(found) == 1
-    assert len(sampled(model, outlook, starts(model), 50, np.random.default_rng(0), Watch())) > 1
+    assert len(sampled(model, outlook, starts(model), 50, np.random.default_rng(0), Limits())) > 1

@@ -18,7 +18,7 @@ from mdm import ConfigError, ModelError, ModelWarning, load_model, load_policy
 from mdm.models import POMDP, Factor, FactoredPOMDP, MixedPOMDP, Space
 from mdm.models.factored.factoring import as_network
 from mdm.policies import MixedAlphaVectors
-from mdm.solvers import Watch, solve
+from mdm.solvers import Limits, solve
 from mdm.solvers.sarsop import sarsop, solver
 from mdm.solvers.sarsop.graph import NODES, hashed
 from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, prune_points, prune_vectors
@@ -62,7 +62,7 @@ def test_bounds_hold_the_value_that_all_plans_together_have(seed, states, action
     depth = 5 if actions > 2 else 7
     value = optimum(model, model.initial_belief, depth)
     rest = model.discount**depth * np.abs(model.rewards).max() / (1 - model.discount)
-    found = sarsop(model, watch=Watch(gap=1e-6, seconds=5))
+    found = sarsop(model, limits=Limits(gap=1e-6, time=5))
     assert found.lower <= value + rest + 1e-9
     assert found.upper >= value - rest - 1e-9
     assert found.reason == "gap"
@@ -73,8 +73,8 @@ def test_bounds_hold_the_value_that_all_plans_together_have(seed, states, action
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60))
 def test_bounds_hold_wherever_it_stops(seed, backups):
     model = small(seed, discount=0.6)
-    tight = sarsop(model, watch=Watch(gap=1e-5, seconds=5))
-    early = sarsop(model, watch=Watch(gap=1e-5, iterations=backups))
+    tight = sarsop(model, limits=Limits(gap=1e-5, time=5))
+    early = sarsop(model, limits=Limits(gap=1e-5, iterations=backups))
     assert early.lower <= tight.upper + 1e-9
     assert early.upper >= tight.lower - 1e-9
 
@@ -101,13 +101,13 @@ def test_a_policy_is_worth_its_lower_bound_whenever_it_was_pruned(seed, backups,
     model = mixed(seed) if seen else small(seed, discount=0.9)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(solver, "_LEAST_VECTORS", 3)
-        found = sarsop(model, watch=Watch(gap=1e-6, iterations=backups))
+        found = sarsop(model, limits=Limits(gap=1e-6, iterations=backups))
     assert found.policy.value(model.initial_belief) == pytest.approx(found.lower, abs=1e-9)
     assert_worth_what_it_claims(model, found.policy, np.random.default_rng(seed))
 
 
 def test_tiger_is_solved_to_a_thousandth():
-    found = solve(load_model(TIGER).with_discount(0.95), watch=Watch(gap=1e-3))
+    found = solve(load_model(TIGER).with_discount(0.95), gap=1e-3)
     assert found.solver == "sarsop"
     assert found.reason == "gap"
     assert found.lower <= 19.3714 <= found.upper  # A. R. Cassandra's optimum
@@ -123,7 +123,7 @@ def test_what_exact_value_iteration_found_lies_between_the_bounds(corpus, name):
         pytest.skip("the exact values are those of a finite horizon")
     exact = load_policy(corpus / "policies" / "pomdp-solve" / f"{name}.alpha", model)
     value = exact.value(model.initial_belief)
-    found = sarsop(model, watch=Watch(gap=1e-4, seconds=10))
+    found = sarsop(model, limits=Limits(gap=1e-4, time=10))
     slack = 2e-3 * max(1.0, abs(value))  # the exact solver stops at a change of 1e-9 to 1e-3
     assert found.lower <= value + slack
     assert found.upper >= value - slack
@@ -158,8 +158,8 @@ def test_mixed_observability_changes_the_layout_and_no_value(seed):
         initial_belief=model.initial_belief,
         sparse=False,
     )
-    ours = sarsop(model, watch=Watch(gap=1e-4, seconds=5))
-    theirs = sarsop(plain, watch=Watch(gap=1e-4, seconds=5))
+    ours = sarsop(model, limits=Limits(gap=1e-4, time=5))
+    theirs = sarsop(plain, limits=Limits(gap=1e-4, time=5))
     assert isinstance(ours.policy, MixedAlphaVectors)
     assert ours.lower <= theirs.upper + 1e-9
     assert theirs.lower <= ours.upper + 1e-9
@@ -169,16 +169,16 @@ def test_mixed_observability_changes_the_layout_and_no_value(seed):
 def test_factors_that_are_seen_make_tag_easier(corpus):
     """The bounds of C++ SARSOP after 10 s: -5.959 and -2.30; of the flat model after 60 s -6.20 and -1.95."""
     model = load_model(corpus / "models" / "sarsop" / "TagAvoid.pomdpx")
-    found = sarsop(model, watch=Watch(iterations=3000))
+    found = sarsop(model, limits=Limits(iterations=3000))
     assert isinstance(found.policy, MixedAlphaVectors)
     assert -10 < found.lower < -5.5 < found.upper < 0
 
 
 def searched():
     search = _Search(load_model(TIGER).with_discount(0.95))
-    watch = Watch(gap=1e-4)
+    limits = Limits(gap=1e-4)
     while search.bounds()[1] - search.bounds()[0] > 1e-4:
-        search.run(watch)
+        search.run(limits)
     return search
 
 
@@ -203,8 +203,8 @@ def test_what_only_bad_actions_lead_to_is_forgotten_and_can_be_found_again():
     codes = search._graph.code[: search._graph.counts[NODES]]
     table = search._graph.table
     assert sorted(table[table >= 0]) == list(range(len(codes)))
-    search.run(Watch(gap=1e-6))
-    search.run(Watch(gap=1e-6))
+    search.run(Limits(gap=1e-6))
+    search.run(Limits(gap=1e-6))
     lower, upper = search.bounds()
     assert lower >= before[0] - 1e-9
     assert upper <= before[1] + 1e-9
@@ -228,7 +228,7 @@ def test_ctrl_c_leaves_the_best_so_far():
 
     before = signal.getsignal(signal.SIGINT)
     model = load_model(TIGER).with_discount(0.99)
-    found = sarsop(model, watch=Watch(gap=0, progress=strike))
+    found = sarsop(model, limits=Limits(gap=0, progress=strike))
     assert found.reason == "interrupted"
     assert found.policy.value(model.initial_belief) == pytest.approx(found.lower)
     assert signal.getsignal(signal.SIGINT) is before
@@ -236,20 +236,20 @@ def test_ctrl_c_leaves_the_best_so_far():
 
 def test_memory_and_time_end_it():
     model = load_model(TIGER).with_discount(0.95)
-    assert sarsop(model, watch=Watch(gap=0, memory=1)).reason == "memory"
+    assert sarsop(model, limits=Limits(gap=0, memory=1)).reason == "memory"
     times = iter(np.arange(0, 1000, 0.25))
-    assert sarsop(model, watch=Watch(gap=0, seconds=5, clock=lambda: next(times))).reason == "time"
+    assert sarsop(model, limits=Limits(gap=0, time=5, clock=lambda: next(times))).reason == "time"
 
 
 def test_a_gap_of_nothing_ends_where_numbers_end():
     model = load_model(TIGER).with_discount(0.95)
-    found = sarsop(model, watch=Watch(gap=0, seconds=60))
+    found = sarsop(model, limits=Limits(gap=0, time=60))
     assert found.reason == "converged"
     assert found.lower == pytest.approx(19.37136, abs=1e-4)
     assert found.gap < 1e-8
     assert found.history[-1].size == len(found.policy.actions)
     single = POMDP(np.ones((1, 1, 1)), np.ones((1, 1, 1)), np.full((1, 1), 2.0), discount=0.9)
-    found = sarsop(single, watch=Watch(gap=0, seconds=60))
+    found = sarsop(single, limits=Limits(gap=0, time=60))
     assert (found.reason, found.lower) == ("converged", pytest.approx(20))
 
 
@@ -271,7 +271,7 @@ def test_states_whose_weight_underflows_are_not_reached(size):
     program = f"""if True:
         import numpy as np
         from mdm.models import POMDP
-        from mdm.solvers import Watch
+        from mdm.solvers import Limits
         from mdm.solvers.sarsop import sarsop
         initial = np.full({size}, 1e-300)
         initial[0] = 1
@@ -281,7 +281,7 @@ def test_states_whose_weight_underflows_are_not_reached(size):
         rewards = np.zeros(({size}, 1))
         rewards[0] = 1
         model = POMDP([ways], np.full((1, {size}, 2), 0.5), rewards, discount=0.5, initial_belief=initial)
-        found = sarsop(model, watch=Watch(gap=1e-6, iterations=3))
+        found = sarsop(model, limits=Limits(gap=1e-6, iterations=3))
         print(found.lower, found.upper)
     """
     # Compiled, a write beyond an array would go unseen or end the process.
@@ -294,8 +294,8 @@ def test_states_whose_weight_underflows_are_not_reached(size):
 
 def test_without_compilation_the_numbers_are_the_same():
     program = (
-        "import sys, mdm; from mdm.solvers import solve, Watch\n"
-        "found = solve(mdm.load_model(sys.argv[1]).with_discount(0.95), watch=Watch(gap=1e-2, iterations=400))\n"
+        "import sys, mdm; from mdm.solvers import solve\n"
+        "found = solve(mdm.load_model(sys.argv[1]).with_discount(0.95), gap=1e-2, iterations=400)\n"
         "print(repr(found.lower), repr(found.upper), found.iterations)"
     )
     runs = [

@@ -1,0 +1,65 @@
+"""Solving by name, with limits as options."""
+
+from __future__ import annotations
+
+import pytest
+from places import ROOT
+
+import mdm
+from mdm.problems import tiger
+from mdm.solvers import SOLVERS
+
+CHAIN = mdm.models.MDP([[[0.0, 1.0], [0.0, 1.0]]], [[1.0], [0.0]], discount=0.5)
+
+
+def test_a_path_is_loaded():
+    path = ROOT / "examples" / "tiger.pomdp"
+    for given in (path, str(path)):
+        assert mdm.solve(given, gap=10, time=60).policy.num_states == len(mdm.load_model(path).state_space)
+
+
+@pytest.mark.parametrize(
+    ("limit", "reason"),
+    [({"gap": 200}, "gap"), ({"iterations": 0}, "iterations"), ({"time": 0}, "time"), ({"memory": 0}, "memory")],
+)
+def test_the_first_limit_ends_it(limit, reason):
+    assert mdm.solve(tiger(), **{"gap": 0, **limit}).reason == reason
+
+
+def test_progress_is_reported():
+    reports = []
+    solution = mdm.solve(tiger(), "qmdp", progress=reports.append)
+    assert reports
+    assert reports[-1].upper == solution.upper
+
+
+def test_options_of_one_solver():
+    assert mdm.solve(CHAIN, "value-iteration", horizon=1).policy.horizon == 1
+
+
+@pytest.mark.parametrize(
+    ("model", "solver", "options", "message"),
+    [
+        (tiger(), "sarsoup", {}, "there is no solver 'sarsoup'; there are value-iteration"),
+        (tiger(), "value-iteration", {}, "value-iteration solves MDPs, not POMDPs: take qmdp"),
+        (CHAIN, "sarsop", {}, "sarsop solves POMDPs, not MDPs: take value-iteration"),
+        (tiger(), "perseus", {"belief": 3}, "perseus takes no 'belief': its options are beliefs, seed"),
+        (tiger(), "sarsop", {"limits": 3}, "sarsop takes no 'limits': it has no options but the limits"),
+        (tiger(), None, {"gap": "0.01"}, "gap is a number from 0 on, not '0.01'"),
+        (tiger(), None, {"time": -1}, "time is a number from 0 on, not -1"),
+    ],
+)
+def test_what_is_refused(model, solver, options, message):
+    with pytest.raises(mdm.ConfigError, match=message):
+        mdm.solve(model, solver, **options)
+
+
+def test_a_file_that_is_not_there():
+    with pytest.raises(mdm.FormatError, match="nowhere.pomdp"):
+        mdm.solve("nowhere.pomdp")
+
+
+def test_every_solver_is_there():
+    for name in SOLVERS:
+        with pytest.raises(mdm.ConfigError, match=f"{name} takes no 'nonsense'|{name} solves"):
+            mdm.solve(tiger(), name, nonsense=1)

@@ -1,8 +1,9 @@
-"""Shared settings of the tests: hypothesis profiles and the corpus, where it is present."""
+"""Shared settings of the tests: hypothesis profiles, signals, and the corpus, where it is present."""
 
 from __future__ import annotations
 
 import os
+import signal
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,9 +13,21 @@ from places import CORPUS
 if TYPE_CHECKING:
     from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported: workers would fight for the cores
+
 settings.register_profile("default", deadline=None, max_examples=100, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("thorough", parent=settings.get_profile("default"), max_examples=2000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
+
+
+def pytest_configure() -> None:
+    """Give signals their meaning back: a background shell ignores SIGINT, nohup SIGHUP, and children inherit that.
+
+    Programs that tests start get the default: a handler is not inherited. A hang-up still does not end the suite.
+    """
+    for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, lambda *_: None)):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
 @pytest.fixture(scope="session")

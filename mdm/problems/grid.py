@@ -60,7 +60,7 @@ class Grid:
     @property
     def walls(self) -> npt.NDArray[np.bool_]:
         """Whether there is a wall to the north, east, south and west of each cell: cells x 4."""
-        return self.beside == np.arange(len(self))[:, None]
+        return np.equal(self.beside, np.arange(len(self))[:, None])
 
     @property
     def names(self) -> list[str]:

@@ -276,7 +276,8 @@ class Ensemble(Layer):
         if manager is None:
             return frozenset()
         names = [name for factor in (self.state.factors if self.state else ()) for name in factor.predicates]
-        names += [name for factor in (self.observation.factors if self.observation else ()) for name in factor.events]
+        events = [name for factor in (self.observation.factors if self.observation else ()) for name in factor.events]
+        names += [name for name in events if name is not None]
         return frozenset(sensor for name in names for sensor in manager.inputs_of(name) if sensor in manager.aged)
 
     def _subscribe_stale(self, manager: PredicateManager, watched: frozenset[str]) -> None:

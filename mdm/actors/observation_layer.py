@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING
 
 from mdm.actors.layer import Layer
+from mdm.actors.wiring import Wire, arrange, named, places
 from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.messages import EventUpdate, Observation
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator
 
     from mdm.actors.predicate_manager import PredicateManager
-    from mdm.models import Space
+    from mdm.actors.wiring import Names
+    from mdm.models import Factor, Space
 
 __all__ = ["ObservationFactor", "ObservationLayer"]
 
@@ -22,41 +25,69 @@ class ObservationFactor:
     """One component of the observation: which of its events occurred last.
 
     Args:
-        name: The factor's name, as in the model where the model has names.
-        events: At least two, in the order of the model's symbols; an event belongs to one factor only.
-        idle: The symbol that stands for "no event": one of ``events``, which then need not be a declared event.
+        name: The factor's name, as in the model where the model names its factors.
+        events: A list in the order of the model's symbols, or a mapping from the model's symbols; an event belongs to
+            one factor only.
+        idle: The symbol that stands for "no event". Of a list it is one of the events, which then need not be
+            declared; of a mapping it is a symbol, which then needs no event.
         hold: Keep the last symbol where no event is new. Without ``idle`` and ``hold`` the component is missing, and
             the belief update sums over it.
+
+    Example:
+        >>> ObservationFactor("camera", {"closed": "SawClosed", "open": "SawOpen"}, idle="nothing")
     """
 
-    __slots__ = ("events", "hold", "idle", "name")
+    __slots__ = ("events", "hold", "idle", "name", "symbols")
 
-    def __init__(self, name: str, events: Sequence[str], *, idle: str | None = None, hold: bool = False) -> None:
-        if isinstance(events, str) or len(events) < 2:
-            raise ConfigError(f"observation factor {name!r} needs at least two events, not {events!r}", key=name)
-        if len(set(events)) != len(events):
-            raise ConfigError(f"observation factor {name!r} names an event twice: {', '.join(events)}", key=name)
-        if idle is not None and idle not in events:
-            raise ConfigError(
-                f"the idle symbol {idle!r} of observation factor {name!r} is none of {', '.join(events)}", key=name
-            )
-        if idle is not None and hold:
-            raise ConfigError(
-                f"observation factor {name!r} can take its idle symbol or hold the last one, not both", key=name
-            )
+    def __init__(self, name: str, events: Names, *, idle: str | None = None, hold: bool = False) -> None:
+        what = f"observation factor {name!r}"
+        given, self.symbols = named(events, what, "event")
         self.name = name
-        self.events = tuple(events)
-        self.idle = None if idle is None else self.events.index(idle)
+        self.events: tuple[str | None, ...] = given
+        if self.symbols is not None and idle is not None and idle not in self.symbols:
+            self.symbols, self.events = (*self.symbols, idle), (*given, None)
+        if len(self.events) < 2:
+            raise ConfigError(f"{what} needs at least two events, not {events!r}", key=name)
+        known = given if self.symbols is None else self.symbols
+        if idle is not None and idle not in known:
+            raise ConfigError(f"the idle symbol {idle!r} of {what} is none of {', '.join(given)}", key=name)
+        if idle is not None and hold:
+            raise ConfigError(f"{what} can take its idle symbol or hold the last one, not both", key=name)
+        self.idle = None if idle is None else known.index(idle)
         self.hold = hold
+
+    @property
+    def size(self) -> int:
+        """How many symbols it has."""
+        return len(self.events)
+
+    @property
+    def by_symbol(self) -> bool:
+        """Whether the events were given by symbol."""
+        return self.symbols is not None
+
+    def arranged(self, factor: Factor) -> ObservationFactor:
+        """Return it with the events in the order of a model's factor."""
+        what = f"observation factor {self.name!r}"
+        new = copy(self)
+        if self.symbols is not None:
+            found = places(self.symbols, factor, what)
+            new.events = tuple(self.events[found.index(place)] for place in range(len(factor)))
+            new.idle = None if self.idle is None else found[self.idle]
+        if new.size != len(factor):
+            raise ConfigError(f"{what} has {new.size} symbols, but the model's has {len(factor)}")
+        new.symbols = tuple(factor.names)
+        return new
 
 
 class ObservationLayer(Layer):
     """Publishes the joint `Observation` on ``observation`` whenever an event of one of its factors occurs.
 
     Args:
-        factors: In the order of the model's factors or agents, first the most significant.
+        factors: By name where the model names its factors or agents, else in the model's order, first the most
+            significant.
         predicates: The predicate manager, whose events these are.
-        space: The model's observation space, to check names and sizes against.
+        space: The model's observation space, to arrange the factors by and to check them against.
     """
 
     def __init__(
@@ -68,9 +99,9 @@ class ObservationLayer(Layer):
         name: str = "observation",
     ) -> None:
         super().__init__(name)
-        self.factors = tuple(factors)
+        self.factors, self._misplaced = arrange(factors, space, "observation factor", complete=True)
         self.predicates = predicates
-        predicates.use(*(name for factor in self.factors for name in factor.events))
+        predicates.use(*(name for factor in self.factors for name in factor.events if name is not None))
         self.space = space
         self.conflicts = 0
         self._places: dict[str, tuple[int, int]] = {}
@@ -82,13 +113,31 @@ class ObservationLayer(Layer):
         """Where the factors stand in a configuration."""
         return f"ensembles.{self.owner.name}.observations"
 
+    def _is_declared(self, event: str | None) -> bool:
+        return event is not None and self.predicates.knows(event) == "event"
+
+    def wires(self) -> tuple[Wire, ...]:
+        """Return what stands for each symbol of each factor."""
+        return tuple(
+            Wire(
+                factor.name,
+                str(place if factor.symbols is None else factor.symbols[place]),
+                event if self._is_declared(event) else None,
+                idle=place == factor.idle,
+            )
+            for factor in self.factors
+            for place, event in enumerate(factor.events)
+        )
+
     def problems(self) -> Iterator[ConfigError]:
         """Yield what is wrong with the factors: against the events declared, each other, and the model."""
         owners: dict[str, str] = {}
         for factor in self.factors:
             key = f"{self.key}.{factor.name}"
             for position, event in enumerate(factor.events):
-                if self.predicates.knows(event) != "event" and position != factor.idle:
+                if event is None:
+                    continue
+                if not self._is_declared(event) and position != factor.idle:
                     events = [known for known, kind in self.predicates.names.items() if kind == "event"]
                     yield ConfigError(
                         f"observation factor {factor.name!r} uses {event!r}, which is no declared event"
@@ -102,29 +151,7 @@ class ObservationLayer(Layer):
                         key=key,
                     )
                 owners[event] = factor.name
-        if self.space is not None:
-            yield from self._mismatches(self.space)
-
-    def _mismatches(self, space: Space) -> Iterator[ConfigError]:
-        sizes = [len(factor) for factor in space.factors]
-        product = 1
-        for factor in self.factors:
-            product *= len(factor.events)
-        if len(sizes) == 1 and product == len(space):
-            return  # a model without factors: the joint index is what counts
-        if len(self.factors) != len(sizes):
-            yield ConfigError(
-                f"{len(self.factors)} observation factors do not make up the model's {len(sizes)} "
-                f"({', '.join(f'{factor.name}: {len(factor)}' for factor in space.factors)})",
-                key=self.key,
-            )
-            return
-        for factor, size in zip(self.factors, sizes, strict=True):
-            if len(factor.events) != size:
-                yield ConfigError(
-                    f"observation factor {factor.name!r} has {len(factor.events)} symbols, but the model's has {size}",
-                    key=f"{self.key}.{factor.name}",
-                )
+        yield from (ConfigError(p.message, key=".".join(filter(None, (self.key, p.key)))) for p in self._misplaced)
 
     def on_start(self) -> None:
         """Listen to the events."""
@@ -135,6 +162,7 @@ class ObservationLayer(Layer):
             event: (component, symbol)
             for component, factor in enumerate(self.factors)
             for symbol, event in enumerate(factor.events)
+            if event is not None
         }
         self._rest = [factor.idle for factor in self.factors]
         strides: list[int] = []

@@ -194,6 +194,20 @@ class PredicateManager(Actor):
         self._declarations[name] = declaration
         self._formulas[name] = used
 
+    def definition(self, name: str) -> str:
+        """Return in words what decides a predicate or event: code, a formula, a latch, an action's end."""
+        kind = self._kinds.get(name)
+        if kind is None:
+            return "an action's end" if ACTION_END.fullmatch(name) else "another agent's predicate"
+        formulas = self._formulas[name]
+        if len(formulas) == 2:
+            return f"set by {formulas[0]}, reset by {formulas[1]}"
+        if formulas:
+            held = f", held for {self._held_for[name] / 1e9:g} s" if name in self._held_for else ""
+            return f"{formulas[0]}{held}"
+        aged = f", unknown after {self._max_age[name] / 1e9:g} s" if name in self._max_age else ""
+        return f"{'raised' if kind == 'event' else 'set'} by code{aged}"
+
     def inputs_of(self, name: str) -> set[str]:
         """Return the names of all sensors and events that a predicate or event depends on, itself included."""
         found: set[str] = set()

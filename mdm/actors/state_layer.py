@@ -5,15 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 from mdm.actors.layer import Layer
+from mdm.actors.wiring import Wire, arrange, named, places
 from mdm.errors import ConfigError, Error
-from mdm.logic import similar
+from mdm.logic import P, similar
 from mdm.messages import PredicateUpdate, State
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator
 
     from mdm.actors.predicate_manager import PredicateManager
-    from mdm.models import Space
+    from mdm.actors.wiring import Names
+    from mdm.models import Factor, Space
 
 __all__ = ["StateFactor", "StateLayer"]
 
@@ -22,39 +24,82 @@ class StateFactor:
     """One component of the state: true or false (one predicate), or one of k mutually exclusive predicates.
 
     Args:
-        name: The factor's name, as in the model where the model has names.
-        predicates: One predicate (the value is 0 where false, 1 where true), or k of them in the order of the values.
+        name: The factor's name, as in the model where the model names its factors.
+        predicates: A list in the order of the factor's values, or a mapping from the model's symbols. One predicate
+            makes two values: 0 where it is false and 1 where it is true; in a mapping, the symbol that it is given for
+            and the other one.
         on_violation: What to do where none or several of k are true: take the ``first`` that is (where none is, as
             ``hold``), ``hold`` the last value, or ``error``. By default ``first`` for several and ``hold`` for none.
+
+    Example:
+        >>> StateFactor("person", {"yes": "PersonIsWaiting"})
+        >>> StateFactor("place", {"north": "IsInNorth", "south": "IsInSouth"}, on_violation="hold")
     """
 
-    __slots__ = ("name", "on_violation", "predicates", "size")
+    __slots__ = ("name", "on_violation", "positive", "predicates", "size", "symbols")
 
     def __init__(
-        self, name: str, predicates: Sequence[str], on_violation: Literal["first", "hold", "error"] | None = None
+        self, name: str, predicates: Names, on_violation: Literal["first", "hold", "error"] | None = None
     ) -> None:
-        if isinstance(predicates, str) or not predicates:
+        self.name = name
+        self.predicates, self.symbols = named(predicates, f"state factor {name!r}", "predicate")
+        if not self.predicates:
             raise ConfigError(f"state factor {name!r} needs a list of predicates, not {predicates!r}", key=name)
-        if len(set(predicates)) != len(predicates):
-            raise ConfigError(f"state factor {name!r} names a predicate twice: {', '.join(predicates)}", key=name)
         if on_violation not in {None, "first", "hold", "error"}:
             raise ConfigError(
                 f"on_violation of state factor {name!r} is 'first', 'hold' or 'error', not {on_violation!r}", key=name
             )
-        self.name = name
-        self.predicates = tuple(predicates)
         self.on_violation = on_violation
         self.size = max(2, len(self.predicates))
+        self.positive = 1
+
+    @property
+    def by_symbol(self) -> bool:
+        """Whether the predicates were given by symbol."""
+        return self.symbols is not None
+
+    def arranged(self, factor: Factor) -> StateFactor:
+        """Return it with the predicates in the order of a model's factor."""
+        what = f"state factor {self.name!r}"
+        new = StateFactor(self.name, self.predicates, self.on_violation)
+        if self.symbols is not None:
+            found = places(self.symbols, factor, what, enough=1 if len(factor) == 2 else None)
+            if len(found) == 1:
+                new.positive = found[0]
+            else:
+                new.predicates = tuple(self.predicates[found.index(place)] for place in range(len(factor)))
+        if new.size != len(factor):
+            raise ConfigError(f"{what} has {new.size} values, but the model's has {len(factor)}")
+        new.symbols = tuple(factor.names)
+        return new
+
+    def truth(self, value: int) -> dict[str, bool]:
+        """Return which of its predicates are true at a value."""
+        if len(self.predicates) == 1:
+            return {self.predicates[0]: value == self.positive}
+        return {predicate: place == value for place, predicate in enumerate(self.predicates)}
+
+    def wires(self) -> tuple[Wire, ...]:
+        """Return what stands for each of its values, in their order."""
+        sources = self.predicates
+        symbols = range(self.size) if self.symbols is None else self.symbols
+        if len(self.predicates) == 1:
+            predicate = P(self.predicates[0])
+            sources = (str(predicate), str(~predicate)) if self.positive == 0 else (str(~predicate), str(predicate))
+            if len(symbols) == 1:
+                symbols = (f"not {symbols[0]}", symbols[0])
+        return tuple(Wire(self.name, str(symbol), source) for symbol, source in zip(symbols, sources, strict=True))
 
 
 class _Value:
     """What is known of a factor: the truth of its predicates, as bit masks."""
 
-    __slots__ = ("binary", "factor", "position", "stride", "true", "unknown", "violated")
+    __slots__ = ("binary", "factor", "inverted", "position", "stride", "true", "unknown", "violated")
 
     def __init__(self, factor: StateFactor, position: int, stride: int) -> None:
         self.factor = factor
         self.binary = len(factor.predicates) == 1
+        self.inverted = 1 - factor.positive
         self.position = position
         self.stride = stride
         self.true = 0
@@ -68,9 +113,10 @@ class StateLayer(Layer):
     When a known factor becomes unknown (a sensor's value grew too old), a state without an index says so.
 
     Args:
-        factors: In the order of the model's factors, first the most significant; all of them or some.
+        factors: All of the model's factors or some; by name where the model names them, else in the model's order,
+            first the most significant.
         predicates: The predicate manager.
-        space: The model's state space, to check names and sizes against.
+        space: The model's state space, to arrange the factors by and to check them against.
     """
 
     def __init__(
@@ -82,7 +128,7 @@ class StateLayer(Layer):
         name: str = "state",
     ) -> None:
         super().__init__(name)
-        self.factors = tuple(factors)
+        self.factors, self._misplaced = arrange(factors, space, "state factor", complete=False)
         self.predicates = predicates
         predicates.use(*(name for factor in self.factors for name in factor.predicates))
         self.space = space
@@ -98,6 +144,10 @@ class StateLayer(Layer):
         """Where the factors stand in a configuration."""
         return f"ensembles.{self.owner.name}.states"
 
+    def wires(self) -> tuple[Wire, ...]:
+        """Return what stands for each value of each factor."""
+        return tuple(wire for factor in self.factors for wire in factor.wires())
+
     def problems(self) -> Iterator[ConfigError]:
         """Yield what is wrong with the factors: against the predicates declared and against the model."""
         for factor in self.factors:
@@ -108,8 +158,7 @@ class StateLayer(Layer):
                         f"{self._similar(predicate)}",
                         key=f"{self.key}.{factor.name}",
                     )
-        if self.space is not None:
-            yield from _mismatches(self.factors, self.space, self.key)
+        yield from (ConfigError(p.message, key=".".join(filter(None, (self.key, p.key)))) for p in self._misplaced)
 
     def _similar(self, name: str) -> str:
         return similar(name, [known for known, kind in self.predicates.names.items() if kind == "predicate"])
@@ -178,7 +227,8 @@ class StateLayer(Layer):
         digits = self._digits
         index = self._index
         for value in touched:
-            new = value.true if value.binary and not value.unknown else self._evaluate(value, time)
+            known = value.binary and not value.unknown
+            new = value.true ^ value.inverted if known else self._evaluate(value, time)
             old = digits[value.position]
             if new != old:
                 digits[value.position] = new
@@ -193,7 +243,7 @@ class StateLayer(Layer):
     def _evaluate(self, value: _Value, time: int) -> int | None:
         true, factor = value.true, value.factor
         if value.binary:
-            return None if value.unknown else true
+            return None if value.unknown else true ^ value.inverted
         if true and not true & (true - 1):
             value.violated = 0
             return true.bit_length() - 1
@@ -224,42 +274,3 @@ class StateLayer(Layer):
         if self._known:
             self._known = False
             self._published.publish(State(time, None, tuple(self._digits)))
-
-
-def _mismatches(factors: tuple[StateFactor, ...], space: Space, key: str) -> Iterator[ConfigError]:
-    """Yield how factors differ from a model's: matched by name where the model has those names, else by order."""
-    sizes = {factor.name: len(factor) for factor in space.factors}
-    if all(factor.name in sizes for factor in factors):
-        expected = [sizes[factor.name] for factor in factors]
-        order = [name for name in sizes if any(factor.name == name for factor in factors)]
-        if [factor.name for factor in factors] != order:
-            yield ConfigError(
-                f"state factors stand in the order {', '.join(f.name for f in factors)}, "
-                f"but the model's is {', '.join(order)}",
-                key=key,
-            )
-            return
-    elif len(factors) == len(sizes):
-        expected = list(sizes.values())
-    elif len(sizes) == 1 and _product(factors) == len(space):
-        return  # a model without factors: the joint index is what counts
-    else:
-        yield ConfigError(
-            f"{len(factors)} state factors ({', '.join(f'{f.name}: {f.size}' for f in factors)}) do not make up the "
-            f"model's {len(space)} states ({', '.join(f'{name}: {size}' for name, size in sizes.items())})",
-            key=key,
-        )
-        return
-    for factor, size in zip(factors, expected, strict=True):
-        if factor.size != size:
-            yield ConfigError(
-                f"state factor {factor.name!r} has {factor.size} values, but the model's has {size}",
-                key=f"{key}.{factor.name}",
-            )
-
-
-def _product(factors: tuple[StateFactor, ...]) -> int:
-    product = 1
-    for factor in factors:
-        product *= factor.size
-    return product

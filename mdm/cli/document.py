@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from mdm.cli.wiring import definitions, wiring
 from mdm.config import System, load_system
 from mdm.errors import FormatError
 from mdm.formats import load_model, load_policy
@@ -63,7 +64,8 @@ class Document:
         """Return what there is to know, ready for JSON."""
         content = self.content
         if isinstance(content, System):
-            return {"kind": "ensembles", "ensembles": [_ensemble(ensemble) for ensemble in content.top]}
+            ensembles = [_ensemble(ensemble) for ensemble in content.top]
+            return {"kind": "ensembles", "ensembles": ensembles, "definitions": definitions(content)}
         return describe_model(content) if isinstance(content, MDP) else describe_policy(content)
 
 
@@ -159,4 +161,5 @@ def _ensemble(ensemble: Any) -> dict[str, Any]:
             for name, binding in zip(ensemble.action.names, ensemble.action.bindings, strict=True)
         },
         "model": None if control.model is None else describe_model(control.model),
+        "wiring": wiring(ensemble),
     }

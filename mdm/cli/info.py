@@ -1,4 +1,4 @@
-"""``mdm info``: sizes and names of a model or policy, the tree of a file's ensembles."""
+"""``mdm info``: sizes and names of a model or policy, the tree and the wiring of a file's ensembles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
         "info",
         help="tell what a file holds",
-        description="Tell the sizes and names of a model or policy, or the tree of a TOML file's ensembles.",
+        description=(
+            "Tell the sizes and names of a model or policy; of a TOML file the tree of its ensembles, and which "
+            "predicate, event or function stands for each symbol."
+        ),
         epilog="example: mdm info examples/patrol/rooms.pomdpx --json",
     )
     parser.add_argument("file", metavar="FILE", help="a model, a policy or a TOML file")
@@ -27,13 +30,14 @@ def run(arguments: argparse.Namespace) -> int:
     """Tell what the file holds; return the exit status."""
     from mdm.cli.document import load  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.cli.report import as_json  # noqa: PLC0415
+    from mdm.cli.wiring import lines  # noqa: PLC0415
     from mdm.config import System  # noqa: PLC0415
 
     document = load(arguments.file)
     if arguments.json:
         print(as_json(document.facts()))
     elif isinstance(document.content, System):
-        print(document.content.tree())
+        print("\n".join([document.content.tree(), *lines(document.content)]))
     else:
         for key, value in document.facts().items():
             if value is None or value == []:

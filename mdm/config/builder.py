@@ -281,14 +281,20 @@ class _Builder:
 
     def _factors(self, factor: Callable[..., T], kind: Any, tables: dict[str, Any], key: str) -> list[T] | None:
         factors: list[T] = []
+        names = kind.__struct_fields__[0]
         for name, value in tables.items():
             with self._problems.collecting(f"{key}.{name}"):
-                table = self._problems.convert(value, kind if isinstance(value, dict) else list[str], f"{key}.{name}")
-                if isinstance(table, list):
-                    factors.append(factor(name, table))
-                elif table is not None:
-                    fields = msgspec.structs.asdict(table)
-                    factors.append(factor(name, fields.pop(kind.__struct_fields__[0]), **fields))
+                if isinstance(value, dict) and (names in value or not _is_mapping(value)):
+                    table = self._problems.convert(value, kind, f"{key}.{name}")
+                    fields = {} if table is None else msgspec.structs.asdict(table)
+                elif isinstance(value, list | dict):
+                    fields = {names: self._problems.convert(value, list[str] | dict[str, str], f"{key}.{name}")}
+                else:
+                    raise ConfigError(
+                        f"a list of {names}, or a table of {names} by symbol, was expected, not {value!r}"
+                    )
+                if fields.get(names) is not None:
+                    factors.append(factor(name, fields.pop(names), **fields))
         return factors if len(factors) == len(tables) else None
 
     def _supervision(self, given: object, key: str) -> Supervision | None:
@@ -386,6 +392,11 @@ class _Builder:
                     user = key.partition(".")[2]
                     self._problems.add(f"{user!r} uses {name!r}, which is not declared{hint}", key)
         return len(self._problems) > before
+
+
+def _is_mapping(table: dict[str, Any]) -> bool:
+    """Whether a factor's table maps symbols to predicates or events, and has no options."""
+    return bool(table) and all(isinstance(value, str) for value in table.values())
 
 
 def _takes_one(function: Callable[..., Any]) -> bool:

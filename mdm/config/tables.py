@@ -45,16 +45,16 @@ class EventTable(_Table, frozen=True):
 
 
 class StateTable(_Table, frozen=True):
-    """A state factor."""
+    """A state factor; a list or a mapping alone stands for its predicates."""
 
-    predicates: list[str]
+    predicates: list[str] | dict[str, str]
     on_violation: Literal["first", "hold", "error"] | None = None
 
 
 class ObservationTable(_Table, frozen=True):
-    """An observation factor."""
+    """An observation factor; a list or a mapping alone stands for its events."""
 
-    events: list[str]
+    events: list[str] | dict[str, str]
     idle: str | None = None
     hold: bool = False
 

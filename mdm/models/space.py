@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import operator
+import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
@@ -17,6 +18,9 @@ __all__ = ["Factor", "Space", "Symbol"]
 Symbol = str | SupportsIndex | Sequence[str | int]
 """A symbol of a space: its index, its name, or a name or index for each factor."""
 
+
+_UNNAMED = re.compile(r"state|agent\d*")
+"""What readers call the factors of models that do not name them."""
 
 _COMPARED = 10_000
 """Names that a wrong one is compared with, to find what was meant."""
@@ -198,6 +202,11 @@ class Space:
     def names(self) -> Sequence[str]:
         """The names of the (joint) symbols, in order; a joint name is its components' names with blanks between."""
         return self.factors[0].names if len(self.factors) == 1 else _JointNames(self)
+
+    @property
+    def is_named(self) -> bool:
+        """Whether the model names its factors: one at least is not called ``state``, ``agent`` or ``agent0``, …."""
+        return not all(_UNNAMED.fullmatch(factor.name) for factor in self.factors)
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -169,11 +169,8 @@ class World(Actor):
         if changed and layer is not None and _settable(layer):
             with layer.predicates.batch():
                 for factor, value in zip(layer.factors, values, strict=True):
-                    if len(factor.predicates) == 1:
-                        layer.predicates.sense(factor.predicates[0], bool(value))
-                    else:
-                        for index, name in enumerate(factor.predicates):
-                            layer.predicates.sense(name, index == value)
+                    for name, holds in factor.truth(value).items():
+                        layer.predicates.sense(name, holds)
         else:
             self._states.publish(State(self.runtime.clock.now(), self.state, values))
 
@@ -183,8 +180,9 @@ class World(Actor):
         values = self.model.observation_space.unravel(index)
         if layer is not None and len(layer.factors) == len(values):
             events = [factor.events[value] for factor, value in zip(layer.factors, values, strict=True)]
-            if all(layer.predicates.raises(event) for event in events):
-                layer.predicates.occur(*events)
+            raised = [event for event in events if event is not None and layer.predicates.raises(event)]
+            if len(raised) == len(events):
+                layer.predicates.occur(*raised)
                 return
         mask = (True,) * len(values)
         self._observations.publish(Observation(self.runtime.clock.now(), index, values, mask))

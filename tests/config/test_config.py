@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
@@ -13,7 +14,9 @@ from mdm import (
     StateFactor,
     bind,
     load_system,
+    save_model,
 )
+from mdm.models import POMDP, Factor, Space
 from mdm.policies import DeterministicPolicy
 from mdm.testing import capture_decisions, run_virtual
 
@@ -246,6 +249,88 @@ def test_every_mistake_is_told_with_its_key(folder, old, new, key, words):
     with pytest.raises(ConfigError) as caught:
         load_system(write(folder, text))
     assert any(str(problem).startswith(f"{folder / 'robot.toml'}: {key}") for problem in caught.value.problems)
+    assert words in str(caught.value)
+
+
+ROOM = """
+[predicates]
+InA = {}
+InB = {}
+[events]
+Hot = {}
+Cold = {}
+[ensembles.robot]
+model = "room.pomdpx"
+policy = "room.policy"
+[ensembles.robot.states]
+place = STATES
+[ensembles.robot.observations]
+heat = OBSERVATIONS
+[ensembles.robot.actions]
+go = "robot_code:rest"
+"""
+
+
+@pytest.fixture
+def room(folder):
+    spaces = {name: Space([Factor(name, names)]) for name, names in (("place", "ab"), ("heat", "hc"))}
+    model = POMDP(
+        [np.eye(2)],
+        [np.eye(2)],
+        np.zeros((2, 1)),
+        discount=0.9,
+        states=spaces["place"],
+        actions=["go"],
+        observation_names=spaces["heat"],
+    )
+    save_model(model, folder / "room.pomdpx")
+    (folder / "room.policy").write_text("[2](0,0)")
+    return folder
+
+
+def wired(folder, states, observations='{ h = "Hot", c = "Cold" }'):
+    text = ROOM.replace("STATES", states).replace("OBSERVATIONS", observations)
+    return load_system(write(folder, text)).ensembles["robot"]
+
+
+@pytest.mark.parametrize(
+    ("states", "observations", "places", "events"),
+    [
+        ('["InA", "InB"]', '["Hot", "Cold"]', ("InA", "InB"), ("Hot", "Cold")),
+        ('{ b = "InB", a = "InA" }', '{ c = "Cold", h = "Hot" }', ("InA", "InB"), ("Hot", "Cold")),
+        (
+            '{ predicates = { b = "InB", a = "InA" }, on_violation = "hold" }',
+            '{ events = { h = "Hot" }, idle = "c" }',
+            ("InA", "InB"),
+            ("Hot", None),
+        ),
+        ('{ a = "InA" }', '{ events = ["Hot", "Cold"], hold = true }', ("InA",), ("Hot", "Cold")),
+    ],
+)
+def test_symbols_are_wired_by_order_or_by_name(room, states, observations, places, events):
+    robot = wired(room, states, observations)
+    assert robot.state.factors[0].predicates == places
+    assert robot.state.factors[0].truth(0)["InA"] is (len(places) == 2 or robot.state.factors[0].positive == 0)
+    assert robot.observation.factors[0].events == events
+
+
+@pytest.mark.parametrize(
+    ("states", "key", "words"),
+    [
+        ('{ a = "InA", c = "InB" }', "states.place", "has no symbol 'c'"),
+        ('{ a = "InA", b = "InC" }', "states.place", "'InC', which is no declared predicate; did you mean"),
+        ('{ predicate = ["InA", "InB"] }', "states.place.predicate", "did you mean 'predicates'"),
+        ('{ predicates = "InA" }', "states.place.predicates", "Expected"),
+        ("7", "states.place", "a list of predicates, or a table of predicates by symbol, was expected, not 7"),
+        ("[7]", "states.place[0]", "Expected `str`"),
+        ("{}", "states.place", "no key 'predicates'"),
+        ('["InA"]\nplce = ["InB"]', "states.plce", "no state factor 'plce'; did you mean 'place'"),
+    ],
+)
+def test_wrong_wiring_is_told_with_its_key(room, states, key, words):
+    with pytest.raises(ConfigError) as caught:
+        wired(room, states)
+    assert f"ensembles.robot.{key}" in {problem.key for problem in caught.value.problems}
     assert words in str(caught.value)
 
 

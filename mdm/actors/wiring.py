@@ -1,0 +1,184 @@
+"""Wiring: which predicates and events stand for which symbols of a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple, Protocol, Self, TypeVar
+
+from mdm.errors import ConfigError, ModelError
+from mdm.logic import similar
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from mdm.models import Factor, Space
+
+__all__ = ["Names", "Wire", "Wired", "arrange", "named", "places"]
+
+Names = Sequence[str] | Mapping[str, str] | Mapping[int, str]
+"""Predicates or events: in the order of a factor's symbols, or by symbol."""
+
+
+class Wire(NamedTuple):
+    """A symbol of a factor, and what stands for it.
+
+    Attributes:
+        factor: The factor's name.
+        symbol: The symbol's name, or its index where no model names it.
+        source: A predicate, its negation, or an event; None where nothing has to happen for the symbol.
+        idle: Whether the symbol also stands for "no event".
+    """
+
+    factor: str
+    symbol: str
+    source: str | None
+    idle: bool = False
+
+
+class Wired(Protocol):
+    """A factor of an ensemble."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def size(self) -> int:
+        """How many values it has."""
+
+    @property
+    def by_symbol(self) -> bool:
+        """Whether its predicates or events were given by symbol."""
+
+    def arranged(self, factor: Factor) -> Self:
+        """Return it with its predicates or events in the order of a model's factor, or raise a `ConfigError`."""
+
+
+W = TypeVar("W", bound=Wired)
+
+
+def named(names: Names, what: str, of: str) -> tuple[tuple[str, ...], tuple[str | int, ...] | None]:
+    """Return names of predicates or events, and the symbols that they are given for, if any.
+
+    Args:
+        names: As given.
+        what: The factor, for messages.
+        of: What is named: ``predicate`` or ``event``.
+    """
+    symbols: tuple[str | int, ...] | None = (*names,) if isinstance(names, Mapping) else None
+    values = tuple(names.values()) if isinstance(names, Mapping) else names
+    listed = isinstance(values, Sequence) and not isinstance(values, str)
+    if not listed or not all(isinstance(value, str) for value in values) or not _are_symbols(symbols or ()):
+        raise ConfigError(f"{what} needs a list of {of}s, or {of}s by symbol, not {names!r}")
+    if len(set(values)) != len(values):
+        raise ConfigError(f"{what} names {'an' if of == 'event' else 'a'} {of} twice: {', '.join(values)}")
+    return tuple(values), symbols
+
+
+def _are_symbols(keys: Iterable[object]) -> bool:
+    return all(isinstance(key, str | int) for key in keys)
+
+
+def places(symbols: Iterable[str | int], factor: Factor, what: str, *, enough: int | None = None) -> list[int]:
+    """Return the place of each symbol among a model's.
+
+    Args:
+        symbols: Names or indices.
+        factor: The model's factor.
+        what: The ensemble's factor, for messages.
+        enough: How many symbols are enough; all by default.
+
+    Raises:
+        ConfigError: If one is unknown or given twice, or if one of the model's is missing.
+    """
+    found: list[int] = []
+    wrong: list[str] = []
+    for symbol in symbols:
+        try:
+            place = factor.index(symbol)
+        except ModelError as error:
+            wrong.append(f"the model's {error}")
+            continue
+        if place in found:
+            wrong.append(f"the symbol {factor.names[place]!r} is given twice")
+        found.append(place)
+    missing = [name for place, name in enumerate(factor.names) if place not in found]
+    if missing and (enough is None or len(found) < enough):
+        wrong.append(f"nothing stands for the symbol {' or '.join(map(repr, missing))}")
+    if wrong:
+        raise ConfigError(f"{what}: {'; '.join(wrong)}")
+    return found
+
+
+def arrange(
+    factors: Iterable[W], space: Space | None, kind: str, *, complete: bool
+) -> tuple[tuple[W, ...], list[ConfigError]]:
+    """Put factors, and what stands for their symbols, in a model's order.
+
+    Where the model names its factors they are matched by name, else by order. Where it has one factor only, which it
+    does not name, several may make up its symbols together.
+
+    Args:
+        factors: As the user gave them.
+        space: The model's space; None without a model, where everything is in order.
+        kind: What they are called in messages: ``state factor`` or ``observation factor``.
+        complete: Whether all of the model's factors are needed.
+
+    Returns:
+        The factors, as far as they could be arranged, and what is wrong. The key of a problem is a factor's name, or
+        None.
+    """
+    given = tuple(factors)
+    names = [factor.name for factor in given]
+    problems = [
+        ConfigError(f"two {kind}s are called {name!r}", key=name)
+        for name in dict.fromkeys(names)
+        if names.count(name) > 1
+    ]
+    if space is None or problems:
+        return given, problems
+    models = {factor.name: factor for factor in space.factors}
+    if space.is_named or set(names) == models.keys():
+        problems = list(_unmatched(names, models, kind, complete=complete))
+        order = list(models)
+        pairs = [(factor, models[factor.name]) for factor in given if factor.name in models]
+        pairs.sort(key=lambda pair: order.index(pair[1].name))
+    elif len(given) == len(models):
+        pairs = list(zip(given, space.factors, strict=True))
+    else:
+        return given, list(_misfits(given, space, kind))
+    arranged: list[W] = []
+    for factor, model in pairs:
+        try:
+            arranged.append(factor.arranged(model))
+        except ConfigError as error:
+            problems.append(ConfigError(error.message, key=factor.name))
+    return (given if problems else tuple(arranged)), problems
+
+
+def _unmatched(given: Sequence[str], known: Iterable[str], kind: str, *, complete: bool) -> Iterator[ConfigError]:
+    """Yield the factors that the model does not have, and those of the model that are missing."""
+    for name in given:
+        if name not in known:
+            hint = similar(name, known) or f"; it has {', '.join(known)}"
+            yield ConfigError(f"the model has no {kind} {name!r}{hint}", key=name)
+    missing = [name for name in known if name not in given]
+    if complete and missing and all(name in known for name in given):
+        yield ConfigError(f"nothing stands for the model's {kind} {', '.join(map(repr, missing))}")
+
+
+def _misfits(factors: Sequence[Wired], space: Space, kind: str) -> Iterator[ConfigError]:
+    """Yield why factors do not make up the symbols of a model that does not name its factors."""
+    if len(space.factors) > 1 or math.prod(factor.size for factor in factors) != len(space):
+        ours = ", ".join(f"{factor.name}: {factor.size}" for factor in factors)
+        model = ", ".join(f"{factor.name}: {len(factor)}" for factor in space.factors)
+        yield ConfigError(f"{len(factors)} {kind}s ({ours}) do not make up the model's {len(space)} symbols ({model})")
+        return
+    for factor in factors:
+        if factor.by_symbol:
+            yield ConfigError(
+                f"{kind} {factor.name!r} goes by symbol, but the model has one factor of {len(space)} symbols and none "
+                f"of that name: give a list",
+                key=factor.name,
+            )

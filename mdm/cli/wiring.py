@@ -1,0 +1,76 @@
+"""The wiring of a file's ensembles: what stands for each symbol, and what each predicate and event is made of."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mdm.actors import Ensemble, ObservationLayer, StateLayer
+    from mdm.actors.binding import Binding
+    from mdm.config import System
+
+__all__ = ["definitions", "lines", "wiring"]
+
+
+def wiring(ensemble: Ensemble) -> dict[str, Any]:
+    """Return what stands for the states, observations and actions of one ensemble, ready for JSON.
+
+    Factors are None where code publishes the ensemble's states or observations itself.
+    """
+    return {
+        "states": _factors(ensemble.state),
+        "observations": _factors(ensemble.observation),
+        "actions": dict(zip(ensemble.action.names, map(_target, ensemble.action.bindings), strict=True)),
+    }
+
+
+def definitions(system: System) -> dict[str, str]:
+    """Return what decides each predicate and event that is declared or used."""
+    names = dict.fromkeys((*system.predicates.names, *system.predicates.used))
+    return {name: system.predicates.definition(name) for name in names if system.predicates.knows(name) is not None}
+
+
+def lines(system: System) -> list[str]:
+    """Return the wiring of all ensembles as text."""
+    text: list[str] = []
+    for ensemble in system.ensembles.values():
+        facts = wiring(ensemble)
+        text += ["", ensemble.name]
+        kind = "states" if ensemble.control.policy.input == "state" else "observations"
+        if facts[kind] is None:
+            text.append(f"  {kind} <- published by code")
+        for part in ("states", "observations"):
+            for factor, wires in (facts[part] or {}).items():
+                sources = {symbol: _source(wire) for symbol, wire in wires.items()}
+                text += [f"  {part.removesuffix('s')} {factor}", *_aligned(sources, "<-", indent=4)]
+        text += ["  actions", *_aligned(facts["actions"], "->", indent=4)]
+    defined = definitions(system)
+    if defined:
+        text += ["", "predicates and events", *_aligned(defined, "<-", indent=2)]
+    return text
+
+
+def _factors(layer: StateLayer | ObservationLayer | None) -> dict[str, dict[str, dict[str, Any]]] | None:
+    if layer is None:
+        return None
+    factors: dict[str, dict[str, dict[str, Any]]] = {}
+    for wire in layer.wires():
+        factors.setdefault(wire.factor, {})[wire.symbol] = {"from": wire.source, "idle": wire.idle}
+    return factors
+
+
+def _source(wire: dict[str, Any]) -> str:
+    return " or ".join(filter(None, (wire["from"], "no event" if wire["idle"] else "")))
+
+
+def _target(binding: Binding) -> str:
+    if binding.ensemble is not None:
+        return f"ensemble {binding.ensemble.name}"
+    target = binding.target
+    name = getattr(target, "__qualname__", type(target).__qualname__)
+    return f"{getattr(target, '__module__', '?')}:{name}"
+
+
+def _aligned(pairs: dict[str, str], arrow: str, *, indent: int) -> list[str]:
+    width = max(map(len, pairs))
+    return [f"{'':{indent}}{name:{width}} {arrow} {value}" for name, value in pairs.items()]

@@ -11,7 +11,9 @@ from mdm.errors import FormatError
 from mdm.formats import load_model, load_policy
 from mdm.formats.archive.model import holds_model
 from mdm.formats.archive.npz import is_archive
+from mdm.formats.cassandra.toi import SETS
 from mdm.formats.models import MODEL_SUFFIXES
+from mdm.formats.recognition import beginning, holds_policy
 from mdm.formats.source import Source, suffixes
 from mdm.models import MDP, POMDP, FactoredMDP, FactoredPOMDP
 from mdm.policies import (
@@ -93,20 +95,18 @@ def load(path: str) -> Document:
 
 
 def is_policy(path: str) -> bool | None:
-    """Return whether a file holds a policy (True) or a model (False), as its name and its beginning tell; else None.
+    """Return whether a file holds a policy (True) or a model (False), as its beginning or its name tells; else None.
 
     Raises:
-        FormatError: If there is no such file, or it is empty or damaged.
+        FormatError: If it is a damaged archive.
     """
-    suffix = suffixes(path)
     if is_archive(Path(path)):
         return not holds_model(path)
-    if suffix in MODEL_SUFFIXES:
-        return False
-    text = Source(path).text.lstrip()
-    if suffix in _POLICIES or text.startswith("[") or (text[0] == "<" and "<Policy" in text[:4096]):
-        return True
-    return False if text[0] == "<" else None
+    suffix = suffixes(path)
+    told = False if suffix in SETS else holds_policy(beginning(path))
+    if told is None and (suffix in MODEL_SUFFIXES or suffix in _POLICIES):
+        return suffix in _POLICIES
+    return told
 
 
 def describe_policy(policy: Any) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import warnings
-import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -13,6 +12,7 @@ from mdm.formats.archive import model as archive, npz
 from mdm.formats.cassandra import dpomdp, model as cassandra, toi
 from mdm.formats.pgmx import reader as pgmx
 from mdm.formats.pomdpx import reader as pomdpx
+from mdm.formats.recognition import beginning, holds_policy, root
 from mdm.formats.source import Source, suffixes
 from mdm.models.validation import collecting
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 __all__ = ["MODEL_SUFFIXES", "load_model", "save_model"]
 
 _AGENTS = re.compile(r"^[ \t]*agents[ \t]*:", re.MULTILINE)
-_ROOT = re.compile(r"<(?:\w+:)?(\w+)")
 
 
 class _Reader(Protocol):
@@ -38,8 +37,7 @@ _BY_SUFFIX: dict[str, _Reader] = {
     ".pgmx": pgmx.read,
     ".pomdpx": pomdpx.read,
     ".npz": archive.read,
-    ".base": toi.read,
-    ".toi-dpomdp": toi.read,
+    **dict.fromkeys(toi.SETS, toi.read),
 }
 _WRITERS: dict[str, Callable[[Any, str | Path], None]] = {
     ".pomdp": cassandra.write,
@@ -106,21 +104,13 @@ def _reader(path: Path) -> _Reader:
     if suffix in toi.PARTS:
         raise FormatError("this is a part of a set: read the set by its .base file", file=path)
     by_suffix = _BY_SUFFIX.get(suffix)
-    if _head(path).lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"<":
-        root = _ROOT.search(Source(path).text)
-        return _BY_ROOT.get(root[1].lower() if root else "", by_suffix or pgmx.read)
     if npz.is_archive(path):
         return archive.read
+    text = beginning(path)
+    if by_suffix is not toi.read and holds_policy(text):
+        raise FormatError("the file holds a policy; a model was expected", file=path)
+    if text.startswith("<"):
+        return _BY_ROOT.get(root(Source(path).text), by_suffix or pgmx.read)
     if by_suffix is not None:
         return by_suffix
     return dpomdp.read if _AGENTS.search(Source(path).text) else cassandra.read
-
-
-def _head(path: Path) -> bytes:
-    """Return how a file begins, unpacked; nothing where it cannot be read, which the reader will tell."""
-    try:
-        with path.open("rb") as file:
-            begin = file.read(4096)
-        return zlib.decompressobj(wbits=31).decompress(begin, 4096) if begin[:2] == b"\x1f\x8b" else begin
-    except (OSError, zlib.error):
-        return b""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -13,6 +12,7 @@ from mdm.errors import FormatError, ModelError
 from mdm.formats.archive import npz, policy as policy_archive
 from mdm.formats.fit import LoadedPolicy, misfit
 from mdm.formats.plans import joint_policy, policy_graph
+from mdm.formats.recognition import JOINT, PLANES, beginning, holds_policy
 from mdm.formats.source import Source, suffixes
 from mdm.formats.tables import q_table, state_table, ublas
 from mdm.formats.tables.state_table import PolicyKind
@@ -40,8 +40,6 @@ __all__ = ["LoadedPolicy", "PolicyKind", "check_policy_file", "load_policy", "lo
 
 _Form: TypeAlias = Literal["array", "sarsop", "zmdp", "joint", "graph", "alpha", "value function", "q-table"]
 _TABLES: dict[str, type] = {"table": DeterministicPolicy, "stochastic": StochasticPolicy, "q": QTable}
-_PLANES = re.compile(r"^[^#\n]*\bpolicyType\s*=>", re.MULTILINE)
-_JOINT = re.compile(r"^[ \t]*(JointPolicyPureVector\b|Policy for agent \d)", re.MULTILINE)
 _BY_SUFFIX: dict[str, _Form] = {".pg": "graph", ".alpha": "alpha", ".vf": "value function"}
 
 
@@ -77,6 +75,8 @@ def load_policy(
             raise FormatError(f"the archive holds {type(policy).__name__}, but kind={kind!r} was asked for", file=path)
         return policy
     source = Source(path)
+    if holds_policy(beginning(path)) is False:
+        source.fail("the file holds a model; a policy was expected")
     form = _form(source, kind)
     if kind is not None and form not in {"array", "q-table"}:
         source.fail(f"the file holds no table ({form}), but kind={kind!r} was asked for")
@@ -167,9 +167,9 @@ def _form(source: Source, kind: PolicyKind | None) -> _Form:
     text = source.text.lstrip()
     if text[0] in "[<":
         return "array" if text[0] == "[" else "sarsop"
-    if _PLANES.search(text):
+    if PLANES.search(text):
         return "zmdp"
-    if _JOINT.search(text):
+    if JOINT.search(text):
         return "joint"
     by_suffix = _BY_SUFFIX.get(suffixes(source.path))
     if by_suffix is not None:

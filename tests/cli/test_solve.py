@@ -149,6 +149,14 @@ def test_what_cannot_be_solved_is_told_in_a_sentence(mdm, arguments, words):
     assert len(errors.splitlines()) == 1
 
 
+def test_a_policy_in_place_of_a_model_is_told(mdm, tmp_path):
+    path = tmp_path / "tiger.pomdp"
+    path.write_bytes(TIGER.with_suffix(".vf").read_bytes())
+    for name in (TIGER.with_suffix(".vf"), path):
+        assert mdm("solve", name) == (1, [], f"mdm solve: {name}: the file holds a policy; a model was expected\n")
+    assert mdm("convert", path, tmp_path / "tiger.npz")[1] == [f"{tmp_path / 'tiger.npz'}: a policy (alpha vectors)"]
+
+
 def test_an_mdp_with_and_without_a_horizon(mdm, tmp_path):
     path, table, staged = tmp_path / "chain.mdp", tmp_path / "chain.policy", tmp_path / "staged.npz"
     path.write_text(CHAIN)

@@ -28,8 +28,10 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["PARTS", "read"]
+__all__ = ["PARTS", "SETS", "read"]
 
+SETS = frozenset({".base", ".toi-dpomdp"})
+"""What a set is called."""
 PARTS = frozenset({".rewards", ".interactionstates", ".interactionreward"})
 """Files of a set that are no models by themselves."""
 

@@ -125,7 +125,8 @@ BODY = '<Policy><AlphaVector vectorLength="{0}" numObsValue="{1}" numVectors="1"
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("<pomdpx/>", "a <Policy> was expected, not a <pomdpx>"),
+        ("<Plan/>", "a <Policy> was expected, not a <Plan>"),
+        ("<pomdpx/>", "the file holds a model; a policy was expected"),
         ("<Policy/>", "no alpha vectors"),
         ("<Policy>", "well-formed"),
         ("<!DOCTYPE x><Policy/>", "DOCTYPE"),

@@ -20,13 +20,15 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         help="write a model or policy in another format",
         description=(
             "Read a model or a policy and write it in the format that the name of the second file asks for: .pomdp, "
-            ".mdp, .dpomdp, .pgmx, .pomdpx (each with .gz, too) or .npz for models; .alpha, .vf, .pg, .policy, .npz "
-            "and others for policies. What was written is read again and compared."
+            ".mdp, .dpomdp, .pgmx, .pomdpx (each with .gz, too) or .npz for models; .alpha, .vf, .pg, .policy or "
+            ".npz for policies. What was written is read again and compared."
         ),
         epilog="example: mdm convert tiger.pomdp tiger.pomdpx",
     )
     parser.add_argument("source", metavar="IN", help="a model or a policy")
-    parser.add_argument("target", metavar="OUT", help="the file to write; one that is there is replaced")
+    parser.add_argument(
+        "target", metavar="OUT", help="the file to write, another than IN; one that is there is replaced"
+    )
     parser.add_argument("--discount", metavar="G", type=float, help="a discount in place of the model's")
     parser.add_argument("--normalize", action="store_true", help="make distributions sum to 1 however far they are off")
     parser.add_argument("--model", metavar="M", help="the model that a policy is for, whose names .npz keeps")
@@ -39,8 +41,10 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.cli.usage import UsageError  # noqa: PLC0415
     from mdm.config import System  # noqa: PLC0415
     from mdm.formats import load_model, load_policy, save_model, save_policy  # noqa: PLC0415
+    from mdm.formats.target import check_place  # noqa: PLC0415
     from mdm.models import MDP  # noqa: PLC0415
 
+    check_place(arguments.target, arguments.source, arguments.model)
     told = is_policy(arguments.source)
     content = load(arguments.source).content if told is None else None
     if isinstance(content, System):

@@ -82,10 +82,12 @@ def _add_inputs(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw the picture; return the exit status."""
-    from mdm.views.canvas import keep, pyplot  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.views.canvas import check_picture, keep, pyplot  # noqa: PLC0415 - `mdm --help` needs no numpy
 
     pyplot()
-    if arguments.picture == "bounds":
+    bounds = arguments.picture == "bounds"
+    check_picture(arguments.output, *(arguments.histories if bounds else (arguments.model, arguments.policy)))
+    if bounds:
         from mdm.views.bounds import bounds_figure  # noqa: PLC0415
 
         figure = bounds_figure(arguments.histories)

@@ -48,6 +48,10 @@ def run(arguments: argparse.Namespace) -> int:
 
     part = arguments.part or "network"
     _check_usage(arguments, part)
+    if arguments.picture is not None:
+        from mdm.views.canvas import check_picture  # noqa: PLC0415
+
+        check_picture(arguments.picture, arguments.file)
     if is_policy(arguments.file):
         raise Error(f"{arguments.file} holds a policy; mdm info tells of it")
     model = load_model(arguments.file)

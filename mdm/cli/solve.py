@@ -38,7 +38,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         "--output",
         metavar="POLICY",
         help="the policy's file; its suffix chooses the format: .npz keeps any policy, .vf, .alpha and .policy alpha "
-        "vectors; other names hold tables",
+        "vectors, .policy tables, .pg controllers",
     )
     parser.add_argument("--solver", metavar="NAME", help="by default what suits the model; 'help' lists them")
     parser.add_argument(
@@ -73,14 +73,17 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.solver is not None and arguments.solver not in SOLVERS:
         raise UsageError(f"there is no solver {arguments.solver!r}; there are {', '.join(SOLVERS)}")
+    for target in (arguments.output, arguments.history):
+        if target is not None:
+            check_place(target, arguments.model)
+    if arguments.history is not None and Path(arguments.history).suffix.lower() != ".json":
+        raise UsageError("--history writes JSON: its file ends in .json")
     model = load(arguments.model, arguments.discount)
     world = revealed(model)
     solver = arguments.solver or default_solver(world)
     options = _options(arguments, solver)
     if arguments.output is not None:
         check_policy_file(_kind(solver, world, arguments), arguments.output)
-    if arguments.history is not None:
-        check_place(arguments.history)
     if (note := shown(world)) is not None:
         print(f"mdm solve: {note}", file=sys.stderr)
     line = ProgressLine()

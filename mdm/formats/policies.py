@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -27,20 +28,38 @@ from mdm.policies import (
     MaskedAlphaVectors,
     MixedAlphaVectors,
     QTable,
-    StagedPolicy,
     StochasticPolicy,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from mdm.models import MDP
 
 __all__ = ["LoadedPolicy", "PolicyKind", "check_policy_file", "load_policy", "load_rewards", "save_policy"]
 
 _Form: TypeAlias = Literal["array", "sarsop", "zmdp", "joint", "graph", "alpha", "value function", "q-table"]
+_Writer: TypeAlias = Callable[[Any, Path, "MDP | None"], object]
 _TABLES: dict[str, type] = {"table": DeterministicPolicy, "stochastic": StochasticPolicy, "q": QTable}
 _BY_SUFFIX: dict[str, _Form] = {".pg": "graph", ".alpha": "alpha", ".vf": "value function"}
+
+
+def _nameless(write: Callable[[Any, Path], object]) -> _Writer:
+    """Return what writes a format that has no names of the model."""
+    return lambda policy, path, _: write(policy, path)
+
+
+_TABLE = {".policy": _nameless(ublas.write)}
+_VECTORS = {".policy": _nameless(sarsop_policy.write), ".policyx": _nameless(sarsop_policy.write)}
+_WRITERS: dict[type, dict[str, _Writer]] = {
+    AlphaVectors: {**_VECTORS, ".alpha": _nameless(alpha.write), ".vf": _nameless(value_function.write)},
+    MixedAlphaVectors: _VECTORS,
+    MaskedAlphaVectors: {".policy": _nameless(zmdp.write)},
+    DeterministicPolicy: _TABLE,
+    StochasticPolicy: _TABLE,
+    QTable: _TABLE,
+    FiniteStateController: {".pg": _nameless(policy_graph.write)},
+    JointController: {".policy": joint_policy.write},
+}
+"""By their suffixes, the formats that hold policies of each kind; ``.npz`` holds any."""
 
 
 def load_policy(
@@ -106,8 +125,9 @@ def save_policy(policy: LoadedPolicy, path: str | Path, model: MDP | None = None
     """Write a policy, in the format that the file's suffix stands for.
 
     ``.npz`` keeps any policy, with the names of its model. ``.alpha`` and ``.vf`` hold alpha vectors, ``.pg``
-    controllers (and an ``.alpha`` beside it their values); under any other name alpha vectors are written as SARSOP
-    does, those with masks as ZMDP, tables as uBLAS text, and joint controllers as MADP, which needs the model.
+    controllers (and an ``.alpha`` beside it their values). In a ``.policy`` file, and in one without a suffix, alpha
+    vectors are written as SARSOP does (as ``.policyx``, too), those with masks as ZMDP, tables as uBLAS text, and joint
+    controllers as MADP, which needs the model.
 
     Args:
         policy: The policy.
@@ -115,7 +135,7 @@ def save_policy(policy: LoadedPolicy, path: str | Path, model: MDP | None = None
         model: The model that the policy is for.
 
     Raises:
-        ModelError: If the format cannot hold such a policy, or the policy does not fit the model.
+        ModelError: If the suffix stands for no format that holds such a policy, or the policy does not fit the model.
         FormatError: If the file cannot be written.
     """
     wrong = None if model is None else misfit(policy, model)
@@ -125,14 +145,14 @@ def save_policy(policy: LoadedPolicy, path: str | Path, model: MDP | None = None
 
 
 def check_policy_file(kind: type, path: str | Path) -> None:
-    """Refuse a file whose name stands for a format that cannot hold policies of a kind, before there is one to write.
+    """Refuse a file whose name stands for no format that holds policies of a kind, before there is one to write.
 
     Args:
         kind: The policy's class.
         path: The file.
 
     Raises:
-        ModelError: If the format cannot hold such a policy.
+        ModelError: If its suffix stands for no format that holds such a policy.
         FormatError: If it is a folder, or its folder is none that can be written to.
     """
     path = Path(path)
@@ -140,26 +160,16 @@ def check_policy_file(kind: type, path: str | Path) -> None:
     check_place(path)
 
 
-def _writer(kind: type, path: Path) -> Callable[[Any, Path, MDP | None], object]:
+def _writer(kind: type, path: Path) -> _Writer:
     """Return what writes policies of a kind into a file."""
-    suffix = path.suffix.lower()
-    if suffix == ".npz":
-        return policy_archive.write
-    if suffix == ".alpha" and issubclass(kind, AlphaVectors):
-        return lambda policy, path, _: alpha.write(policy, path)
-    if suffix == ".vf" and issubclass(kind, AlphaVectors):
-        return lambda policy, path, _: value_function.write(policy, path)
-    if suffix == ".pg" and issubclass(kind, FiniteStateController):
-        return lambda policy, path, _: policy_graph.write(policy, path)
-    if suffix in {*_BY_SUFFIX, ".gz"} or issubclass(kind, FiniteStateController | StagedPolicy):
-        raise ModelError(f"{kind.__name__} cannot be written as {path.name!r}: a .npz file holds a policy of any kind")
-    if issubclass(kind, AlphaVectors | MixedAlphaVectors):
-        return lambda policy, path, _: sarsop_policy.write(policy, path)
-    if issubclass(kind, MaskedAlphaVectors):
-        return lambda policy, path, _: zmdp.write(policy, path)
-    if issubclass(kind, JointController):
-        return joint_policy.write
-    return lambda policy, path, _: ublas.write(policy, path)
+    writers: dict[str, _Writer] = {".npz": policy_archive.write}
+    for other, more in _WRITERS.items():
+        if issubclass(kind, other):
+            writers |= more
+    writer = writers.get(path.suffix.lower() or ".policy")
+    if writer is None:
+        raise ModelError(f"{kind.__name__} cannot be written as {path.name!r}: its files end in {', '.join(writers)}")
+    return writer
 
 
 def _form(source: Source, kind: PolicyKind | None) -> _Form:

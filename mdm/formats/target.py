@@ -32,12 +32,19 @@ def write_text(path: str | Path, text: str) -> None:
         file.write(data)
 
 
-def check_place(path: str | Path) -> None:
-    """Refuse a file that could not be written, before there is something to write.
+def check_place(path: str | Path, *sources: str | Path | None) -> None:
+    """Refuse a file that could not be written, or that is read from, before there is something to write.
+
+    Args:
+        path: The file.
+        sources: What is read to write it, by whatever path or link; None for what is not.
 
     Raises:
-        FormatError: If it is a folder, or nothing can be written beside it.
+        FormatError: If it is one of the sources or a folder, or nothing can be written beside it.
     """
+    for source in sources:
+        if source is not None and _same(Path(path), Path(source)):
+            raise FormatError("this file is read from, and would be lost: write to another", file=path)
     if _is_device(Path(path)):  # a pipe that is opened and closed would have come to its end
         return
     with suppress(_Unwritten), replacing(path):
@@ -69,6 +76,10 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
             yield file
     except OSError as error:
         raise FormatError(f"the file cannot be written: {error.strerror}", file=path) from None
+
+
+def _same(path: Path, other: Path) -> bool:
+    return path.is_file() and other.is_file() and path.samefile(other)
 
 
 def _is_device(path: Path) -> bool:

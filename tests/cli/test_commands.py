@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -51,6 +52,40 @@ def test_broken_files_give_a_sentence_and_1(mdm, tmp_path, verb, name, content):
     assert errors.startswith(f"mdm {verb}: ")
     assert name in errors
     assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize("way", ["itself", "a path", "a link", "a hard link"])
+@pytest.mark.parametrize(
+    ("arguments", "read"),
+    [
+        (["solve", "tiger.pomdp", "-o", "OUT"], "tiger.pomdp"),
+        (["solve", "tiger.pomdp", "--history", "OUT"], "tiger.pomdp"),
+        (["convert", "tiger.pomdp", "OUT"], "tiger.pomdp"),
+        (["convert", "tiger.vf", "OUT"], "tiger.vf"),
+        (["convert", "tiger.vf", "OUT", "--model", "tiger.pomdp"], "tiger.pomdp"),
+        (["plot", "policy", "tiger.pomdp", "tiger.vf", "-o", "OUT"], "tiger.pomdp"),
+        (["plot", "belief", "tiger.pomdp", "tiger.vf", "-o", "OUT"], "tiger.vf"),
+        (["plot", "bounds", "tiger.vf", "tiger.pomdp", "-o", "OUT"], "tiger.pomdp"),
+        (["show", "tiger.pomdp", "network", "--picture", "OUT"], "tiger.pomdp"),
+    ],
+)
+def test_output_never_destroys_input(mdm, tmp_path, monkeypatch, arguments, read, way):
+    monkeypatch.chdir(tmp_path)
+    for name in ("tiger.pomdp", "tiger.vf"):
+        shutil.copy(EXAMPLES / name, tmp_path)
+    suffixes = {"solve": ".npz", "convert": ".npz", "plot": ".png", "show": ".png"}
+    suffix = ".json" if "--history" in arguments else suffixes[arguments[0]]
+    out = {"itself": read, "a path": f"../{tmp_path.name}/{read}"}.get(way, f"out{suffix}")
+    if way == "a link":
+        Path(out).symlink_to(read)
+    elif way == "a hard link":
+        Path(out).hardlink_to(read)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    status, output, errors = mdm(*[out if word == "OUT" else word for word in arguments])
+    assert (status, output) == (1, [])
+    assert errors == f"mdm {arguments[0]}: {out}: this file is read from, and would be lost: write to another\n"
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert Path(out).is_symlink() == (way == "a link")
 
 
 @pytest.mark.parametrize("verb", ["check", "info"])

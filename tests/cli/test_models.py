@@ -196,9 +196,14 @@ def test_convert_of_policies(mdm, tmp_path):
     status, _, errors = mdm("convert", POLICIES / "tiger.vf", tmp_path / "tiger.pg")
     assert status == 1
     assert ".npz" in errors
-    status, _, errors = mdm("convert", TIGER, tmp_path / "tiger.txt")
+    for name in ("tiger.txt", "tiger.vf"):
+        status, _, errors = mdm("convert", TIGER, tmp_path / name)
+        assert status == 1
+        assert ".pomdpx" in errors
+    status, _, errors = mdm("convert", POLICIES / "tiger.vf", tmp_path / "out.pomdp")
     assert status == 1
-    assert ".pomdpx" in errors
+    assert "'out.pomdp': its files end in .npz, .policy, .policyx, .alpha, .vf" in errors
+    assert [file.name for file in tmp_path.iterdir()] == ["tiger.npz"]
 
 
 @pytest.mark.parametrize(

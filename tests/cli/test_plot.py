@@ -128,7 +128,8 @@ def test_a_belief_is_that_of_its_episode():
         (["policy", TIGER, VECTORS, "-o", "x.png", "--axes", "x", "y"], 1, "no factor 'x'"),
         (["bounds", TIGER, "-o", "x.png"], 1, "tiger.pomdp: a history that mdm solve --history wrote was expected"),
         (["bounds", ROOT / "nothing.json", "-o", "x.png"], 1, "nothing.json"),
-        (["policy", TIGER, VECTORS, "-o", "x.nothing"], 1, "cannot be written"),
+        (["policy", TIGER, VECTORS, "-o", "x.nothing"], 1, "its file ends in .png, .svg, .pdf"),
+        (["policy", TIGER, VECTORS, "-o", "x"], 1, "its file ends in .png, .svg, .pdf"),
         (["policy", TIGER, VECTORS, "-o", "no/x.png"], 1, "cannot be written: No such file or directory"),
     ],
 )

@@ -88,7 +88,7 @@ def test_ctrl_c_keeps_the_best_so_far(mdm, tmp_path, slow):
     assert json.loads(mdm("solve", TIGER, "--solver", "slow", "--memory", "1", "--json")[1][0])["reason"] == "memory"
 
 
-@pytest.mark.parametrize("name", ["tiger.pg", "tiger.alpha.gz", "nowhere/tiger.npz"])
+@pytest.mark.parametrize("name", ["tiger.pg", "tiger.alpha.gz", "nowhere/tiger.npz", "tiger.png", "tiger.mdp"])
 def test_a_file_that_cannot_be_is_refused_before_the_work(mdm, tmp_path, slow, name):
     status, output, errors = mdm("solve", TIGER, "--solver", "slow", "-o", tmp_path / name)
     assert (status, output, slow) == (1, [], [])
@@ -125,6 +125,7 @@ def test_no_limit_is_a_limit_without_end(mdm):
         (["--memory", "nan"], "--memory: a number of 0 or more"),
         (["--solver", "perseus", "--seed", "-1"], "--seed: a whole number of 0 or more"),
         (["--solver", "jesp"], "--horizon"),
+        (["--history", "x.npz"], "its file ends in .json"),
     ],
 )
 def test_wrong_usage(mdm, arguments, words):
@@ -174,7 +175,7 @@ def test_an_mdp_with_and_without_a_horizon(mdm, tmp_path):
     assert mdm("info", staged)[0] == 0
     status, _, errors = mdm(*arguments, "-o", table)
     assert status == 1
-    assert "a .npz file holds a policy of any kind" in errors
+    assert "its files end in .npz" in errors
 
 
 def test_fully_observed_factors_are_shown_to_the_policy(mdm, tmp_path):

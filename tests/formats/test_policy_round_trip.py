@@ -204,10 +204,13 @@ def test_a_kind_of_table_may_be_asked_of_an_archive(tmp_path):
     ("policy", "name", "words"),
     [
         (POLICY, "x.pg", "AlphaVectors cannot be written as 'x.pg'"),
-        (DeterministicPolicy([0]), "x.alpha", "a .npz file holds a policy of any kind"),
+        (DeterministicPolicy([0]), "x.alpha", "its files end in .npz, .policy"),
         (QTable([[1, 2]]), "x.vf", "QTable"),
         (FiniteStateController([0], [[0]]), "x.policy", "FiniteStateController"),
         (POLICY, "x.policy.gz", "'x.policy.gz'"),
+        (POLICY, "x.pomdp", "its files end in .npz, .policy, .policyx, .alpha, .vf"),
+        (POLICY, "x.png", "'x.png'"),
+        (FiniteStateController([0], [[0]]), "x", "its files end in .npz, .pg"),
     ],
 )
 def test_a_form_that_cannot_hold_a_policy_is_refused(tmp_path, policy, name, words):

@@ -151,3 +151,14 @@ def test_a_folder_is_no_place_for_a_file(tmp_path):
     with pytest.raises(FormatError, match="No such file or directory"):
         check_place(tmp_path / "nowhere" / "x")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_read_is_no_place_for_another(tmp_path):
+    source, other = tmp_path / "x", tmp_path / "y"
+    source.write_text("x")
+    other.symlink_to(source)
+    for place in (source, other):
+        with pytest.raises(FormatError, match="is read from, and would be lost"):
+            check_place(place, None, source)
+    check_place(tmp_path / "z", source, other)
+    check_place("/dev/null", "/dev/null")

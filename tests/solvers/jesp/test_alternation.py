@@ -288,7 +288,7 @@ def test_events_that_go_unobserved_are_refused():
 def test_a_plan_is_written_and_read_as_madp_does(corpus, tmp_path):
     model = load_model(corpus / "models/madp/dectiger.dpomdp")
     solution = solve(model, "jesp", horizon=3)
-    for name in ("plan.jpol", "plan.npz"):
+    for name in ("plan.policy", "plan.npz"):
         save_policy(solution.policy, tmp_path / name, model)
         again = load_policy(tmp_path / name, model)
         assert worth(model, 3, by_trees(again)) == pytest.approx(5.19081, abs=1e-5)

@@ -17,7 +17,20 @@ if TYPE_CHECKING:
 
 __all__ = ["VERBS", "main"]
 
-VERBS = ("run", "check", "info", "show", "convert", "trace", "simulate", "solve", "evaluate", "compare", "plot")
+VERBS = (
+    "run",
+    "check",
+    "info",
+    "show",
+    "convert",
+    "problem",
+    "trace",
+    "simulate",
+    "solve",
+    "evaluate",
+    "compare",
+    "plot",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

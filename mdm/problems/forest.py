@@ -32,10 +32,12 @@ def forest(
         discount: In (0, 1].
 
     Raises:
-        ModelError: If there are fewer than two ages.
+        ModelError: If there are fewer than two ages, or the risk of fire is no probability.
     """
     if ages < 2:
         raise ModelError(f"a forest needs at least two classes of age, not {ages}")
+    if not 0 <= fire <= 1:
+        raise ModelError(f"the risk of fire is a probability, not {fire}")
     age = np.arange(ages)
     wait, cut = np.zeros((2, ages, ages))
     wait[age, np.minimum(age + 1, ages - 1)] = 1 - fire

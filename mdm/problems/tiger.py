@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mdm.errors import ModelError
 from mdm.models import POMDP
 
 __all__ = ["tiger"]
@@ -25,7 +26,12 @@ def tiger(accuracy: float = 0.85, *, discount: float = 0.95) -> POMDP:
     Args:
         accuracy: The probability that listening tells the right side.
         discount: In (0, 1].
+
+    Raises:
+        ModelError: If the accuracy is no probability.
     """
+    if not 0 <= accuracy <= 1:
+        raise ModelError(f"the accuracy is a probability, not {accuracy}")
     identity, uniform = np.eye(2), np.full((2, 2), 0.5)
     heard = [[accuracy, 1 - accuracy], [1 - accuracy, accuracy]]
     return POMDP(

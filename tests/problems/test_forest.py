@@ -24,6 +24,9 @@ def test_any_size():
     assert np.flatnonzero(model.rewards[:, 1]).tolist() == list(range(1, 50))
 
 
-def test_a_forest_has_two_ages():
-    with pytest.raises(ModelError, match="two classes"):
-        forest(1)
+@pytest.mark.parametrize(
+    ("settings", "words"), [({"ages": 1}, "two classes"), ({"fire": -0.5}, "fire is a probability, not -0.5")]
+)
+def test_wrong_settings(settings, words):
+    with pytest.raises(ModelError, match=words):
+        forest(**settings)

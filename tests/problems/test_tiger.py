@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from same_model import assert_same_model
 
-from mdm import load_model, solve
+from mdm import ModelError, load_model, solve
 from mdm.problems import tiger
 
 
@@ -29,3 +29,8 @@ def test_published_value():
 )
 def test_corpus(corpus, path, discount):
     assert_same_model(tiger(discount=discount), load_model(corpus / "models" / path))
+
+
+def test_the_accuracy_is_a_probability():
+    with pytest.raises(ModelError, match="accuracy is a probability, not 2"):
+        tiger(2)

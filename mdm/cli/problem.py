@@ -1,0 +1,157 @@
+"""``mdm problem``: a standard problem as a model file, with the parameters of its function."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import json
+import re
+import shlex
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mdm.models import MDP
+
+__all__ = ["add_parser", "run"]
+
+_KINDS = {int: ("N", "a whole number"), float: ("X", "a number"), str: ("TEXT", "a text")}
+
+
+def add_parser(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "problem",
+        help="write a standard problem of the field as a model",
+        usage="mdm problem [--list] | NAME [--PARAMETER VALUE ...] -o FILE",
+        description=(
+            "Write a standard problem as a model, in the format that the file's name asks for. Without a name, list "
+            "the problems and their parameters; `mdm problem NAME --help` explains one."
+        ),
+        epilog="example: mdm problem rock_sample --size 4 --rocks 3 -o rocks.pomdpx",
+    )
+    parser.add_argument("--list", action="store_true", help="list the problems and their parameters")
+    parser.add_argument("words", nargs=argparse.REMAINDER, metavar="NAME ...", help="the problem and its parameters")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """List the problems, or write one; return the exit status."""
+    from mdm.cli.usage import UsageError  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.errors import ModelError  # noqa: PLC0415
+    from mdm.formats import save_model  # noqa: PLC0415
+
+    if arguments.list or not arguments.words:
+        if arguments.words:
+            raise UsageError("--list goes without the name of a problem")
+        _list()
+        return 0
+    function = _problem(arguments.words[0])
+    parser = _parser(function)
+    try:
+        given = vars(parser.parse_args(arguments.words[1:]))
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else 2
+    target = given.pop("output")
+    arguments.debug |= given.pop("debug")
+    arguments.format_usage = parser.format_usage
+    try:
+        model = function(**given)
+    except ModelError as error:
+        raise UsageError(str(error)) from error
+    save_model(model, target)
+    sizes = [(len(model.state_space), "states"), (len(model.action_space), "actions")]
+    if hasattr(model, "observation_space"):
+        sizes.append((len(model.observation_space), "observations"))
+    print(f"{target}: a model ({model.kind}) of {', '.join(f'{count} {what}' for count, what in sizes)}")
+    return 0
+
+
+def _problem(name: str) -> Callable[..., MDP]:
+    import difflib  # noqa: PLC0415
+
+    from mdm import problems  # noqa: PLC0415
+    from mdm.cli.usage import UsageError  # noqa: PLC0415
+
+    known = name.replace("-", "_")
+    if known not in problems.__all__:
+        close = difflib.get_close_matches(known, problems.__all__, n=3)
+        hint = f"did you mean {' or '.join(close)}?" if close else "`mdm problem` lists them"
+        raise UsageError(f"there is no problem {name!r}; {hint}")
+    function: Callable[..., MDP] = getattr(problems, known)
+    return function
+
+
+def _parser(function: Callable[..., MDP]) -> argparse.ArgumentParser:
+    """Return a parser of a problem's parameters, made from its signature and docstring."""
+    text, meanings = _documentation(function)
+    parser = argparse.ArgumentParser(
+        prog=f"mdm problem {function.__name__}",
+        description=text.replace("%", "%%"),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog=f"example: mdm problem {function.__name__} -o {function.__name__}.npz",
+        allow_abbrev=False,
+    )
+    parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the model to write")
+    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    for parameter in inspect.signature(function, eval_str=True).parameters.values():
+        default = "" if parameter.default is None else f" Default: {_shown(parameter.default)}"
+        parser.add_argument(
+            _option(parameter.name),
+            dest=parameter.name,
+            metavar=_kind(parameter.annotation)[0],
+            type=_reader(parameter.annotation),
+            default=argparse.SUPPRESS,
+            help=f"{meanings[parameter.name]}{default}".replace("%", "%%"),
+        )
+    return parser
+
+
+def _list() -> None:
+    from mdm import problems  # noqa: PLC0415
+
+    for name in problems.__all__:
+        function = getattr(problems, name)
+        print(f"{name}: {_documentation(function)[0].splitlines()[0]}")
+        for parameter in inspect.signature(function).parameters.values():
+            value = "..." if parameter.default is None else _shown(parameter.default)
+            print(f"    {_option(parameter.name)} {value}")
+
+
+def _documentation(function: Callable[..., MDP]) -> tuple[str, dict[str, str]]:
+    """Return what a docstring says of the problem before its sections, and of each argument."""
+    text, _, sections = inspect.cleandoc(function.__doc__ or "").partition("\n\nArgs:\n")
+    arguments = sections.partition("\n\n")[0]
+    entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", arguments, re.MULTILINE)
+    return text.removeprefix("Return "), {name: " ".join(meaning.split()) for name, meaning in entries}
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+def _shown(default: object) -> str:
+    """Return a default as it would be typed."""
+    if isinstance(default, str):
+        return shlex.quote(textwrap.dedent(default).strip("\n").replace("\n", "/"))
+    return shlex.quote(json.dumps(default))
+
+
+def _kind(annotation: Any) -> tuple[str, str]:
+    """Return how the values of a type are called in a usage, and in a sentence."""
+    return _KINDS.get(annotation, ("JSON", "a list in JSON, of the right length and numbers,"))
+
+
+def _reader(annotation: Any) -> Callable[[str], Any]:
+    """Return what reads a value of a type: numbers and texts as they stand, everything else as JSON."""
+    import msgspec  # noqa: PLC0415
+
+    def read(text: str) -> Any:
+        try:
+            return annotation(text) if annotation in _KINDS else msgspec.json.decode(text, type=annotation)
+        except (ValueError, msgspec.MsgspecError):
+            raise argparse.ArgumentTypeError(f"{_kind(annotation)[1]} was expected, not {text!r}") from None
+
+    return read

@@ -1,4 +1,4 @@
-"""Online tree search: looks a second, bounds reached, and how late 100 Hz ticks come beside a search."""
+"""Online tree search: expansions a second, bounds reached, and how late 100 Hz ticks come beside a search."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def searches(quick: bool) -> list[dict[str, Any]]:
                     "model": path.stem,
                     "states": len(model.state_space),
                     "seconds": seconds,
-                    "looks": result.looks,
-                    "us a look (CPU)": used / max(1, result.looks) * 1e6,
+                    "expansions": result.expansions,
+                    "us an expansion (CPU)": used / max(1, result.expansions) * 1e6,
                     "lower": max(result.lower),
                     "upper": max(result.upper),
                 }

@@ -2,7 +2,7 @@
 
 A question goes to the process, and the turn is over; the answer starts a turn of its own. The loop does nothing
 meanwhile that takes longer than to send a belief. In virtual time, which must not go on while a process thinks, the
-search runs within the turn, for its number of looks and without regard to seconds: the same input gives the same
+search runs within the turn, for its number of expansions and without regard to seconds: the same input gives the same
 decisions.
 """
 
@@ -42,7 +42,7 @@ class PlannerStatistics(ActorStatistics, frozen=True):
         fallbacks: Those that the fallback answered.
         superseded: Those that another one came after, before they were answered.
         late: Answers of the search that nobody waited for any more; they are dropped.
-        looks: Leaves that the answers looked into, in all.
+        expansions: Leaves that were expanded for the answers, in all.
         processes: How often a process was started.
     """
 
@@ -51,7 +51,7 @@ class PlannerStatistics(ActorStatistics, frozen=True):
     fallbacks: int
     superseded: int
     late: int
-    looks: int
+    expansions: int
     processes: int
 
 
@@ -82,7 +82,7 @@ class Planner(Layer):
         self._timer: Timer | None = None
         self._virtual = False
         self._count = self._searched = self._fallbacks = self._superseded = self._late = 0
-        self._looks = self._processes = 0
+        self._expansions = self._processes = 0
 
     @property
     def pid(self) -> int | None:
@@ -106,9 +106,9 @@ class Planner(Layer):
         self.subscribe(channel("control", Control), self._on_control)
         if not self._virtual:
             self.spawn(self._search(), name="search")
-        elif self.policy.looks is None:
+        elif self.policy.expansions is None:
             raise ConfigError(
-                "in virtual time a tree search ends after a number of looks, not of seconds: give it looks",
+                "in virtual time a tree search ends after a number of expansions, not of seconds: give it expansions",
                 key="policy",
             )
         else:
@@ -123,7 +123,7 @@ class Planner(Layer):
         self._open = question
         if self._virtual:
             result = self.policy.search(question.at, timed=False)
-            self._looks += result.looks
+            self._expansions += result.expansions
             self._answer(result.action, "search")
         elif self._process is not None:
             self._send(self._process, question)
@@ -137,7 +137,7 @@ class Planner(Layer):
 
     def _on_found(self, found: tuple[int, SearchResult]) -> None:
         number, result = found
-        self._looks += result.looks
+        self._expansions += result.expansions
         if self._open is None or self._open.number != number:
             self._late += 1
         else:
@@ -223,6 +223,6 @@ class Planner(Layer):
             fallbacks=self._fallbacks,
             superseded=self._superseded,
             late=self._late,
-            looks=self._looks,
+            expansions=self._expansions,
             processes=self._processes,
         )

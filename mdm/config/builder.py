@@ -270,7 +270,7 @@ class _Builder:
             return TreeSearch(
                 model,
                 seconds=given.seconds,
-                looks=given.looks,
+                expansions=given.expansions,
                 seed=table.seed,
                 fallback=policy,
                 plans=policy if given.plans else None,

@@ -83,7 +83,7 @@ class SearchTable(_Table, frozen=True):
     """A tree search, to which the ensemble's policy is the fallback; with ``plans`` its vectors are bounds, too."""
 
     seconds: Seconds | None = None
-    looks: Annotated[int, Meta(gt=0)] | None = None
+    expansions: Annotated[int, Meta(gt=0)] | None = None
     particles: Annotated[int, Meta(gt=0)] = 1000
     plans: bool = False
 

@@ -72,7 +72,7 @@ def load_model(path: str | Path, *, sparse: bool | None = None, normalize: bool 
         return reader(path, sparse=sparse)
     with collecting(sums_only=True) as problems:
         model = reader(path, sparse=sparse)
-        model.flatten()  # here, where rows are forgiven
+        model.flatten()  # here, where problems are collected
     if problems:
         text = f"{path}: {len(problems)} distributions did not sum to 1 and were normalised; first: {problems[0].text}"
         warnings.warn(text, ModelWarning, stacklevel=2)

@@ -4,7 +4,7 @@ An event model says what is observed at a change of state. Where a transition ha
 observations has no meaning: there, rows need not sum to 1. Elsewhere a row may sum to less: what is missing is the
 probability of an event that the model has no name for (real models leave a few per cent open), and a belief that is
 updated with what was observed is not moved by it. So rows are kept as they are given; only where they sum to more than
-1, and that is forgiven, they are normalised.
+1, and problems are collected, they are normalised.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from mdm.errors import ModelError, ModelWarning
 from mdm.models.compressed import csr, is_compressed
 from mdm.models.matrices import ROUNDING, TOLERANCE, Matrix, Vector, numbers, read_only
-from mdm.models.validation import forgive
+from mdm.models.validation import report
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -211,13 +211,13 @@ def _checked(least: Vector, sums: Vector, places: Any, actions: Space, states: S
             f"O of action {actions.names[action]!r}: the observations of the transition from {state!r} to "
             f"{next_state!r} {what}"
         )
-        if not forgive(problem, is_sum=bool(least[at] >= 0)):
+        if not report(problem, is_sum=bool(least[at] >= 0)):
             raise ModelError(problem)
     return float(sums.min()) if sums.size else 1.0
 
 
 def _divisors(sums: Vector) -> Vector:
-    """Return what rows are divided by: their sums where these are too large, which then was forgiven; else 1."""
+    """Return the divisors of rows: a sum above 1, which was reported before, or 1."""
     return np.where(sums > 1 + TOLERANCE, sums, 1.0)
 
 

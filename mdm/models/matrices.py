@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from mdm.errors import ModelError, ModelWarning
 from mdm.models.compressed import csr, is_compressed
-from mdm.models.validation import forgive, forgiving
+from mdm.models.validation import is_collecting, report
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -137,7 +137,7 @@ def _checked(matrix: Any, what: str, rows: Space, columns: int, as_sparse: bool)
     sums = np.asarray(result.sum(axis=1)).ravel()
     errors = np.abs(sums - 1)
     if errors.max() > TOLERANCE:
-        result, sums = _forgive_sums(result, sums, what, rows)
+        result, sums = _check_sums(result, sums, what, rows)
     off = errors > ROUNDING
     if off.any():
         if as_sparse:
@@ -148,7 +148,7 @@ def _checked(matrix: Any, what: str, rows: Space, columns: int, as_sparse: bool)
 
 
 def _check_numbers(matrix: Matrix, what: str, rows: Space) -> None:
-    """Refuse what is no probability, or make it 0 where that is forgiven."""
+    """Refuse numbers that are no probabilities; set them to 0 while problems are collected."""
     data = matrix.data if is_compressed(matrix) else matrix
     wrong = ~((data >= 0) & np.isfinite(data))
     if not wrong.any():
@@ -158,22 +158,22 @@ def _check_numbers(matrix: Matrix, what: str, rows: Space) -> None:
     found = np.searchsorted(matrix.indptr, places[0], side="right") - 1 if compressed else places[0]
     for row, value in zip(found[:_TOLD].tolist(), data[places].tolist(), strict=False):
         problem = f"{what}: {value:g} in the row of {rows.names[row]!r} is no probability"
-        if not forgive(problem):
+        if not report(problem):
             raise RowError(problem, row)
     data[wrong] = 0
 
 
-def _forgive_sums(matrix: Matrix, sums: Vector, what: str, rows: Space) -> tuple[Matrix, Vector]:
-    """Refuse rows that do not sum to 1, or return what may be normalised where that is forgiven."""
+def _check_sums(matrix: Matrix, sums: Vector, what: str, rows: Space) -> tuple[Matrix, Vector]:
+    """Refuse rows that do not sum to 1; return rows that can be normalised while problems are collected."""
     errors = np.abs(sums - 1)
     wrong = np.flatnonzero(errors > TOLERANCE)
     worst = [int(errors.argmax()), *wrong[:_TOLD].tolist()]  # the error is about the worst
-    for row in worst[:1] if not forgiving() else worst[1:]:
+    for row in worst[:1] if not is_collecting() else worst[1:]:
         problem = f"{what}: the row of {rows.names[row]!r} sums to {sums[row]:.6g}, not to 1"
-        if not forgive(problem, is_sum=bool(sums[row] > 0)):
+        if not report(problem, is_sum=bool(sums[row] > 0)):
             raise RowError(problem, row)
     if len(wrong) > _TOLD:
-        forgive(f"{what}: {len(wrong) - _TOLD} more rows do not sum to 1", is_sum=True)
+        report(f"{what}: {len(wrong) - _TOLD} more rows do not sum to 1", is_sum=True)
     empty = np.flatnonzero(sums == 0)
     if len(empty):  # the way out of nothing: stay, or see the first symbol
         columns = empty % matrix.shape[1]
@@ -208,13 +208,13 @@ def distribution(given: npt.ArrayLike, *, what: str, size: int) -> Vector:
         raise ModelError(f"{what} has shape {vector.shape}; it needs {size} numbers")
     for at in np.flatnonzero(~((vector >= 0) & np.isfinite(vector))).tolist():
         problem = f"{what}: {vector[at]:g} at {at} is no probability"
-        if not forgive(problem):
+        if not report(problem):
             raise ModelError(problem)
         vector[at] = 0
     total = float(vector.sum())
     if abs(total - 1) > TOLERANCE:
         problem = f"{what} sums to {total:.6g}, not to 1"
-        if not forgive(problem, is_sum=total > 0):
+        if not report(problem, is_sum=total > 0):
             raise ModelError(problem)
         if total == 0:
             vector[:], total = 1, float(size)

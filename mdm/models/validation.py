@@ -1,4 +1,4 @@
-"""Collecting what is wrong with a model, to tell it all at once, where otherwise the first problem is refused."""
+"""Validation of models: the first problem is an error, unless the caller collects them all."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["Problem", "collecting", "forgive", "forgiving"]
+__all__ = ["Problem", "collecting", "is_collecting", "report"]
 
 
 class Problem(NamedTuple):
@@ -34,10 +34,10 @@ _COLLECTION: ContextVar[_Collection | None] = ContextVar("collection", default=N
 
 @contextmanager
 def collecting(*, sums_only: bool = False) -> Iterator[list[Problem]]:
-    """Collect problems, and put right what can be, while a model is read or made.
+    """Collect problems instead of raising errors while a model is read or made, and repair what can be repaired.
 
     Args:
-        sums_only: Whether only rows that do not sum to 1 are forgiven, and normalised.
+        sums_only: Collect only rows that do not sum to 1, which are normalised; any other problem is an error.
 
     Yields:
         The problems, which grow.
@@ -50,8 +50,8 @@ def collecting(*, sums_only: bool = False) -> Iterator[list[Problem]]:
         _COLLECTION.reset(token)
 
 
-def forgive(problem: str, *, is_sum: bool = False) -> bool:
-    """Collect a problem; return whether it was, so that whoever found it goes on instead of raising an error."""
+def report(problem: str, *, is_sum: bool = False) -> bool:
+    """Report a problem to the collection. Return whether it was taken: the caller then repairs it, else it raises."""
     collection = _COLLECTION.get()
     if collection is None or (collection.sums_only and not is_sum):
         return False
@@ -59,6 +59,6 @@ def forgive(problem: str, *, is_sum: bool = False) -> bool:
     return True
 
 
-def forgiving() -> bool:
+def is_collecting() -> bool:
     """Whether problems are collected."""
     return _COLLECTION.get() is not None

@@ -31,7 +31,7 @@ def nothing():
 @pytest.fixture(scope="module")
 def tiger():
     model = mdm.load_model(TIGER)
-    mdm.solvers.TreeSearch(model, looks=1).prepare()  # compiles, so that no process has to
+    mdm.solvers.TreeSearch(model, expansions=1).prepare()  # compiles, so that no process has to
     return model
 
 
@@ -98,13 +98,13 @@ def test_the_search_decides_and_the_loop_goes_on(tiger):
     assert all(after - before >= 10 for before, after in pairwise(counts))  # 30 where undisturbed
     assert latency.quantile(0.75) < 0.05
     assert (statistics.asked, statistics.searched, statistics.fallbacks, statistics.late) == (4, 4, 0, 0)
-    assert statistics.looks > 0
+    assert statistics.expansions > 0
     assert is_gone(pid)
 
 
 def test_decisions_are_those_of_the_search_itself(tiger):
     async def main(runtime):
-        one = ensemble(tiger, looks=200, seed=3)
+        one = ensemble(tiger, expansions=200, seed=3)
         with capture_decisions(runtime) as decisions:
             await runtime.start(one)
             async for _ in one.channel("answer", Answer).stream():
@@ -114,7 +114,7 @@ def test_decisions_are_those_of_the_search_itself(tiger):
         return decisions
 
     decisions = live(main)
-    policy = mdm.solvers.TreeSearch(tiger, looks=200, seed=3)
+    policy = mdm.solvers.TreeSearch(tiger, expansions=200, seed=3)
     assert [d.action for d in decisions] == [policy.action(d.belief) for d in decisions]
     assert [d.epoch for d in decisions] == list(range(6))
     assert [d.cause for d in decisions] == ["start", *["observation"] * 5]
@@ -150,7 +150,7 @@ def test_the_fallback_decides_until_the_process_is_ready_and_by_the_deadline(tig
 
 def test_a_stimulus_meanwhile_is_taken_in_and_asked_about_anew(tiger):
     async def main(runtime):
-        one = ensemble(tiger, looks=300)
+        one = ensemble(tiger, expansions=300)
         with capture_decisions(runtime) as decisions:
             await runtime.start(one)
             answers = runtime.channel("tiger/answer", Answer).stream()
@@ -322,7 +322,7 @@ def test_the_process_ends_with_the_program(number):
 def test_in_virtual_time_the_search_runs_in_the_turn(tiger):
     def decisions():
         async def main(runtime):
-            one = ensemble(tiger, looks=100, seconds=1e-9, seed=1, drive=mdm.FixedRate(2.0))
+            one = ensemble(tiger, expansions=100, seconds=1e-9, seed=1, drive=mdm.FixedRate(2.0))
             await one_world(runtime, one)
             with capture_decisions(runtime) as decided:
                 await runtime.clock.sleep(9.9)
@@ -341,14 +341,14 @@ def test_in_virtual_time_the_search_runs_in_the_turn(tiger):
 
 
 def test_what_is_refused(tiger):
-    with pytest.raises(mdm.ConfigError, match="in virtual time a tree search ends after a number of looks"):
+    with pytest.raises(mdm.ConfigError, match="in virtual time a tree search ends after a number of expansions"):
         run_virtual(lambda runtime: runtime.start(ensemble(tiger, seconds=0.1)))
     with pytest.raises(mdm.ConfigError, match="the search takes 0.5 s, but a decision is due every 0.1 s"):
         ensemble(tiger, seconds=0.5, drive=mdm.FixedRate(10.0))
     with pytest.raises(mdm.ConfigError, match="differ in which observation nobody notices"):
-        DeliberatingControlLayer(mdm.solvers.TreeSearch(tiger, looks=1, false_negative=0), tiger)
+        DeliberatingControlLayer(mdm.solvers.TreeSearch(tiger, expansions=1, false_negative=0), tiger)
     with pytest.raises(mdm.ModelError, match="the fallback of a tree search is to decide at once"):
-        mdm.solvers.TreeSearch(tiger, looks=1, fallback=mdm.solvers.TreeSearch(tiger, looks=1))
+        mdm.solvers.TreeSearch(tiger, expansions=1, fallback=mdm.solvers.TreeSearch(tiger, expansions=1))
 
 
 def test_states_of_an_mdp():
@@ -361,7 +361,10 @@ def test_states_of_an_mdp():
 
     async def main(runtime):
         one = mdm.Ensemble(
-            "one", model=chain, policy=mdm.solvers.TreeSearch(chain, looks=50), actions={"stay": nothing, "go": nothing}
+            "one",
+            model=chain,
+            policy=mdm.solvers.TreeSearch(chain, expansions=50),
+            actions={"stay": nothing, "go": nothing},
         )
         faults = probe(runtime.faults)
         with capture_decisions(runtime) as decisions:

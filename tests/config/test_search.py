@@ -30,11 +30,11 @@ def load(folder, search, policy='"tiger.vf"', model='model = "tiger.pomdp"'):
 
 
 def test_a_search_with_its_fallback(tmp_path):
-    system = load(tmp_path, "{ looks = 200, seconds = 0.5, plans = true, particles = 50 }")
+    system = load(tmp_path, "{ expansions = 200, seconds = 0.5, plans = true, particles = 50 }")
     policy = system.ensembles["tiger"].control.policy
     assert isinstance(policy, mdm.solvers.TreeSearch)
     assert isinstance(policy.fallback, mdm.policies.AlphaVectors)
-    assert (policy.looks, policy.seconds) == (200, 0.5)
+    assert (policy.expansions, policy.seconds) == (200, 0.5)
     assert policy.parts()[1]["seed"] == 4
     assert policy.parts()[1]["particles"] == 50
     assert policy.value([0.5, 0.5]) > 19
@@ -54,10 +54,14 @@ def test_a_search_with_its_fallback(tmp_path):
     [
         ("{ second = 1.0 }", {}, "second"),
         ("{ seconds = 0.0 }", {}, "seconds"),
-        ("{ }", {}, "a tree search needs an end: give it seconds, or a number of looks"),
-        ("{ looks = 5 }", {"model": "", "policy": "[0, 1]"}, "a search needs a model to look ahead in"),
-        ("{ looks = 5, plans = true }", {"policy": "[0, 1]"}, "plans are alpha vectors, but the policy is of another"),
-        ("{ looks = 5 }", {"policy": "[0, 1]"}, "the fallback chooses by state, but the search by belief"),
+        ("{ }", {}, "a tree search needs an end: give it seconds, or a number of expansions"),
+        ("{ expansions = 5 }", {"model": "", "policy": "[0, 1]"}, "a search needs a model to look ahead in"),
+        (
+            "{ expansions = 5, plans = true }",
+            {"policy": "[0, 1]"},
+            "plans are alpha vectors, but the policy is of another",
+        ),
+        ("{ expansions = 5 }", {"policy": "[0, 1]"}, "the fallback chooses by state, but the search by belief"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_key(tmp_path, search, options, text):

@@ -20,42 +20,42 @@ from mdm.models import (
     Table,
     TwoSliceNetwork,
 )
-from mdm.models.validation import Problem, collecting, forgive, forgiving
+from mdm.models.validation import Problem, collecting, is_collecting, report
 
 
-def test_nothing_is_forgiven_unless_problems_are_collected():
-    assert not forgiving()
-    assert not forgive("wrong", is_sum=True)
+def test_no_report_is_taken_unless_problems_are_collected():
+    assert not is_collecting()
+    assert not report("wrong", is_sum=True)
     with collecting() as problems:
-        assert forgiving()
-        assert forgive("wrong")
-        assert forgive("too little", is_sum=True)
+        assert is_collecting()
+        assert report("wrong")
+        assert report("too little", is_sum=True)
     assert problems == [Problem("wrong", is_sum=False), Problem("too little", is_sum=True)]
-    assert not forgive("wrong", is_sum=True)
+    assert not report("wrong", is_sum=True)
     assert len(problems) == 2
 
 
-def test_sums_alone_may_be_forgiven():
+def test_sums_alone_may_be_collected():
     with collecting(sums_only=True) as problems:
-        assert not forgive("wrong")
-        assert forgive("too little", is_sum=True)
+        assert not report("wrong")
+        assert report("too little", is_sum=True)
     assert [problem.text for problem in problems] == ["too little"]
 
 
 def test_the_innermost_collection_takes_what_is_found_and_ends_with_an_error():
     with collecting() as outer:
         with pytest.raises(ModelError, match="stop"), collecting(sums_only=True) as inner:
-            forgive("inner", is_sum=True)
+            report("inner", is_sum=True)
             raise ModelError("stop")
-        assert forgive("outer")
+        assert report("outer")
     assert ([p.text for p in outer], [p.text for p in inner]) == (["outer"], ["inner"])
-    assert not forgiving()
+    assert not is_collecting()
 
 
 def test_another_thread_collects_for_itself():
     told = []
     with collecting() as problems:
-        thread = threading.Thread(target=lambda: told.append(forgive("elsewhere")))
+        thread = threading.Thread(target=lambda: told.append(report("elsewhere")))
         thread.start()
         thread.join()
     assert (told, problems) == ([False], [])

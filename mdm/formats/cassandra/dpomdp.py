@@ -23,7 +23,7 @@ from mdm.formats.target import write_text
 from mdm.models import POMDP, Space
 from mdm.models.matrices import TOLERANCE, RowError
 from mdm.models.space import Factor
-from mdm.models.validation import forgiving
+from mdm.models.validation import is_collecting
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -168,7 +168,7 @@ class _Reader:
         if len(start) != count:
             self._fail(line, f"the start needs {count} numbers, one for each state, not {len(start)}")
         wrong = not (np.isfinite(start).all() and (start >= 0).all())
-        if wrong or (abs(start.sum() - 1) > TOLERANCE and not (start.sum() > 0 and forgiving())):
+        if wrong or (abs(start.sum() - 1) > TOLERANCE and not (start.sum() > 0 and is_collecting())):
             self._fail(line, f"the start is no distribution: it sums to {start.sum():.6g}")
         return start
 

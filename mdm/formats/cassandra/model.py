@@ -19,7 +19,7 @@ from mdm.formats.target import write_text
 from mdm.models import MDP, POMDP, Space
 from mdm.models.compressed import csr
 from mdm.models.matrices import TOLERANCE, RowError
-from mdm.models.validation import forgive, forgiving
+from mdm.models.validation import is_collecting, report
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -201,7 +201,7 @@ class _Reader:
         for offset, value in enumerate(values):
             if not value >= 0 or not np.isfinite(value):
                 self._fail("start", f"{value:g} is no probability", offset)
-        if abs(start.sum() - 1) > TOLERANCE and not (start.sum() > 0 and forgiving()):
+        if abs(start.sum() - 1) > TOLERANCE and not (start.sum() > 0 and is_collecting()):
             self._fail("start", f"the start sums to {start.sum():.6g}, not to 1")
         return start
 
@@ -256,7 +256,7 @@ def build(
     for letter, stack in (("T", statements.transitions), ("O", statements.observations)):
         for action in stack.missing() if stack is not None else []:
             problem = f"no {letter!r} statement is given for action {actions.names[action]!r}"
-            if not forgive(problem):
+            if not report(problem):
                 source.fail(problem)
             assert stack is not None
             stack.add(action, None, 0, 1.0)  # told once, not for every row
@@ -291,7 +291,7 @@ def build(
 
 def _whole(matrices: list[Any]) -> list[Any]:
     """Return matrices by which rewards are expected: normalised where rows may be far from summing to 1."""
-    if not forgiving():
+    if not is_collecting():
         return matrices
     result = []
     for matrix in matrices:

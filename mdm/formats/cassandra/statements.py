@@ -14,7 +14,7 @@ from mdm.formats.cassandra.probabilities import Places, Probabilities
 from mdm.formats.cassandra.rewards import Rewards
 from mdm.formats.source import number
 from mdm.models.compressed import csr_identity
-from mdm.models.validation import forgive
+from mdm.models.validation import report
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -96,7 +96,7 @@ class Statements:
             try:
                 at = self._entries.read(kind, at) or self._statement(kind, at + 2)
             except FormatError as error:
-                if not forgive(str(error)):
+                if not report(str(error)):
                     errors.append(error)
                 at = self._next_statement(at + 2)
             if len(errors) == _MOST_ERRORS:

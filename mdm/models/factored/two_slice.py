@@ -17,7 +17,7 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.models.factored.potential import Node, Potential, Role, Tree
 from mdm.models.matrices import TOLERANCE, Vector
-from mdm.models.validation import forgive
+from mdm.models.validation import report
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -206,7 +206,7 @@ class TwoSliceNetwork:
                 what = f"{bad[0]:g} is no probability" if bad.size else f"they sum to {row.sum():.6g}, not to 1"
                 where = f" given {', '.join(given)}" if given else ""
                 problem = f"the probabilities of {self.name(node)!r}{where}: {what}"
-                if not forgive(problem, is_sum=bool(not bad.size and row.sum() > 0)):
+                if not report(problem, is_sum=bool(not bad.size and row.sum() > 0)):
                     raise PotentialError(problem, node)
 
     def _blocks(self, child: Node, potential: Potential) -> Iterator[tuple[dict[Node, Indices], Vector]]:

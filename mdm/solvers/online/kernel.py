@@ -37,7 +37,7 @@ class SearchTree(NamedTuple):
         upper: For each node and action what it is worth at most.
         lower: For each node and action what it is worth at least.
         gains: For each node and action its expected reward.
-        children: For each node and action its first child and how many there are; 0 where it was not looked into.
+        children: For each node and action its first child and how many there are; 0 where it was not expanded.
         best: For each node the action that is worth most, at most.
         most: For each node what that is.
         least: For each node what its best action is worth at least.
@@ -111,17 +111,17 @@ def plant(
 
 @compiled
 def grow(tables: SearchTables, tree: SearchTree, generator: np.random.Generator, particles: int, count: int) -> int:
-    """Look into one action at one leaf after the other, each time where the error weighs most in the root's value.
+    """Expand one leaf after the other by its best action, always that with the greatest part in the root's error.
 
     Args:
         tables: The model.
         tree: The tree.
         generator: Draws from beliefs that are too large.
         particles: How many states a belief may have.
-        count: How often to look.
+        count: How many leaves to expand.
 
     Returns:
-        How often it looked; less than ``count`` where the best action is certain, or the tree is full.
+        How many were expanded; less than ``count`` where the best action is certain, or the tree is full.
     """
     for done in range(count):
         if _settled(tree):
@@ -135,7 +135,7 @@ def grow(tables: SearchTables, tree: SearchTree, generator: np.random.Generator,
                 if error > widest:
                     node, widest = child, error
                 child += 1
-        if not _look(tables, tree, node, tree.best[node], generator, particles):
+        if not _expand(tables, tree, node, tree.best[node], generator, particles):
             return done
         _back_up(tables, tree, node, tree.best[node])
     return count
@@ -195,7 +195,7 @@ def _judge(tables: SearchTables, tree: SearchTree, node: int) -> None:
 
 
 @compiled
-def _look(
+def _expand(
     tables: SearchTables, tree: SearchTree, node: int, action: int, generator: np.random.Generator, particles: int
 ) -> bool:
     """Add a node's children by an action; return whether there was room."""

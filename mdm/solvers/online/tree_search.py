@@ -1,15 +1,15 @@
 """Online tree search: look ahead from the present belief for as long as there is time, then act.
 
 It finds the best action at one belief, by best-first search in the tree of the beliefs that may follow. Each belief has
-an upper and a lower bound of its value; each step looks into the leaf whose error, weighed by how likely it is to be
-reached by the best action and discounted, is the largest (AEMS2; S. Ross, J. Pineau, S. Paquet and B. Chaib-draa,
-*Online planning algorithms for POMDPs*, Journal of Artificial Intelligence Research 32, 2008). Beliefs are exact as
-long as they are small; larger ones are drawn from, with a seed (as in D. Silver and J. Veness, *Monte-Carlo planning in
-large POMDPs*, NeurIPS 2010). Where none was drawn from, the bounds are certain.
+an upper and a lower bound of its value. Each expansion is that of the leaf with the largest error, discounted and
+weighed by the probability of reaching it under the best actions (AEMS2; S. Ross, J. Pineau, S. Paquet and B.
+Chaib-draa, *Online planning algorithms for POMDPs*, Journal of Artificial Intelligence Research 32, 2008). Small
+beliefs are exact, large ones are sampled, with a seed (as in D. Silver and J. Veness, *Monte-Carlo planning in large
+POMDPs*, NeurIPS 2010). Without a sampled belief in the tree, the bounds are certain.
 
-Cost of a step: for one action, the transitions and observations that are possible in the belief, and for each belief
-that may follow its states times the actions and plans. Choose it where a model is too large to be solved ahead, or to
-better a policy that was solved roughly; alpha vectors that are nearly optimal are faster, and as good.
+Cost of an expansion: for one action, the possible transitions and observations of the belief, and for each belief that
+may follow its states times the actions and plans. Choose it for models that are too large to be solved ahead, or to
+improve a rough policy. Nearly optimal alpha vectors are faster, and as good.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 __all__ = ["Search", "SearchResult", "TreeSearch"]
 
 _ROUND = 0.001
-"""Seconds between looks at the clock."""
+"""Seconds between readings of the clock."""
 
 
 class SearchResult(msgspec.Struct, frozen=True):
@@ -50,7 +50,7 @@ class SearchResult(msgspec.Struct, frozen=True):
         action: The action.
         lower: For each action what it is worth at least; -inf where nothing is known.
         upper: For each action what it is worth at most.
-        looks: How many leaves were looked into.
+        expansions: How many leaves were expanded.
         nodes: How many beliefs the tree has.
         seconds: How long it took.
     """
@@ -58,7 +58,7 @@ class SearchResult(msgspec.Struct, frozen=True):
     action: int
     lower: tuple[float, ...]
     upper: tuple[float, ...]
-    looks: int
+    expansions: int
     nodes: int
     seconds: float
 
@@ -69,7 +69,7 @@ class Search:
     Args:
         tables: The model.
         seconds: Search for so long; None sets no limit.
-        looks: Look into so many leaves at most; None sets no limit.
+        expansions: Expand so many leaves at most; None sets no limit.
         particles: How many states a belief of the tree may have, before it is drawn from.
         memory: How many bytes the tree may take, roughly.
         seed: Seeds what is drawn.
@@ -81,7 +81,7 @@ class Search:
         tables: SearchTables,
         *,
         seconds: float | None,
-        looks: int | None,
+        expansions: int | None,
         particles: int,
         memory: int,
         seed: int | None,
@@ -89,7 +89,7 @@ class Search:
     ) -> None:
         self._tables = tables
         self._seconds = float("inf") if seconds is None else seconds
-        self._looks = looks
+        self._expansions = expansions
         self._particles = particles
         self._memory = memory
         self._seed: int = np.random.SeedSequence().entropy if seed is None else seed  # type: ignore[assignment]
@@ -117,7 +117,7 @@ class Search:
             weights: Their probabilities.
             number: The same number, belief and seed draw the same.
             stopped: Asked every millisecond whether to give up.
-            timed: Whether its seconds count; without, its number of looks alone ends it.
+            timed: Whether its seconds count; without, its number of expansions alone ends it.
         """
         from mdm.solvers.online.kernel import grow, plant  # noqa: PLC0415 - numba takes long to import
 
@@ -127,12 +127,12 @@ class Search:
         plant(self._tables, tree, states, weights, generator, self._particles)
         seconds = self._seconds if timed else float("inf")
         done, step = 0, 1
-        while self._looks is None or done < self._looks:
-            step = step if self._looks is None else min(step, self._looks - done)
-            looked = grow(self._tables, tree, generator, self._particles, step)
-            done += looked
+        while self._expansions is None or done < self._expansions:
+            step = step if self._expansions is None else min(step, self._expansions - done)
+            expanded = grow(self._tables, tree, generator, self._particles, step)
+            done += expanded
             passed = self._clock() - began
-            if looked < step or passed >= seconds or stopped():
+            if expanded < step or passed >= seconds or stopped():
                 break
             span = min(_ROUND, seconds - passed)
             step = max(1, min(2 * step, int(done * span / passed) if passed > 0 else 2 * step))
@@ -140,7 +140,7 @@ class Search:
             action=int(tree.lower[0].argmax()),
             lower=tuple(tree.lower[0].tolist()),
             upper=tuple(tree.upper[0].tolist()),
-            looks=done,
+            expansions=done,
             nodes=int(tree.sizes[0]),
             seconds=self._clock() - began,
         )
@@ -152,8 +152,8 @@ class Search:
             size, actions = self._tables.rewards.shape
             nodes = self._memory // (2 * (40 * actions + 48))
             entries = self._memory // (2 * 16) + size
-            if self._looks is not None:
-                nodes = min(nodes, self._looks * (min(self._tables.num_observations, entries) + 1) + 1)
+            if self._expansions is not None:
+                nodes = min(nodes, self._expansions * (min(self._tables.num_observations, entries) + 1) + 1)
             self._tree = search_tree(self._tables, max(nodes, 2), entries)
         return self._tree
 
@@ -168,7 +168,7 @@ class TreeSearch:
     Args:
         model: The model; its discount is below 1.
         seconds: How long to search.
-        looks: How many leaves of the tree to look into at most; with it alone, the same seed gives the same actions.
+        expansions: How many leaves to expand at most; with it alone, the same seed gives the same actions.
         seed: Seeds what is drawn from large beliefs.
         fallback: In an ensemble, what decides where the search cannot in time.
         plans: Alpha vectors whose values can be reached by acting, such as a point-based solver's (and not QMDP's,
@@ -189,7 +189,7 @@ class TreeSearch:
         model: MDP,
         *,
         seconds: float | None = None,
-        looks: int | None = None,
+        expansions: int | None = None,
         seed: int | None = None,
         fallback: Policy | None = None,
         plans: AlphaVectors | None = None,
@@ -198,16 +198,17 @@ class TreeSearch:
         false_negative: Symbol | None = None,
         memory: int = 256_000_000,
     ) -> None:
-        if seconds is None and looks is None:
-            raise ConfigError("a tree search needs an end: give it seconds, or a number of looks", key="seconds")
-        for name, limit in (("seconds", seconds), ("looks", looks), ("particles", particles), ("memory", memory)):
+        if seconds is None and expansions is None:
+            raise ConfigError("a tree search needs an end: give it seconds, or a number of expansions", key="seconds")
+        limits = {"seconds": seconds, "expansions": expansions, "particles": particles, "memory": memory}
+        for name, limit in limits.items():
             if limit is not None and not limit > 0:
                 raise ConfigError(f"{name} is a number above 0, not {limit}", key=name)
         self.input: Literal["state", "belief"] = "belief" if isinstance(model, POMDP) else "state"
         self.num_states = len(model.state_space)
         self.num_actions = len(model.action_space)
         self.seconds = seconds
-        self.looks = looks
+        self.expansions = expansions
         self.fallback = fallback
         for what, other in (("fallback", fallback), ("plans", plans), ("bound", bound)):
             if other is not None and (other.num_states, other.num_actions) != (self.num_states, self.num_actions):
@@ -225,7 +226,7 @@ class TreeSearch:
             if not isinstance(model, POMDP):
                 raise ModelError("an MDP has no observations, and so none that nobody notices")
             self.unnoticed = model.observation_space.index(false_negative)
-        self._options = {"seconds": seconds, "looks": looks, "particles": particles, "memory": memory}
+        self._options = limits
         self._tables = search_tables(
             model,
             unnoticed=self.unnoticed,
@@ -278,7 +279,7 @@ class TreeSearch:
 
         Args:
             x: The state or belief.
-            timed: Whether its seconds count; without, its number of looks alone ends it.
+            timed: Whether its seconds count; without, its number of expansions alone ends it.
         """
         states, weights = self.belief_of(x)
         self._number += 1

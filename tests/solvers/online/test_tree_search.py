@@ -75,9 +75,9 @@ def agrees(model, result, unnoticed=None, depth=3):
     st.integers(1, 60),
     st.booleans(),
 )
-def test_bounds_hold_against_exhaustive_look_ahead(model, looks, silent):
+def test_bounds_hold_against_exhaustive_look_ahead(model, expansions, silent):
     unnoticed = 0 if silent and model.kind == "POMDP" else None
-    policy = mdm.solvers.TreeSearch(model, looks=looks, false_negative=unnoticed)
+    policy = mdm.solvers.TreeSearch(model, expansions=expansions, false_negative=unnoticed)
     if model.kind == "MDP":
         for state in range(len(model.state_space)):
             result = policy.search(state)
@@ -100,7 +100,7 @@ def test_the_best_action_is_found_where_the_future_weighs_little(seed):
         discount=0.3,
         initial_belief=distributions(random, 3),
     )
-    result = mdm.solvers.TreeSearch(model, looks=300).search(model.initial_belief)
+    result = mdm.solvers.TreeSearch(model, expansions=300).search(model.initial_belief)
     agrees(model, result, depth=5)
     values = look_ahead(model, model.initial_belief, 5)
     rest = 0.3**5 / 0.7 * np.abs(model.rewards).max()
@@ -113,7 +113,7 @@ def test_the_best_action_is_found_where_the_future_weighs_little(seed):
     [(0.5, LISTEN), (0.85, LISTEN), (0.15, LISTEN), (0.97, OPEN_RIGHT), (0.03, OPEN_LEFT), (0.99, OPEN_RIGHT)],
 )
 def test_the_tiger(tiger, left, action):
-    policy = mdm.solvers.TreeSearch(tiger, looks=1000)
+    policy = mdm.solvers.TreeSearch(tiger, expansions=1000)
     assert policy.action(np.array([left, 1 - left])) == action
     lower, upper = policy.search(np.array([left, 1 - left])).lower, policy.search(np.array([left, 1 - left])).upper
     assert max(lower) <= max(upper)
@@ -123,15 +123,15 @@ def test_the_tiger(tiger, left, action):
 
 
 def test_returns_with_the_tiger(tiger):
-    result = mdm.simulate(tiger, mdm.solvers.TreeSearch(tiger, looks=100), episodes=40, steps=40, seed=2)
+    result = mdm.simulate(tiger, mdm.solvers.TreeSearch(tiger, expansions=100), episodes=40, steps=40, seed=2)
     assert abs(result.mean - 19.37) < 4 * result.standard_error + 3
     assert result.mean > -1  # what listening for ever leaves behind; any action at random is below -500
 
 
 def test_plans_raise_what_is_reached(tiger):
     listen_then_open = mdm.policies.AlphaVectors([[28.4, -81.6], [-81.6, 28.4], [19.3, 19.3]], [2, 1, 0])
-    with_plans = mdm.solvers.TreeSearch(tiger, looks=10, plans=listen_then_open)
-    assert max(mdm.solvers.TreeSearch(tiger, looks=10).search([0.5, 0.5]).lower) < 0
+    with_plans = mdm.solvers.TreeSearch(tiger, expansions=10, plans=listen_then_open)
+    assert max(mdm.solvers.TreeSearch(tiger, expansions=10).search([0.5, 0.5]).lower) < 0
     assert max(with_plans.search([0.5, 0.5]).lower) >= 19.3
     assert with_plans.action([0.5, 0.5]) == LISTEN
 
@@ -150,7 +150,7 @@ def test_bounds_that_a_search_begins_from():
     assert (blind <= forever + 1e-12).all()
     np.testing.assert_allclose(known_state_values(model), values, atol=1e-5)
     np.testing.assert_allclose(blind, forever, atol=1e-5)
-    policy = mdm.solvers.TreeSearch(model, looks=2000)
+    policy = mdm.solvers.TreeSearch(model, expansions=2000)
     assert [policy.action(state) for state in range(5)] == values.argmax(axis=1).tolist()
 
 
@@ -162,7 +162,7 @@ def test_the_same_seed_draws_the_same(tiger):
     beliefs = [distributions(random, 30) for _ in range(5)]
 
     def results(seed):
-        policy = mdm.solvers.TreeSearch(model, looks=50, seed=seed, particles=5)
+        policy = mdm.solvers.TreeSearch(model, expansions=50, seed=seed, particles=5)
         first = [(r.action, r.lower, r.upper) for r in map(policy.search, beliefs)]
         policy.seed(seed)
         assert [(r.action, r.lower, r.upper) for r in map(policy.search, beliefs)] == first
@@ -190,7 +190,7 @@ def test_a_belief_is_drawn_from_in_proportion():
 
 
 def test_a_belief_may_be_given_by_its_states(tiger):
-    policy = mdm.solvers.TreeSearch(tiger, looks=200)
+    policy = mdm.solvers.TreeSearch(tiger, expansions=200)
     given, dense_one = policy.search(([1, 0], [0.2, 0.8])), policy.search([0.8, 0.2])
     assert (given.action, given.lower) == (dense_one.action, dense_one.lower)
 
@@ -199,19 +199,19 @@ def test_time_is_kept(tiger):
     ticks = count()
     tables = search_tables(tiger, unnoticed=None, upper=None, lower=None)
     clock = lambda: next(ticks) * 0.01
-    search = Search(tables, seconds=0.1, looks=None, particles=10, memory=10**7, seed=1, clock=clock)
+    search = Search(tables, seconds=0.1, expansions=None, particles=10, memory=10**7, seed=1, clock=clock)
     result = search.run(np.array([0, 1]), np.array([0.5, 0.5]), 1)
     assert result.seconds == pytest.approx(0.11)
-    assert 0 < result.looks < 100
+    assert 0 < result.expansions < 100
 
 
 def test_it_gives_up_when_told(tiger):
     tables = search_tables(tiger, unnoticed=None, upper=None, lower=None)
-    search = Search(tables, seconds=None, looks=None, particles=10, memory=10**7, seed=1)
+    search = Search(tables, seconds=None, expansions=None, particles=10, memory=10**7, seed=1)
     asked = []
     result = search.run(np.array([0, 1]), np.array([0.5, 0.5]), 1, stopped=lambda: asked.append(1) or len(asked) > 3)
     assert len(asked) == 4
-    assert result.looks > 0
+    assert result.expansions > 0
 
 
 def test_a_full_tree_still_decides(tiger):
@@ -225,14 +225,14 @@ def test_a_certain_choice_ends_the_search():
     model = mdm.models.POMDP(np.eye(2)[None].repeat(2, 0), np.ones((2, 2, 1)), [[1.0, 0.0], [1.0, 0.0]], discount=0.5)
     result = mdm.solvers.TreeSearch(model, seconds=60.0).search([0.5, 0.5])
     assert result.action == 0
-    assert result.looks < 10
+    assert result.expansions < 10
 
 
 def test_compiled_or_not_the_numbers_are_the_same():
     pytest.importorskip("numba")
     program = (
         f"import mdm, numpy as np; m = mdm.load_model(r'{TIGER}');"
-        "r = mdm.solvers.TreeSearch(m, looks=60, seed=3, particles=1).search(np.array([.7, .3]));"
+        "r = mdm.solvers.TreeSearch(m, expansions=60, seed=3, particles=1).search(np.array([.7, .3]));"
         "print(r.action, r.lower, r.upper, r.nodes)"
     )
     outputs = {
@@ -248,20 +248,23 @@ def test_compiled_or_not_the_numbers_are_the_same():
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({}, "a tree search needs an end: give it seconds, or a number of looks"),
+        ({}, "a tree search needs an end: give it seconds, or a number of expansions"),
         ({"seconds": 0.0}, "seconds is a number above 0, not 0.0"),
-        ({"looks": -1}, "looks is a number above 0, not -1"),
-        ({"looks": 1, "particles": 0}, "particles is a number above 0, not 0"),
+        ({"expansions": -1}, "expansions is a number above 0, not -1"),
+        ({"expansions": 1, "particles": 0}, "particles is a number above 0, not 0"),
         (
-            {"looks": 1, "fallback": mdm.policies.AlphaVectors([[0.0] * 3], [0], 3)},
+            {"expansions": 1, "fallback": mdm.policies.AlphaVectors([[0.0] * 3], [0], 3)},
             "the fallback is for 3 states and 3 actions",
         ),
-        ({"looks": 1, "fallback": mdm.policies.DeterministicPolicy([0, 0], 3)}, "the fallback chooses by state, but"),
         (
-            {"looks": 1, "plans": mdm.policies.AlphaVectors([[0.0] * 2], [0], 2)},
+            {"expansions": 1, "fallback": mdm.policies.DeterministicPolicy([0, 0], 3)},
+            "the fallback chooses by state, but",
+        ),
+        (
+            {"expansions": 1, "plans": mdm.policies.AlphaVectors([[0.0] * 2], [0], 2)},
             "the plans is for 2 states and 2 actions",
         ),
-        ({"looks": 1, "false_negative": "silence"}, "silence"),
+        ({"expansions": 1, "false_negative": "silence"}, "silence"),
     ],
 )
 def test_what_is_refused(tiger, options, text):
@@ -271,13 +274,13 @@ def test_what_is_refused(tiger, options, text):
 
 def test_models_and_beliefs_that_are_refused(tiger):
     with pytest.raises(mdm.ModelError, match="needs a discount below 1"):
-        mdm.solvers.TreeSearch(tiger.with_discount(1.0), looks=1)
-    policy = mdm.solvers.TreeSearch(tiger, looks=1)
+        mdm.solvers.TreeSearch(tiger.with_discount(1.0), expansions=1)
+    policy = mdm.solvers.TreeSearch(tiger, expansions=1)
     for belief in ([0.5, 0.6], [1.0], [np.nan, 1.0], ([5], [1.0])):
         with pytest.raises(mdm.ModelError, match="belief"):
             policy.action(belief)
     chain = mdm.models.MDP(np.eye(2)[None], [[0.0], [1.0]], discount=0.5)
     with pytest.raises(mdm.ModelError, match="there is no state 2"):
-        mdm.solvers.TreeSearch(chain, looks=1).action(2)
+        mdm.solvers.TreeSearch(chain, expansions=1).action(2)
     with pytest.raises(mdm.ModelError, match="an MDP has no observations"):
-        mdm.solvers.TreeSearch(chain, looks=1, false_negative=0)
+        mdm.solvers.TreeSearch(chain, expansions=1, false_negative=0)

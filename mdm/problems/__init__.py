@@ -2,14 +2,27 @@
 
 Every name in ``__all__`` is a problem: a function with defaults for all parameters, which returns an MDP or a POMDP.
 Its docstring says where the problem is from, how large it is, and what is known of its value.
+
+A team's problem is one model, with a factor of actions and of observations for each agent. It is used as it is: by a
+decentralised plan (``mdm.solve(model, "jesp", horizon=3)``), in which each agent goes by what it sees itself, or by a
+centralised policy (``mdm.solve(model)``), in which all agents share what they see and the team acts as one.
 """
 
 from mdm.problems.aloha import aloha
+from mdm.problems.box_pushing import box_pushing
+from mdm.problems.broadcast_channel import broadcast_channel
+from mdm.problems.dec_tiger import dec_tiger
+from mdm.problems.fire_fighting import fire_fighting, fire_fighting_graph
 from mdm.problems.forest import forest
 from mdm.problems.grid_world import grid_world
 from mdm.problems.hallway import hallway, hallway2
 from mdm.problems.load_unload import load_unload
 from mdm.problems.machine_maintenance import machine_maintenance
+from mdm.problems.mars_rovers import mars_rovers
+from mdm.problems.meeting import grid_small, meeting
+from mdm.problems.patrol import patrol
+from mdm.problems.recycling_robots import recycling_robots
+from mdm.problems.relay import relay
 from mdm.problems.river_swim import river_swim
 from mdm.problems.rock_sample import field_vision_rock_sample, rock_sample
 from mdm.problems.tag import tag
@@ -17,13 +30,24 @@ from mdm.problems.tiger import tiger
 
 __all__ = [
     "aloha",
+    "box_pushing",
+    "broadcast_channel",
+    "dec_tiger",
     "field_vision_rock_sample",
+    "fire_fighting",
+    "fire_fighting_graph",
     "forest",
+    "grid_small",
     "grid_world",
     "hallway",
     "hallway2",
     "load_unload",
     "machine_maintenance",
+    "mars_rovers",
+    "meeting",
+    "patrol",
+    "recycling_robots",
+    "relay",
     "river_swim",
     "rock_sample",
     "tag",

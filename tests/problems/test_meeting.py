@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mdm import solve
+from mdm.errors import ModelError
+from mdm.problems import grid_small, meeting
+
+
+def test_steps():
+    model = meeting(3)
+    assert model.transition("up stay", "cell4 cell4", "cell1 cell4") == pytest.approx(0.6)
+    assert model.transition("up stay", "cell4 cell4", "cell3 cell4") == pytest.approx(0.1)
+    assert model.transition("up stay", "cell4 cell4", "cell4 cell4") == pytest.approx(0.1)
+    assert model.transition("left left", "cell0 cell1", "cell0 cell0") == pytest.approx(0.8 * 0.6)
+    assert model.transition("stay stay", "cell2 cell7", "cell2 cell7") == 1
+
+
+def test_meeting_in_corners():
+    model = meeting(3)
+    together = model.rewards[:, 0].reshape(9, 9)
+    assert np.argwhere(together).tolist() == [[0, 0], [8, 8]]
+    assert (model.rewards == model.rewards[:, :1]).all()
+    assert model.initial_belief[model.state_space.index("cell2 cell6")] == 1
+    assert model.observation("up up", "cell5 cell1", "obs5 obs1") == 1
+
+
+def test_small_grid():
+    model = grid_small()
+    assert model.reward("stay stay", "cell1 cell1") == 1
+    assert model.reward("left stay", "cell1 cell0") == pytest.approx(0.6)
+    assert model.reward("left up", "cell1 cell2") == pytest.approx(0.6 * 0.6 + 0.1 * 0.1)  # upper left, lower right
+    assert model.observation("stay stay", "cell2 cell3").tolist() == [0, 1, 0, 0]
+    assert model.initial_belief[model.state_space.index("cell1 cell2")] == 1
+
+
+@pytest.mark.parametrize(
+    ("model", "horizon", "optimum"),
+    [
+        (grid_small(), 2, 0.91),
+        (grid_small(), 3, 1.550444),
+        (meeting(), 2, 0),
+        (meeting(), 3, 0.1332),
+    ],
+)
+def test_published_values(model, horizon, optimum):
+    solution = solve(model.with_discount(1.0), "jesp", horizon=horizon, gap=1e-9)
+    assert (solution.lower, solution.upper) == pytest.approx((optimum, optimum), abs=1e-6)
+
+
+def test_sizes():
+    model = meeting(4)
+    assert (len(model.state_space), len(model.observation_space)) == (256, 256)
+    with pytest.raises(ModelError, match="at least 2 rows and columns, not 1"):
+        meeting(1)

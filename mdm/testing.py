@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mdm.errors import Error
-from mdm.runtime import Runtime, VirtualClock, run
+from mdm.runtime import Runtime, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
@@ -30,7 +30,7 @@ def run_virtual(main: Callable[[Runtime], Coroutine[Any, Any, T]], **options: An
     results: list[T] = []
 
     async def program() -> T:
-        async with Runtime(clock=VirtualClock(), **{"log": None, **options}) as runtime:
+        async with Runtime(**{"log": None, **options}) as runtime:
             results.append(await main(runtime))
         return results[0]
 

@@ -91,7 +91,7 @@ async def patrol(*, fast: bool, seconds: float) -> None:
     print("\n".join(f"  {line}" for line in system.tree().splitlines()))
     print(f"\nThe next {seconds:g} seconds:\n")
     display = Display(system, colour=sys.stdout.isatty())
-    async with mdm.Runtime(clock=mdm.VirtualClock() if fast else None, log=None) as runtime:
+    async with mdm.Runtime(log=None) as runtime:
         await runtime.start(display)
         await runtime.start(system)
         await asyncio.sleep(seconds)

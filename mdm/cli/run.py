@@ -38,7 +38,6 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.runtime import (  # noqa: PLC0415
         DeadlockError,
         Runtime,
-        VirtualClock,
         run as run_program,
     )
 
@@ -46,8 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     first = system.top[0].name
 
     async def main() -> None:
-        clock = VirtualClock() if arguments.virtual else None
-        async with Runtime(clock=clock, log=arguments.log, debug=arguments.debug) as runtime:
+        async with Runtime(log=arguments.log, debug=arguments.debug) as runtime:
 
             def tally(decision: Decision) -> None:
                 if decision.ensemble == first and decision.epoch >= 0:

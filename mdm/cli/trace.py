@@ -78,7 +78,6 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.runtime import (  # noqa: PLC0415
         ActorFailure,
         Runtime,
-        VirtualClock,
         run as run_program,
     )
 
@@ -88,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     stimuli, problem = read_stimuli(sys.stdin.buffer, system)
 
     async def main() -> None:
-        async with Runtime(clock=VirtualClock(), log=None) as runtime:
+        async with Runtime(log=None) as runtime:
             runtime.faults.subscribe(lambda fault: print(f"mdm trace: {fault.detail}", file=sys.stderr))
             runtime.decisions.subscribe(_printer(runtime, several=len(system.ensembles) > 1))
             await runtime.start(system)

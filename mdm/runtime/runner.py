@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import inspect
 import signal
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, overload
+
+import anyio
 
 from mdm.errors import Error
+from mdm.runtime.actor import Actor
+from mdm.runtime.runtime import Runtime
+from mdm.runtime.supervision import ActorFailure
 from mdm.runtime.virtual import DeadlockError, VirtualEventLoop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Awaitable, Callable, Coroutine
+
+    from mdm.messages import StateChange
 
 __all__ = ["run"]
 
@@ -20,30 +28,63 @@ T = TypeVar("T")
 _PATIENCE = 0.5
 
 
+@overload
 def run(
-    main: Callable[[], Coroutine[Any, Any, T]], *, virtual: bool = False, uvloop: bool = False, debug: bool = False
-) -> T:
-    """Run a coroutine function to its end, as ``asyncio.run`` does, and stop it cleanly on Ctrl-C and SIGTERM.
+    program: Callable[[], Awaitable[T]] | Coroutine[Any, Any, T],
+    *,
+    virtual: bool = ...,
+    uvloop: bool = ...,
+    debug: bool = ...,
+) -> T: ...
 
-    Either signal cancels ``main``, so that every ``async with Runtime()`` in it stops its actors in order; a second
-    Ctrl-C breaks off at once.
+
+@overload
+def run(
+    program: Actor, *, seconds: float | None = ..., virtual: bool = ..., uvloop: bool = ..., debug: bool = ...
+) -> None: ...
+
+
+def run(
+    program: Actor | Callable[[], Awaitable[Any]] | Coroutine[Any, Any, Any],
+    *,
+    seconds: float | None = None,
+    virtual: bool = False,
+    uvloop: bool = False,
+    debug: bool = False,
+) -> Any:
+    """Run a robot or an async function to its end, and stop it cleanly on Ctrl-C and SIGTERM.
+
+    An actor, such as an ensemble or a system, runs in a `Runtime` of its own until it ends or so many seconds have
+    passed; in virtual time also until nothing is left to do. A function runs as by ``asyncio.run``. Either signal
+    cancels the program, so that every ``async with Runtime()`` in it stops its actors in order; a second Ctrl-C breaks
+    off at once.
 
     Args:
-        main: The program.
-        virtual: Run in virtual time, for a `Runtime` with a `VirtualClock`.
+        program: An actor, an async function without arguments, or its coroutine.
+        seconds: Of an actor: how long it runs, by the event loop's time; None for no end.
+        virtual: Run in virtual time.
         uvloop: Run on uvloop (the extra ``mdm[uvloop]``).
         debug: asyncio's debug mode.
 
+    Returns:
+        What the function returns.
+
     Raises:
+        Error: If the program is none, or an event loop runs already.
+        ActorFailure: If the actor failed.
         KeyboardInterrupt: After Ctrl-C.
         SystemExit: With status 143 after SIGTERM.
-        DeadlockError: In virtual time, when nothing is left to do; ``main`` is cancelled first.
+        DeadlockError: In virtual time, when nothing is left to do; the function is cancelled first.
+
+    Example:
+        >>> mdm.run(mdm.load_system("robot.toml"), seconds=60)
     """
+    _refuse_misuse(program, seconds)
     terminated = False
 
     task: asyncio.Task[Any] | None = None
 
-    async def guarded() -> T:
+    async def guarded() -> Any:
         nonlocal task
         task = asyncio.current_task()
 
@@ -56,7 +97,7 @@ def run(
         # Only the main thread may listen to signals; elsewhere the program above us does.
         with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
             asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, terminate)
-        return await main()
+        return await _call(program, seconds)
 
     with asyncio.Runner(loop_factory=_factory(virtual, uvloop), debug=debug or None) as runner:
         try:
@@ -68,9 +109,67 @@ def run(
         except DeadlockError:
             if task is not None:
                 _end(task)
+            if isinstance(program, Actor):
+                return None
             raise
         finally:
             _leave(runner.get_loop())
+
+
+def _refuse_misuse(program: object, seconds: float | None) -> None:
+    wrong = _misuse(program, seconds)
+    if wrong is not None:
+        if inspect.iscoroutine(program):
+            program.close()
+        raise Error(wrong)
+
+
+def _misuse(program: object, seconds: float | None) -> str | None:
+    """Return what is wrong with what was to be run, if anything."""
+    if _loop_runs():
+        return "an event loop runs already: await the program there, or enter `async with mdm.Runtime()`"
+    if not isinstance(program, Actor):
+        if not callable(program) and not inspect.iscoroutine(program):
+            return f"a program is an ensemble, a system, another actor or an async function, not {program!r}"
+        if seconds is not None:
+            return "seconds is for an actor: a function ends by itself, or by asyncio.timeout"
+    elif seconds is not None and not seconds > 0:
+        return f"seconds is a number above 0, not {seconds!r}"
+    return None
+
+
+async def _call(program: Actor | Callable[[], Awaitable[Any]] | Coroutine[Any, Any, Any], seconds: float | None) -> Any:
+    """Run the program, whatever it is, to its end."""
+    if isinstance(program, Actor):
+        return await _live(program, seconds)
+    result = program() if callable(program) else program
+    if not inspect.isawaitable(result):
+        raise Error(f"{program!r} returned {result!r} in place of a coroutine: define it with `async def`")
+    return await result
+
+
+def _loop_runs() -> bool:
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True
+
+
+async def _live(actor: Actor, seconds: float | None) -> None:
+    """Run an actor in a runtime of its own until it has ended, or for some time."""
+    async with Runtime() as runtime:
+
+        def look(change: StateChange) -> None:
+            if change.actor == actor.path and change.state in {"stopped", "failed"}:
+                runtime.shut_down()
+
+        await runtime.start(actor)
+        runtime.lives.subscribe(look)
+        with anyio.move_on_after(seconds):
+            await runtime.wait()
+        if actor.life == "failed":
+            raise ActorFailure(f"actor {actor.path!r} failed: its faults say why")
 
 
 def _end(task: asyncio.Task[Any]) -> None:

@@ -17,6 +17,7 @@ from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.log import Log
 from mdm.runtime.statistics import ActorStatistics, ChannelStatistics, DispatcherStatistics
 from mdm.runtime.supervision import ActorFailure
+from mdm.runtime.virtual import VirtualClock, VirtualEventLoop
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -47,7 +48,8 @@ class Runtime:
     of each other.
 
     Args:
-        clock: Whose time; a `WallClock` where none is given.
+        clock: Whose time; where none is given, a `VirtualClock` inside a program that `mdm.run` runs in virtual time,
+            else a `WallClock`.
         log: ``"console"`` or ``"json"`` lines on standard error, a structlog logger of your own, or None for silence.
         debug: Log decisions too, not life-cycle and faults alone.
 
@@ -62,7 +64,7 @@ class Runtime:
         log: Literal["console", "json"] | Any | None = "console",
         debug: bool = False,
     ) -> None:
-        self.clock = WallClock() if clock is None else clock
+        self.clock = _clock_of_the_loop() if clock is None else clock
         self.dispatcher = Dispatcher(self.clock)
         self.abandoned: list[Work] = []
         self._channels: dict[str, Channel[Any]] = {}
@@ -127,6 +129,11 @@ class Runtime:
         if self._tree is not None:
             raise Error("a runtime runs once: make a new one for each block")
         loop = asyncio.get_running_loop()
+        if isinstance(self.clock, WallClock) and isinstance(loop, VirtualEventLoop):
+            raise Error(
+                "a WallClock stands still where the event loop's time is virtual: make the Runtime inside the program "
+                "that mdm.run(main, virtual=True) runs, or give it clock=mdm.VirtualClock()"
+            )
         self.clock.open(loop)
         self.dispatcher.open(loop)
         if self._log is not None:
@@ -197,3 +204,12 @@ class Runtime:
             actors=tuple(actors),
             channels=tuple(channel.statistics() for channel in self._channels.values()),
         )
+
+
+def _clock_of_the_loop() -> Clock:
+    """Return a clock that goes as the running event loop does."""
+    try:
+        loop = asyncio.get_running_loop()
+    except RuntimeError:
+        return WallClock()
+    return VirtualClock() if isinstance(loop, VirtualEventLoop) else WallClock()

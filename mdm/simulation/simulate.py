@@ -10,7 +10,7 @@ import numpy as np
 
 from mdm.actors import Ensemble
 from mdm.errors import ConfigError
-from mdm.runtime import Runtime, VirtualClock, run
+from mdm.runtime import Runtime, run
 from mdm.simulation.world import World
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def simulate(
     returns: list[float] = []
 
     async def main() -> None:
-        async with Runtime(clock=VirtualClock(), log=None) as runtime:
+        async with Runtime(log=None) as runtime:
 
             def finished(value: float) -> None:
                 returns.append(value)

@@ -1,0 +1,173 @@
+"""What `run` takes, and how it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from mdm import Actor, ActorFailure, DeadlockError, Ensemble, Error, FixedRate, Runtime, WallClock, load_system, run
+from mdm.policies import DeterministicPolicy
+from mdm.runtime import VirtualClock
+
+
+def robot(calls, **options):
+    return Ensemble(
+        "robot",
+        policy=DeterministicPolicy([0], 1),
+        actions={"go": lambda: calls.append("go")},
+        **options,
+    )
+
+
+class Feeder(Actor):
+    """A robot and what tells it its state."""
+
+    def __init__(self, calls):
+        super().__init__("feeder")
+        self.robot = robot(calls, drive=FixedRate(10.0))
+        self.add(self.robot)
+
+    def on_running(self):
+        self.robot.publish_state(0)
+
+
+def test_a_runtime_takes_the_time_of_its_event_loop():
+    async def main():
+        calls = []
+        async with Runtime(log=None) as runtime:
+            assert isinstance(runtime.clock, VirtualClock)
+            await runtime.start(Feeder(calls))
+            await asyncio.sleep(0.95)
+        return len(calls)
+
+    assert run(main, virtual=True) == 10
+
+    async def real():
+        return type(Runtime(log=None).clock)
+
+    assert run(real) is WallClock
+
+
+@pytest.mark.parametrize("make", [lambda: Runtime(clock=WallClock(), log=None), None])
+def test_a_wall_clock_in_virtual_time_is_refused(make):
+    outside = Runtime(log=None)
+
+    async def main():
+        async with make() if make else outside:
+            pass
+
+    with pytest.raises(Error, match="WallClock stands still .* virtual=True"):
+        run(main, virtual=True)
+
+
+def test_an_ensemble_runs_for_some_seconds_and_again(capsys):
+    calls = []
+    feeder = Feeder(calls)
+    assert run(feeder, virtual=True, seconds=0.95) is None
+    assert calls == ["go"] * 10
+    assert feeder.life == "stopped"
+    run(feeder, virtual=True, seconds=0.95)
+    assert calls == ["go"] * 20
+    capsys.readouterr()
+
+
+def test_a_system_runs_until_nothing_is_left_to_do(tmp_path, capsys):
+    (tmp_path / "robot.toml").write_text(
+        "[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\nsafe_action = 'Go'\n"
+        "[ensembles.robot.states]\na = ['A']\n[ensembles.robot.actions]\nGo = 'nowhere:go'\n"
+    )
+    system = load_system(tmp_path / "robot.toml", callbacks=False)
+    run(system, virtual=True)
+    assert system.ensembles["robot"].action.ended == {"succeeded": 2}  # of which the last is the safe action
+    capsys.readouterr()
+
+
+def test_an_actor_that_ends_ends_the_run(capsys):
+    class Brief(Actor):
+        def on_running(self):
+            self.call_later(3.0, self.end)
+
+    run(Brief("brief"), virtual=True)
+
+    class Faulty(Actor):
+        def on_running(self):
+            self.call_later(3.0, lambda: 1 / 0)
+
+    for supervision, words in (("escalate", "division by zero"), ("stop", "'faulty' failed")):
+        with pytest.raises(ActorFailure, match=words):
+            run(Faulty("faulty", supervision=supervision), virtual=True)
+    capsys.readouterr()
+
+
+def test_functions_and_coroutines_run_to_their_end():
+    async def main():
+        await asyncio.sleep(1)
+        return 7
+
+    assert run(main, virtual=True) == run(main(), virtual=True) == 7
+    with pytest.raises(DeadlockError):
+        run(lambda: asyncio.Event().wait(), virtual=True)
+
+
+async def coroutine():
+    pass
+
+
+@pytest.mark.parametrize(
+    ("program", "options", "words"),
+    [
+        (lambda: 7, {}, "not 7|returned 7 in place of a coroutine: define it with `async def`"),
+        (7, {}, "a program is an ensemble, a system, another actor or an async function, not 7"),
+        (coroutine, {"seconds": 1}, "seconds is for an actor"),
+        (Actor("a"), {"seconds": 0}, "a number above 0, not 0"),
+    ],
+)
+def test_what_cannot_be_run(program, options, words):
+    with pytest.raises(Error, match=words):
+        run(program, **options)
+
+
+def test_a_coroutine_that_is_refused_is_closed():
+    with pytest.raises(Error, match="seconds is for an actor"):
+        run(coroutine(), seconds=1)
+
+
+def test_a_second_event_loop_is_refused():
+    async def main():
+        with pytest.raises(Error, match="an event loop runs already"):
+            run(coroutine())
+
+    asyncio.run(main())
+
+
+PROGRAM = """
+import sys, mdm
+
+class Robot(mdm.Actor):
+    def on_running(self):
+        print("ready", flush=True)
+    def on_stop(self):
+        print("stopped", flush=True)
+
+mdm.run(Robot("robot"))
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, -signal.SIGINT), (signal.SIGTERM, 143)])
+def test_signals_stop_an_actor_in_order(number, status):
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(number)
+    output, errors = process.communicate(timeout=20)
+    assert output == "stopped\n"
+    assert process.returncode in {status, 130}, errors

@@ -6,7 +6,11 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 from places import ROOT
+
+from mdm import save_model
+from mdm.models import MDP, Factor, Space
 
 
 def block(page, language):
@@ -25,11 +29,12 @@ def test_the_configuration_page_s_file_is_complete(tmp_path):
         "async def read_sensors(system): pass\nasync def assist(): pass\ndef stop(): pass\ndef go_on(): pass\n"
     )
     (tmp_path / "top.policy").write_text("[4](0,1,2,0)")
-    (tmp_path / "top.mdp").write_text(
-        "discount: 0.9\nvalues: reward\nstates: 4\nactions: Patrol Assist Stop\nT: * identity\n"
-    )
+    states = Space([Factor("waiting", ["no", "yes"]), Factor("place", ["north", "south"])])
+    model = MDP([np.eye(4)] * 3, np.zeros((4, 3)), discount=0.9, states=states, actions=["Patrol", "Assist", "Stop"])
+    save_model(model, tmp_path / "top.pomdpx")
     (tmp_path / "patrol.pomdp").write_text(
-        "discount: 0.9\nvalues: reward\nstates: 1\nactions: GoOn\nobservations: 2\nT: * identity\nO: * uniform\n"
+        "discount: 0.9\nvalues: reward\nstates: 1\nactions: GoOn\nobservations: seen lost\n"
+        "T: * identity\nO: * uniform\n"
     )
     (tmp_path / "patrol.vf").write_text("0 -1\n0\n")
     done = subprocess.run(

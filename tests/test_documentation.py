@@ -7,14 +7,19 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 from places import ROOT
 
-from mdm import save_model
+from mdm import problems, save_model
 from mdm.models import MDP, Factor, Space
 
 
+def read(page):
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
 def block(page, language):
-    return re.search(rf"```{language}\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)[1]
+    return re.search(rf"```{language}\n(.*?)```", read(page), re.DOTALL)[1]
 
 
 def test_the_readme_s_program_is_the_example():
@@ -71,3 +76,28 @@ def test_every_format_is_in_the_readme():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for suffix in MODEL_SUFFIXES:
         assert f"`{suffix}`" in readme, suffix
+
+
+PROBLEMS = re.findall(r"^\| `((\w+)\(.*\))` \| (\d+) \| (\d+) \| (\d*) ?\|", read("docs/problems.md"), re.MULTILINE)
+
+
+@pytest.mark.parametrize(("call", "states", "actions", "observations"), [(row[0], *row[2:]) for row in PROBLEMS])
+def test_the_sizes_of_the_problems_are_as_the_page_says(call, states, actions, observations):
+    name, numbers = call.rstrip(")").split("(")
+    model = getattr(problems, name)(*(int(number) for number in numbers.split(",") if number))
+    assert (len(model.state_space), len(model.action_space)) == (int(states), int(actions))
+    assert model.kind == ("POMDP" if observations else "MDP")
+    if observations:
+        assert len(model.observation_space) == int(observations)
+
+
+def test_every_problem_is_in_the_page():
+    assert set(problems.__all__) == {row[1] for row in PROBLEMS}
+
+
+def test_the_values_in_the_page_are_those_of_the_docstrings():
+    for line in read("docs/problems.md").splitlines():
+        if line.startswith("| `"):
+            name = line.removeprefix("| `").partition("(")[0]
+            value = line.split("|")[5].strip().partition(" ")[0]
+            assert value in getattr(problems, name).__doc__, name

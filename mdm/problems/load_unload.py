@@ -17,7 +17,7 @@ def load_unload(positions: int = 8, *, discount: float = 0.95) -> POMDP:
     loaded, nor where between the ends it is. It begins at the left end, unloaded.
 
     2 x positions - 2 states: 14 in the paper. 2 actions, 3 observations. The best policy goes from end to end; with
-    n = 2 x positions - 2 it is worth discount^(n - 1) / (1 - discount^n), which is 1.0021 by default.
+    n = 2 x positions - 2 it is worth discount^(n - 1) / (1 - discount^n), which is 1.0020 by default.
 
     Source: N. Meuleau, K.-E. Kim, L. P. Kaelbling and A. R. Cassandra, *Solving POMDPs by searching the space of finite
     policies*, Uncertainty in Artificial Intelligence, 1999, section 5.

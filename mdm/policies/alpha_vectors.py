@@ -8,7 +8,7 @@ the belief gives weight to.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, NoReturn, SupportsIndex
+from typing import TYPE_CHECKING, Literal, NoReturn
 
 import numpy as np
 
@@ -56,7 +56,7 @@ class AlphaVectors:
             vector = int((~np.isfinite(matrix)).any(axis=1).argmax())
             raise ModelError(f"alpha vector {vector} has a number that is not finite")
         for vector, action in enumerate(actions):
-            if not isinstance(action, SupportsIndex) or action < 0:
+            if not hasattr(action, "__index__") or action < 0:
                 raise ModelError(f"alpha vector {vector} is for action {action}; actions are whole numbers from 0 on")
         self.num_actions = max(actions) + 1 if num_actions is None else num_actions
         if max(actions) >= self.num_actions:

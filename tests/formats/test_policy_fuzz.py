@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from time import process_time
+
 import numpy as np
 import places
 import pytest
@@ -87,7 +89,6 @@ def test_damaged_archives(tmp_path_factory, name, changes):
     read(folder / "x.npz", changed((folder / "x.npz").read_bytes(), changes))
 
 
-@pytest.mark.timeout(20)
 @pytest.mark.parametrize(
     "text",
     [
@@ -106,8 +107,10 @@ def test_damaged_archives(tmp_path_factory, name, changes):
     ],
 )
 def test_long_nonsense_costs_no_time(tmp_path, text):
+    began = process_time()
     read(tmp_path / "x", text.encode())
     read(tmp_path / "x.pg", text.encode())
+    assert process_time() - began < 20
 
 
 @given(st.text(alphabet='[](),0123.-e \nX<>="/{}Policyactn#', max_size=60), st.sampled_from(["pg", "alpha", "vf", "x"]))

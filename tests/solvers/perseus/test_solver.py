@@ -188,7 +188,7 @@ def test_what_is_never_noticed_goes_on(monkeypatch, sparse):
     monkeypatch.setattr(outlooks, "_DENSE", 2.0)
     model = POMDP([np.eye(2)] * 2, [np.array([[1, 0], [1, 0]])] * 2, [[1, 2], [3, 1]], discount=0.5, sparse=sparse)
     for horizon in (None, 1, 2):
-        solution = perseus(model, horizon=horizon, false_negative=0, limits=Limits(gap=0))
+        solution = perseus(model, beliefs=20, horizon=horizon, false_negative=0, limits=Limits(gap=0))
         assert solution.lower == pytest.approx(4, abs=1e-5)  # the first for ever, 2 a step
         assert solution.upper == pytest.approx(4, abs=1e-5)
 

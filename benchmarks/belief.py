@@ -42,7 +42,7 @@ THREADS = """
 import numpy, timeit
 for size in (100, 300, 1000):
     belief, matrix, out = numpy.ones(size), numpy.ones((size, size)), numpy.empty(size)
-    print(min(timeit.repeat(lambda: belief.dot(matrix, out), number=200, repeat=10)) / 200)
+    print(min(timeit.repeat(lambda: belief.dot(matrix, out), number={calls}, repeat=10)) / {calls})
 """
 
 
@@ -196,13 +196,13 @@ def _resident() -> float:
     return int(line.split()[1]) / 1024
 
 
-def threads() -> list[dict[str, Any]]:
+def threads(calls: int) -> list[dict[str, Any]]:
     """Measure a dense product with all of BLAS's threads and with one."""
     rows = []
     for count in (os.cpu_count() or 1, 1):
         names = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
         done = subprocess.run(
-            [sys.executable, "-c", THREADS],
+            [sys.executable, "-c", THREADS.format(calls=calls)],
             env=os.environ | dict.fromkeys(names, str(count)),
             capture_output=True,
             text=True,
@@ -231,7 +231,7 @@ def main() -> None:
         print("pomdp_py is skipped: it is not installed")
     if not rivals.has_compiler():
         print("the C loop is skipped: there is no gcc")
-    built, pinned = [build(1000 if given.quick else 1_000_000)], threads()
+    built, pinned = [build(1000 if given.quick else 1_000_000)], threads(5 if given.quick else 200)
     table("One belief update", rows)
     table("Building a tracker", built)
     table("A dense product, by numpy", pinned)

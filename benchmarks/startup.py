@@ -35,11 +35,11 @@ def main() -> None:
     """Measure in rounds, so that the machine's moods hit all alike; print and write."""
     given = arguments(__doc__ or "")
     seconds: dict[str, list[float]] = {name: [] for name in PROGRAMS}
-    for turn in range(2 if given.quick else 11):
+    for turn in range(1 if given.quick else 11):
         for name, program in PROGRAMS.items():
             began = time.perf_counter()
             subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)
-            if turn:  # the first warms the disk's cache
+            if turn or given.quick:  # the first warms the disk's cache
                 seconds[name].append(time.perf_counter() - began)
     base = statistics.median(seconds["import numpy, scipy.sparse"])
     rows = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from mdm import (
     ActorFailure,
@@ -39,7 +39,6 @@ def set_value(manager, factor, value):
             manager.sense(name, None if value is None else position == value)
 
 
-@settings(max_examples=60)
 @given(st.lists(st.integers(2, 4), min_size=1, max_size=4), st.data())
 def test_joint_states_are_those_of_numpy(shape, data):
     async def main(runtime):
@@ -191,7 +190,6 @@ def test_wrong_factors(make, message):
         make()
 
 
-@settings(max_examples=60)
 @given(st.data())
 def test_joint_observations(data):
     kinds = data.draw(st.lists(st.sampled_from(["missing", "idle", "hold"]), min_size=1, max_size=3))

@@ -6,7 +6,7 @@ import asyncio
 from collections import Counter
 
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from mdm import Ensemble, ObservationFactor, ObservationLayer, PredicateManager, Runtime, VirtualClock, bind, run
 from mdm.messages import ActionLife, Observation
@@ -278,7 +278,6 @@ def test_stop_during_an_action_and_a_quick_start():
     run_virtual(main)
 
 
-@settings(max_examples=80)
 @given(st.data())
 def test_random_lives(data):
     """Never two live at once; every life ends exactly once; the next begins when the one before has ended."""

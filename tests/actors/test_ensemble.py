@@ -7,7 +7,7 @@ import asyncio
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from mdm import (
     ActorFailure,
@@ -356,7 +356,6 @@ def test_the_tree_can_be_printed():
     ]
 
 
-@settings(max_examples=60)
 @given(st.data())
 def test_random_hierarchies_leave_no_task_behind(data):
     """Whatever ensembles start, stop and fail at random, nothing runs below one that does not, and nothing is left."""

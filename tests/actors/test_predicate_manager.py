@@ -5,7 +5,7 @@ import threading
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from mdm import ConfigError, Error, ObservationFactor, ObservationLayer, P, PredicateManager, Runtime, run
 from mdm.messages import EventUpdate, Observation, PredicateMap, PredicateUpdate, SensorUpdate, State
@@ -275,7 +275,6 @@ def test_declarations_after_the_start_are_too_late():
     run_virtual(main)
 
 
-@settings(max_examples=50)
 @given(st.data())
 def test_what_is_published_is_what_changed(data):
     names = ["A", "B", "C"]

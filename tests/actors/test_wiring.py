@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from mdm import (
     ConfigError,
@@ -44,7 +44,6 @@ def shuffled(data, mapping):
     return dict(data.draw(st.permutations(list(mapping.items()))))
 
 
-@settings(max_examples=60, deadline=None)
 @given(named_spaces(), st.data())
 def test_states_by_symbol_are_the_model_s_in_any_order(space, data):
     sources = {f.name: {symbol: f"Is_{symbol}" for symbol in f.names} for f in space.factors}
@@ -71,7 +70,6 @@ def test_states_by_symbol_are_the_model_s_in_any_order(space, data):
     run_virtual(main)
 
 
-@settings(max_examples=60, deadline=None)
 @given(named_spaces(), st.data())
 def test_observations_by_symbol_are_the_model_s_in_any_order(space, data):
     events = {factor.name: {symbol: f"Saw_{symbol}" for symbol in factor.names} for factor in space.factors}

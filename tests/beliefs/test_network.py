@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings, strategies as st
+from hypothesis import assume, given, strategies as st
 from random_models import factored_models
 
 from mdm.beliefs import BeliefTracker, choice as belief_choice
@@ -14,7 +14,6 @@ from mdm.models import POMDP, Factor, FactoredPOMDP, Node, Space, Table, TwoSlic
 from mdm.models.factored.flattening import first_states
 
 
-@settings(max_examples=60)
 @given(factored_models(events=True), st.integers(0, 2**32 - 1))
 def test_it_moves_beliefs_as_matrices_do(model, seed):
     assume(isinstance(model, POMDP))

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from mdm.errors import Error
 from mdm.logic import Formula, Network, P, parse
@@ -112,7 +112,6 @@ def build(inputs, events, order):
     return network
 
 
-@settings(max_examples=150)
 @given(networks(), st.data())
 def test_agrees_with_a_plain_recomputation(described, data):
     inputs, events, nodes, order = described

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from mdm import Actor, ActorFailure, Error, Restart, Runtime, VirtualClock, run
 from mdm.messages import State
@@ -359,7 +359,6 @@ def test_disturbances():
     run_virtual(main)
 
 
-@settings(max_examples=60)
 @given(st.data())
 def test_random_trees_that_fail_at_random_leave_nothing_behind(data):
     """Whatever is started, stopped and made to fail, no task is left over and every start has its stop."""

@@ -12,24 +12,21 @@ from fractions import Fraction
 
 import anyio
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from mdm import Actor, DeadlockError, Error, Runtime, VirtualClock, WallClock, run
 from mdm.runtime import Clock, Latencies, Ticker
 from mdm.testing import run_virtual
 
-rates = st.sampled_from([0.1, 1, 3, 7, 10, 29.97, 30, 60, 100, 333.3])
 
-
-@settings(max_examples=20)
-@given(rates)
-def test_an_hour_of_ticks_does_not_drift(rate):
+@pytest.mark.parametrize("rate", [0.1, 1, 3, 7, 10, 29.97, 30, 60, 100, 333.3])
+def test_ticks_do_not_drift(rate):
     async def main(runtime):
         actor = Actor("actor")
         await runtime.start(actor)
         ticks = []
         actor.every(rate, ticks.append)
-        await asyncio.sleep(3600 if rate < 20 else 360)
+        await asyncio.sleep(min(3600, 20_000 / rate))
         return ticks
 
     ticks = run_virtual(main)

@@ -43,19 +43,20 @@ def test_an_mdp_is_worth_what_linear_algebra_says(seed):
     moves = np.stack([model.transition_matrix(a)[s] for s, a in enumerate(actions)])
     gains = model.rewards[np.arange(4), actions]
     exact = float(model.initial_belief @ np.linalg.solve(np.eye(4) - model.discount * moves, gains))
-    result = simulate(model, DeterministicPolicy(actions, 2), episodes=800, seed=seed)
+    result = simulate(model, DeterministicPolicy(actions, 2), episodes=300, seed=seed)
     assert abs(result.mean - exact) < 5 * result.standard_error + 1e-3
-    assert result.standard_error == pytest.approx(np.std(result.returns, ddof=1) / math.sqrt(800))
+    assert result.standard_error == pytest.approx(np.std(result.returns, ddof=1) / math.sqrt(300))
 
 
 @pytest.mark.parametrize("drive", [None, FixedRate(10)])
 def test_tiger_is_worth_its_published_optimum(drive):
     model = load_model(EXAMPLES / "tiger.pomdp")
     policy = load_policy(EXAMPLES / "tiger.vf", model)
-    result = simulate(model, policy, episodes=400, seed=1, drive=drive)
+    result = simulate(model, policy, episodes=150, seed=1, drive=drive)
     assert abs(result.mean - 19.3713) < 4 * result.standard_error
-    assert result == simulate(model, policy, episodes=400, seed=1, drive=drive)
-    assert result.mean != simulate(model, policy, episodes=400, seed=2, drive=drive).mean
+    first, again, other = (simulate(model, policy, episodes=20, seed=seed, drive=drive) for seed in (1, 1, 2))
+    assert first == again
+    assert first.mean != other.mean
 
 
 def test_draws_follow_the_model():

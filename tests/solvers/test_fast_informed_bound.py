@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from random_models import dense, factored_models, flat_models
 
 import mdm
@@ -50,7 +50,6 @@ def expectimax(model, joint, belief, depth):
 
 
 @given(model=flat_models(kinds=("POMDP",), events=True) | factored_models(events=True))
-@settings(max_examples=50)
 def test_vectors_are_those_of_the_equation(model):
     if model.kind == "MDP":
         return

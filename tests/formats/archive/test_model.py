@@ -10,7 +10,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from random_models import NAMES, assert_same, dense, factored_models, flat_models
 from scipy import sparse
 
@@ -153,7 +153,6 @@ def test_wrong_numbers_are_refused(tmp_path, change, message):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=300)
 def test_damaged_files_make_a_model_or_an_error(seed, tmp_path_factory):
     chance = random.Random(seed)
     folder = tmp_path_factory.mktemp("damaged")

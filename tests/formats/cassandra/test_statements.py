@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from scipy import sparse
 
 from mdm import FormatError, load_model
@@ -123,7 +123,6 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize("form", ["pomdp", "mdp", "team"])
-@settings(max_examples=100)
 @given(data=st.data())
 def test_every_form_in_any_order_fills_what_it_says(folder, form, data):
     writer = Writer(data, team=form == "team", mdp=form == "mdp")

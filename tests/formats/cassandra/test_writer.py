@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from places import CORPUS
 from random_models import NAMES, assert_same, dense, factored_models, flat_models
 
@@ -43,7 +43,6 @@ def test_teams_come_back(model, tmp_path_factory):
 
 
 @given(model=flat_models(names=NAMES))
-@settings(max_examples=60)
 def test_odd_names_are_written_so_that_they_can_be_read(model, tmp_path_factory):
     folder = tmp_path_factory.mktemp("round")
     with warnings.catch_warnings():
@@ -56,7 +55,6 @@ def test_odd_names_are_written_so_that_they_can_be_read(model, tmp_path_factory)
 
 
 @given(model=factored_models())
-@settings(max_examples=50)
 def test_factored_models_are_written_flat(model, tmp_path_factory):
     path = tmp_path_factory.mktemp("round") / f"model.{model.kind.lower()}.gz"
     cassandra.write(model, path)

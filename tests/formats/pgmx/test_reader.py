@@ -9,7 +9,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from mutation import mutated
 from places import CORPUS, DATA
 from random_models import NAMES, assert_same, dense, factored_models, flat_models
@@ -206,7 +206,6 @@ def test_flat_models_come_back(model, tmp_path_factory):
 
 
 @given(model=flat_models(names=NAMES, finer=False, smallest=2))
-@settings(max_examples=50)
 def test_odd_names_are_written_so_that_they_can_be_read(model, tmp_path_factory):
     path = tmp_path_factory.mktemp("round") / "model.pgmx"
     with warnings.catch_warnings():
@@ -260,7 +259,6 @@ def test_real_models_come_back(corpus, tmp_path, name):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=200)
 def test_mutated_files_make_a_model_or_an_error(seed, tmp_path_factory):
     path = tmp_path_factory.mktemp("mutated") / "m.pgmx"
     path.write_text(mutated(GUARD, random.Random(seed), ["<", "0", "-1", "1e999", "nan", "&x;", "</Branch>", '"']))

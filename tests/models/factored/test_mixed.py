@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from random_models import distributions
 
 from mdm import ModelError, load_model
@@ -36,7 +36,6 @@ def mixed(draw):
     return model_of(draw(st.integers(0, 2**32 - 1)), sizes), sorted(places)
 
 
-@settings(max_examples=60)
 @given(mixed())
 def test_an_observation_is_what_is_seen_and_what_was_observed_before(given_):
     model, places = given_
@@ -56,7 +55,6 @@ def test_an_observation_is_what_is_seen_and_what_was_observed_before(given_):
         assert again[a].toarray() == pytest.approx(seen.observation_matrix(a).toarray())
 
 
-@settings(max_examples=60)
 @given(mixed(), st.integers(0, 2**32 - 1))
 def test_beliefs_lie_in_what_is_seen(given_, seed):
     model, places = given_

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from random_models import dense, flat_models
 
 from mdm.models.compilation import can_compile
@@ -11,7 +11,6 @@ from mdm.solvers.mdp.stack import Stack
 
 
 @given(flat_models())
-@settings(max_examples=50)
 def test_rows_are_those_of_states_and_their_actions(model):
     found = Stack(model)
     count = len(model.action_space)
@@ -23,7 +22,6 @@ def test_rows_are_those_of_states_and_their_actions(model):
 
 
 @given(model=flat_models(), seed=st.integers(0, 99), each=st.integers(1, 4))
-@settings(max_examples=50)
 def test_compiled_or_not(model, seed, each):
     model = model.with_discount(0.9)
     values = np.random.default_rng(seed).normal(size=len(model.state_space))

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from random_models import flat_models
 
 from mdm.errors import ConfigError
@@ -33,7 +33,6 @@ def recursion(model, horizon):
 
 
 @given(model=flat_models(kinds=("MDP",)), horizon=st.integers(1, 5))
-@settings(max_examples=50)
 def test_horizon_is_plain_recursion(model, horizon):
     found = value_iteration(model, limits=Limits(gap=0), horizon=horizon)
     truth = recursion(model, horizon)
@@ -46,7 +45,6 @@ def test_horizon_is_plain_recursion(model, horizon):
 
 
 @given(model=flat_models(kinds=("MDP",)), horizon=st.integers(2, 6), limit=st.integers(1, 4))
-@settings(max_examples=50)
 def test_bounds_hold_where_stages_are_missing(model, horizon, limit):
     found = value_iteration(model, limits=Limits(gap=0, iterations=limit), horizon=horizon)
     value = model.initial_belief @ recursion(model, horizon)[0].max(axis=1)

@@ -278,22 +278,22 @@ def test_it_stops_when_it_is_told_to():
     assert isinstance(solution.policy, AlphaVectors)
     assert solution.lower > -20  # what listening for ever is worth
     seconds = iter(range(10**9))
-    late = perseus(tiger(), limits=Limits(time=60, gap=0, clock=lambda: next(seconds)))
+    late = perseus(tiger(), beliefs=100, limits=Limits(time=60, gap=0, clock=lambda: next(seconds)))
     assert late.reason == "time"
     assert late.policy.value(tiger().initial_belief) == late.lower
-    assert perseus(tiger(), limits=Limits(iterations=0)).lower == pytest.approx(-20, abs=1e-2)
-    assert perseus(tiger(), limits=Limits(gap=150)).reason == "gap"
-    assert perseus(tiger(), limits=Limits(memory=1)).reason == "memory"
+    assert perseus(tiger(), beliefs=100, limits=Limits(iterations=0)).lower == pytest.approx(-20, abs=1e-2)
+    assert perseus(tiger(), beliefs=100, limits=Limits(gap=150)).reason == "gap"
+    assert perseus(tiger(), beliefs=100, limits=Limits(memory=1)).reason == "memory"
 
 
 def test_a_plan_is_whole_wherever_it_is_stopped():
     seconds = iter(range(10**9))
-    solution = perseus(tiger(), horizon=9, limits=Limits(time=25, clock=lambda: next(seconds)))
+    solution = perseus(tiger(), beliefs=100, horizon=9, limits=Limits(time=25, clock=lambda: next(seconds)))
     assert solution.reason == "time"
     assert solution.policy.horizon == 9
     worth = controller_values(tiger(), solution.policy)[solution.policy.start] @ tiger().initial_belief
     assert worth == pytest.approx(solution.lower)
-    assert perseus(tiger().with_discount(1), horizon=9).lower > solution.lower
+    assert perseus(tiger().with_discount(1), beliefs=100, horizon=9).lower > solution.lower
 
 
 def test_refusals():

@@ -12,14 +12,17 @@ from threading import get_ident
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from mdm.actors.follower import Follower
-from mdm.actors.sensor import EventSource, Sensor
+from mdm.actors.sensor import EventSource, Sensor, truth
 from mdm.errors import ConfigError, Error
-from mdm.logic import Formula, Network, parse
+from mdm.logic import Formula, Network, parse, similar
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdate
 from mdm.runtime import Actor
+from mdm.runtime.handler import check_plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    import numpy as np
 
     from mdm.logic import Change
     from mdm.runtime import Channel, Supervision, Timer
@@ -52,6 +55,7 @@ class PredicateManager(Actor):
         self._kinds: dict[str, Literal["predicate", "event"]] = {}
         self._formulas: dict[str, tuple[Formula, ...]] = {}
         self._used: set[str] = set()
+        self._raised: set[str] = set()
         self._held_for: dict[str, int] = {}
         self._max_age: dict[str, int] = {}
         self._seen: dict[str, int] = {}
@@ -88,6 +92,9 @@ class PredicateManager(Actor):
             raise ConfigError(f"predicate {name!r} needs a channel and a 'when' function, or neither", key=name)
         if max_age is not None and not max_age > 0:
             raise ConfigError(f"max_age is a number of seconds above 0, not {max_age}", key=name)
+        initial = truth(name, initial)
+        if when is not None:
+            check_plain(when, f"the 'when' of predicate {name!r}")
         self._declare(name, "predicate", lambda network: network.add_input(name, self._early.get(name, initial)))
         if channel is not None and when is not None:
             self._groundings.append((name, channel, when))
@@ -134,6 +141,7 @@ class PredicateManager(Actor):
         """Declare an event: raised through the handle returned, or when a formula becomes true."""
         if formula is None:
             self._declare(name, "event", lambda network: network.add_event(name))
+            self._raised.add(name)
         else:
             tree = _tree(formula)
             self._declare(name, "event", lambda network: network.rise(name, tree), tree)
@@ -159,6 +167,26 @@ class PredicateManager(Actor):
         if ACTION_END.fullmatch(name):
             return "event"
         return "predicate" if "/" in name else None
+
+    def check_input(self, name: str, kind: Literal["predicate", "event"]) -> None:
+        """Refuse a name that code cannot set, or raise.
+
+        Ends of actions and other agents' predicates are accepted where they are used.
+
+        Raises:
+            Error: If there is no such predicate or event, or it is derived; it names those closest.
+        """
+        if self.senses(name) if kind == "predicate" else self.raises(name):
+            return
+        declared = self._kinds.get(name)
+        if declared is None and self.knows(name) == kind and name in self.used:
+            return
+        if declared == kind:
+            raise Error(f"{kind} {name!r} is derived from others: give those")
+        others = [other for other, its_kind in self._kinds.items() if its_kind == kind]
+        hint = f": it is an {declared}" if declared == "event" else f": it is a {declared}" if declared else ""
+        hint = hint or similar(name, others) or f"; there are {', '.join(others) or 'none'}"
+        raise Error(f"there is no {kind} {name!r}{hint}")
 
     def senses(self, name: str) -> bool:
         """Whether a name is a predicate that code sets."""
@@ -235,7 +263,7 @@ class PredicateManager(Actor):
             if ACTION_END.fullmatch(name):
                 network.add_event(name)
             elif "/" in name:
-                network.add_input(name)
+                network.add_input(name, self._early.get(name))
         return network
 
     # -- Values --------------------------------------------------------------------------------------------------
@@ -263,9 +291,15 @@ class PredicateManager(Actor):
             if values or events:
                 self._input(tuple(values.items()), tuple(events))
 
-    def sense(self, name: str, value: bool | None) -> None:
-        """Take a predicate's value, by its name. From any thread."""
-        self.take(((name, value),))
+    def sense(self, name: str, value: bool | np.bool_ | None) -> None:
+        """Take a predicate's value, by its name. From any thread.
+
+        Raises:
+            Error: If code cannot set a predicate of that name, or the value is no truth value.
+        """
+        if name not in self._sensors:
+            self.check_input(name, "predicate")
+        self.take(((name, truth(name, value)),))
 
     def take(self, readings: tuple[tuple[str, bool | None], ...]) -> None:
         """Take values of predicates as one update; `Sensor.set` calls this. From any thread."""
@@ -277,7 +311,14 @@ class PredicateManager(Actor):
             self._senses(SensorUpdate(self._now(), readings))
 
     def occur(self, *events: str) -> None:
-        """Raise events, together; `EventSource.fire` calls this. From any thread."""
+        """Raise events, together; `EventSource.fire` calls this. From any thread. Before the start nothing hears them.
+
+        Raises:
+            Error: If code cannot raise an event of that name.
+        """
+        for name in events:
+            if name not in self._raised:
+                self.check_input(name, "event")
         if self._batches and (batch := self._batches.get(get_ident())) is not None:
             batch[1].extend(events)
         else:
@@ -307,7 +348,9 @@ class PredicateManager(Actor):
         self._network = self.network()
         first = self._network.compile()
         self._known = frozenset(self._network.names)
-        self.action_ends = frozenset(name for name in self._network.events if ACTION_END.fullmatch(name))
+        ends = {name for name in self._network.events if ACTION_END.fullmatch(name)}
+        self.action_ends = frozenset(name for name in ends if name not in self._kinds or self.raises(name))
+        self._raised |= self.action_ends
         self._counter = self._event_counter = 0
         self._hold_timers.clear()
         self._age_timers.clear()

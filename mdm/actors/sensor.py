@@ -6,12 +6,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mdm.errors import Error
+
 if TYPE_CHECKING:
     from mdm.actors.predicate_manager import PredicateManager
 
-__all__ = ["EventSource", "Sensor"]
+__all__ = ["EventSource", "Sensor", "truth"]
 
 Reading = tuple[tuple[str, "bool | None"], ...]
+
+
+def truth(name: str, value: object) -> bool | None:
+    """Return the value of a predicate.
+
+    Raises:
+        Error: If it is no truth value: True, False, one of numpy's, or None for unknown.
+    """
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, np.bool_):
+        return bool(value)
+    raise Error(f"predicate {name!r} is True, False or None (unknown), not {value!r}")
 
 
 class Sensor:
@@ -33,12 +48,10 @@ class Sensor:
         """Say whether the predicate holds; None says that it is unknown.
 
         Raises:
-            TypeError: If the value is no truth value.
+            Error: If the value is no truth value.
         """
         if value is not True and value is not False and value is not None:
-            if not isinstance(value, np.bool_):
-                raise TypeError(f"predicate {self.name!r} is True, False or None (unknown), not {value!r}")
-            value = bool(value)
+            value = truth(self.name, value)
         self._manager.take(self._readings[value])
 
     @property

@@ -11,7 +11,7 @@ from mdm.messages import Observation, State
 from mdm.models.matrices import distribution
 
 if TYPE_CHECKING:
-    from mdm.actors import Ensemble, PredicateManager
+    from mdm.actors import Ensemble
     from mdm.config import System
 
 __all__ = ["Stimulus", "read_stimuli"]
@@ -52,9 +52,9 @@ class Stimulus:
         if line.belief is not None:
             _check_belief(ensemble, line.belief)
         for name in line.predicates or ():
-            _check_settable(system.predicates, name, "predicate")
+            system.predicates.check_input(name, "predicate")
         for name in line.events or ():
-            _check_settable(system.predicates, name, "event")
+            system.predicates.check_input(name, "event")
 
     def apply(self, system: System) -> None:
         """Let it happen."""
@@ -113,20 +113,6 @@ def _check_belief(ensemble: Ensemble, given: list[float]) -> None:
     if policy.num_states is None:
         raise Error("the policy goes by observations, and its nodes have no known values: give no belief")
     distribution(given, what="the belief", size=policy.num_states)
-
-
-def _check_settable(predicates: PredicateManager, name: str, kind: Literal["predicate", "event"]) -> None:
-    """Refuse a name that stands for nothing or is derived; an action's end or another agent's predicate is neither."""
-    names = predicates.names
-    if name in names:
-        settable = predicates.senses(name) if kind == "predicate" else predicates.raises(name)
-        if names[name] == kind and not settable:
-            raise Error(f"{kind} {name!r} is derived from others: give those")
-    else:
-        settable = name in predicates.used and predicates.knows(name) == kind
-    if not settable:
-        known = [other for other, other_kind in names.items() if other_kind == kind]
-        raise Error(f"there is no {kind} {name!r}; there are {', '.join(known) or 'none'}")
 
 
 def read_stimuli(stream: IO[bytes], system: System) -> tuple[list[Stimulus], str | None]:

@@ -196,7 +196,7 @@ class Network(Declarations):
         0.5 µs where two formulas do.
 
         Raises:
-            Error: If a name is unknown, or is no input; nothing is changed then.
+            Error: If a name is unknown or is no input, or a value is no truth value; nothing is changed then.
         """
         if len(inputs) == 1 and not events and not elapsed:
             name, value = inputs[0]
@@ -204,7 +204,10 @@ class Network(Declarations):
             if entry is None:
                 raise self._refusal(name)
             at, plan = entry
-            code = CODES[value]
+            try:
+                code = CODES[value]
+            except (KeyError, TypeError):
+                raise _no_truth(name, value) from None
             values = self._values
             if values[at] == code:
                 return None
@@ -236,9 +239,11 @@ class Network(Declarations):
         self, inputs: Sequence[tuple[str, bool | None]], events: Sequence[str], elapsed: Sequence[str]
     ) -> Change | None:
         values = self._values
-        for name, _ in inputs:
+        for name, value in inputs:
             if name not in self._entries:
                 raise self._refusal(name)
+            if not (value is None or value in (True, False)):
+                raise _no_truth(name, value)
         for name in events:
             if self._events.get(name) not in self._raisable:
                 raise self._refusal(name)
@@ -345,3 +350,7 @@ class Network(Declarations):
             tuple(armed),
             tuple(disarmed),
         )
+
+
+def _no_truth(name: str, value: object) -> Error:
+    return Error(f"predicate {name!r} is True, False or None (unknown), not {value!r}")

@@ -11,6 +11,7 @@ import anyio
 from mdm.errors import Error
 from mdm.messages import Fault, StateChange, Tick
 from mdm.runtime.channel import Channel, Subscription
+from mdm.runtime.handler import check_plain
 from mdm.runtime.scheduler import Ticker
 from mdm.runtime.start import Start
 from mdm.runtime.statistics import ActorStatistics
@@ -160,6 +161,7 @@ class Actor:
 
     def call_at(self, when: int, function: Callable[[], object]) -> Timer:
         """Call a function in a turn of its own, when the clock shows ``when`` nanoseconds."""
+        check_plain(function, "what a timer calls")
         turn: Subscription[None] = Subscription(None, self, lambda _: function())
         timer = self.runtime.clock.call_at(when, lambda: self.runtime.dispatcher.deliver(turn, None))
         self._timers.add(timer)
@@ -169,6 +171,7 @@ class Actor:
         self, rate: float, handler: Callable[[Tick], object], *, overrun: Literal["skip", "burst"] = "skip"
     ) -> Ticker:
         """Call a handler ``rate`` times a second, at aligned times, each in a turn of its own."""
+        check_plain(handler, "the handler of ticks")
         turn = Subscription(None, self, handler)
         runtime = self.runtime
         ticker = Ticker(runtime.clock, rate, lambda tick: runtime.dispatcher.deliver(turn, tick), overrun=overrun)
@@ -186,12 +189,20 @@ class Actor:
             name: For debuggers and reports.
 
         Raises:
-            Error: If the actor does not live: what takes time at its end belongs in `on_stopping`.
+            Error: If the actor does not live (what takes time at its end belongs in `on_stopping`), what was given
+                cannot be awaited, or ``ended`` is no plain function.
         """
-        if not self._works:
+        try:
+            if not self._works:
+                raise Error(f"actor {self.path!r} does not run, so it cannot begin work {name!r}")
+            if not inspect.isawaitable(awaitable):
+                raise Error(f"work is an awaitable, such as what an async function returns, not {awaitable!r}")
+            if ended is not None:
+                check_plain(ended, f"what is called at the end of work {name!r}")
+        except Error:
             if inspect.iscoroutine(awaitable):
                 awaitable.close()
-            raise Error(f"actor {self.path!r} does not run, so it cannot begin work {name!r}")
+            raise
         turn = Subscription(None, self, ended if ended is not None else self._judge)
         dispatcher = self.runtime.dispatcher
 

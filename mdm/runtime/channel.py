@@ -6,6 +6,7 @@ from threading import get_ident
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
 from mdm.messages import Fault
+from mdm.runtime.handler import check_plain
 from mdm.runtime.statistics import ChannelStatistics
 from mdm.runtime.stream import Stream
 
@@ -204,7 +205,11 @@ class Channel(Generic[T]):
             handler: A plain function.
             actor: To whom it belongs.
             topics: Of messages that are emitted on topics, take those on one of these alone.
+
+        Raises:
+            Error: If the handler is no plain function: an async one would never run.
         """
+        check_plain(handler, f"the handler of channel {self.name!r}")
         subscription = Subscription(self, actor or self._owner, handler)
         self._subscriptions = (*self._subscriptions, subscription)
         if topics is None:

@@ -44,7 +44,7 @@ def test_sensors_formulas_latches_and_events():
         ]
         assert [update.counter for update in updates] == [2, 3, 4, 5]
         assert [update.events for update in events] == [("Bump",), ("Arrived",)]
-        with pytest.raises(TypeError, match="'South' is True, False or None"):
+        with pytest.raises(Error, match="'South' is True, False or None"):
             south.set(1)
 
     run_virtual(main)
@@ -314,3 +314,90 @@ def test_what_is_published_is_what_changed(data):
         assert [update.counter for update in updates] == list(range(2, len(updates) + 2))
 
     run_virtual(main)
+
+
+def undecided():
+    manager = PredicateManager()
+    manager.sensor("IsOpen")
+    manager.define("IsShut", ~P("IsOpen"))
+    manager.event("Bump")
+    manager.event("Opened", "IsOpen and robot2/IsNear")
+    manager.latch("Done", set="Go.succeeded", reset="Bump")
+    return manager
+
+
+@pytest.mark.parametrize("started", [False, True])
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda manager: manager.sense("IsOpn", True), "no predicate 'IsOpn'; did you mean 'IsOpen'"),
+        (lambda manager: manager.sense("xyz", True), "no predicate 'xyz'; there are IsOpen, IsShut, Done"),
+        (lambda manager: manager.sense("IsShut", True), "predicate 'IsShut' is derived from others"),
+        (lambda manager: manager.sense("Bump", True), "no predicate 'Bump': it is an event"),
+        (lambda manager: manager.sense("robot2/IsFar", True), "no predicate 'robot2/IsFar'"),
+        (lambda manager: manager.occur("Bunp"), "no event 'Bunp'; did you mean 'Bump'"),
+        (lambda manager: manager.occur("Bump", "Opened"), "event 'Opened' is derived from others"),
+        (lambda manager: manager.occur("IsOpen"), "no event 'IsOpen': it is a predicate"),
+        (lambda manager: manager.occur("Go.failed"), "no event 'Go.failed'"),
+        (lambda manager: manager.sense("IsOpen", "yes"), "'IsOpen' is True, False or None .unknown., not 'yes'"),
+        (lambda manager: manager.sense("IsOpen", 1), "'IsOpen' is True, False or None .unknown., not 1"),
+        (lambda manager: manager.sense("IsOpen", [True]), "'IsOpen' is True, False or None"),
+        (lambda manager: manager._sensors["IsOpen"].set("yes"), "'IsOpen' is True, False or None"),
+    ],
+)
+def test_wrong_input_is_refused_where_it_is_given(started, call, words):
+    manager = undecided()
+
+    async def main(runtime):
+        await runtime.start(manager)
+        faults = probe(runtime.faults)
+        with pytest.raises(Error, match=words), manager.batch():
+            call(manager)
+        assert manager.value("IsOpen") is None
+        assert (manager.life, faults) == ("running", [])
+
+    if started:
+        run_virtual(main)
+    else:
+        with pytest.raises(Error, match=words):
+            call(manager)
+
+
+def test_input_of_every_kind_is_taken_before_and_after_the_start():
+    manager = undecided()
+    manager.sense("IsOpen", np.True_)
+    manager.sense("robot2/IsNear", True)
+    manager.occur("Bump", "Go.succeeded")  # which nothing hears yet
+
+    async def main(runtime):
+        await runtime.start(manager)
+        assert manager.values() == {"IsOpen": True, "IsShut": False, "Done": False, "robot2/IsNear": True}
+        manager.sense("IsOpen", np.False_)
+        manager.sense("robot2/IsNear", None)
+        manager.occur("Go.succeeded")
+        assert manager.values() == {"IsOpen": False, "IsShut": True, "Done": True, "robot2/IsNear": None}
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("value", ["yes", [1], 2])
+def test_a_message_with_no_truth_value_is_reported_and_changes_nothing(value):
+    async def main(runtime):
+        manager = PredicateManager()
+        manager.sensor("A", initial=False)
+        manager.sensor("B", initial=False)
+        await runtime.start(manager)
+        faults = probe(runtime.faults)
+        sensed = runtime.channel("predicates/sensed", SensorUpdate)
+        sensed.publish(SensorUpdate(0, (("A", value),)))
+        sensed.publish(SensorUpdate(0, (("B", True), ("A", value))))
+        assert manager.values() == {"A": False, "B": False}
+        assert all("predicate 'A' is True, False or None" in fault.detail for fault in faults)
+        assert len(faults) == 2
+
+    run_virtual(main)
+
+
+def test_a_wrong_initial_value_is_refused():
+    with pytest.raises(Error, match="predicate 'A' is True, False or None"):
+        PredicateManager().sensor("A", initial="no")

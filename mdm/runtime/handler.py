@@ -1,0 +1,58 @@
+"""Handlers: plain functions, called in turns that never await."""
+
+from __future__ import annotations
+
+import inspect
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from mdm.errors import Error
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["check_plain", "kind_of"]
+
+_KINDS = {
+    inspect.CO_COROUTINE: "an async function",
+    inspect.CO_ITERABLE_COROUTINE: "an async function",
+    inspect.CO_ASYNC_GENERATOR: "an async generator function",
+    inspect.CO_GENERATOR: "a generator function",
+}
+_ANY = sum(_KINDS)
+
+
+def kind_of(function: Callable[..., Any]) -> str | None:
+    """Return what a callable is whose call runs none of its code; None for a plain one.
+
+    Methods, partial functions and objects with ``__call__`` are looked through.
+    """
+    while isinstance(function, partial):
+        function = function.func
+    code = getattr(function, "__code__", None)
+    if code is None:
+        code = getattr(type(function).__call__, "__code__", None)
+    if code is None or not code.co_flags & _ANY:
+        return None
+    return next(kind for flag, kind in _KINDS.items() if code.co_flags & flag)
+
+
+def check_plain(function: Any, use: str) -> None:
+    """Refuse what is no plain function.
+
+    Args:
+        function: What was given.
+        use: What it is for, such as ``the handler of channel 'state'``.
+
+    Raises:
+        Error: If calling it would run none of its code.
+    """
+    if not callable(function):
+        raise Error(f"{use} is a function, not {function!r}")
+    kind = kind_of(function)
+    if kind is not None:
+        name = getattr(function, "__qualname__", repr(function))
+        raise Error(
+            f"{use} is a plain function, but {name} is {kind}, which a call would not run: turns never await, so let "
+            f"a plain function hand to Actor.spawn what takes time"
+        )

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
+import figures
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from random_models import dense, flat_models
 
-from mdm import load_model
 from mdm.beliefs import BeliefTracker, Support, choice as belief_choice
 from mdm.beliefs.adaptive import AdaptiveFilter
 from mdm.beliefs.choice import chosen_filter
@@ -275,51 +273,45 @@ def test_what_was_handed_out_never_changes(name, make):
         np.testing.assert_array_equal(handed, copy)
 
 
-def sequences(corpus):
-    """Yield each model that MADP tracked beliefs in, and its steps from the initial belief on."""
-    for path in sorted((corpus / "oracles").glob("*.json")):
-        oracle = json.loads(path.read_text())
-        model = load_model(next((corpus / "models" / "madp").glob(f"{path.stem}*")))
-        yield model, [each["steps"] for each in oracle["belief_sequences_JointBelief"]]
-
-
 @pytest.mark.parametrize("folded", [4_000_000, 0])
 @pytest.mark.parametrize("fast", [False, pytest.param(True, marks=needs_numba)])
-def test_agrees_with_every_sequence_of_madp(corpus, fast, folded, monkeypatch):
+def test_agrees_with_every_sequence_of_madp(fast, folded, monkeypatch):
     monkeypatch.setattr(belief_choice, "_FOLDED", folded)
     compared = 0
-    for model, episodes in sequences(corpus):
-        filter_ = chosen_filter(model, fast=fast)
-        for steps in episodes:
-            loaded(filter_, model.initial_belief)
+    for problem in figures.COMPUTED:
+        found = figures.model(problem)
+        filter_ = chosen_filter(found, fast=fast)
+        for steps in figures.of(problem)["episodes"]:
+            loaded(filter_, found.initial_belief)
             for step in steps:
-                assert filter_.step(step["a"], step["o"]) == pytest.approx(step["eta"], abs=1e-9)
-                np.testing.assert_allclose(filter_.dense(), step["b"], atol=1e-9)
+                assert filter_.step(step["a"], step["o"]) == pytest.approx(step["eta"], abs=figures.exactness(problem))
+                if "b" in step:
+                    theirs = figures.belief(step["b"], len(found.state_space))
+                    np.testing.assert_allclose(filter_.dense(), theirs, atol=figures.exactness(problem))
             compared += 1
     assert compared >= 20
 
 
 @pytest.mark.parametrize("folded", [4_000_000, 0])
 @pytest.mark.parametrize("fast", [False, pytest.param(True, marks=needs_numba)])
-def test_false_negatives_of_a_real_model_are_solved_for(corpus, fast, folded, monkeypatch):
+def test_false_negatives_of_a_real_model_are_solved_for(fast, folded, monkeypatch):
     """Along MADP's own episodes, against numpy's solver; MADP itself truncates the series."""
     monkeypatch.setattr(belief_choice, "_FOLDED", folded)
-    oracle = json.loads((corpus / "oracles" / "MAISS_Patrol_Single.pgmx.json").read_text())
-    model = load_model(corpus / "models" / "madp" / "MAISS_Patrol_Single.pgmx")
-    joint = joint_array(model)
-    filter_ = chosen_filter(model, 0, fast=fast)
-    identity = np.eye(len(model.state_space))
+    found = figures.model("patrol")
+    joint = joint_array(found)
+    filter_ = chosen_filter(found, 0, fast=fast)
+    identity = np.eye(len(found.state_space))
     compared = 0
-    for episode in oracle["belief_sequences_JointBeliefEventDriven_fn0"]:
-        belief = model.initial_belief
-        loaded(filter_, belief)
-        for step in episode["steps"]:
+    for steps in figures.of("patrol")["episodes_false_negatives"]:
+        before = found.initial_belief
+        loaded(filter_, before)
+        for step in steps:
             action, observation = step["a"], step["o"]
-            reached = belief if observation == 0 else np.linalg.solve((identity - joint[action, 0]).T, belief)
+            reached = before if observation == 0 else np.linalg.solve((identity - joint[action, 0]).T, before)
             expected = reached @ joint[action, observation]
             assert filter_.step(action, observation) == pytest.approx(expected.sum(), rel=1e-9)
-            belief = expected / expected.sum()
-            np.testing.assert_allclose(filter_.dense(), belief, atol=1e-9)
+            before = expected / expected.sum()
+            np.testing.assert_allclose(filter_.dense(), before, atol=1e-9)
             compared += observation != 0
     assert compared >= 20
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 
+import figures
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -13,6 +13,7 @@ from random_models import dense, distributions
 from mdm import BeliefTracker, ModelError, load_model, save_model
 from mdm.errors import ModelWarning
 from mdm.models import POMDP, Factor, FactoredPOMDP, Node, Space, Table, TwoSliceNetwork
+from mdm.problems import patrol
 
 
 @st.composite
@@ -147,52 +148,43 @@ def test_what_cannot_be_is_refused():
         BeliefTracker(model, false_negative=7)
 
 
-def steps(oracle, key):
-    for sequence in oracle[key]:
-        yield from ((sequence["seed"], number, step) for number, step in enumerate(sequence["steps"]))
+@pytest.mark.parametrize("key", ["episodes", "episodes_event_driven"])
+def test_agrees_with_madp_on_events(key):
+    model, compared = patrol(), 0
+    for steps in figures.of("patrol")[key]:
+        tracker = BeliefTracker(model)
+        for step in steps:
+            assert tracker.update(step["a"], step["o"]) == pytest.approx(step["eta"], abs=2e-6)
+            if "b" in step:
+                np.testing.assert_allclose(tracker.belief, figures.belief(step["b"], 126), atol=2e-6)
+                compared += 1
+    assert compared >= 20
 
 
-@pytest.mark.parametrize("key", ["belief_sequences_JointBelief", "belief_sequences_JointBeliefEventDriven_fn-1"])
-def test_agrees_with_madp_on_events(corpus, key):
-    oracle = json.loads((corpus / "oracles" / "MAISS_Patrol_Single.pgmx.json").read_text())
-    tracker = BeliefTracker(load_model(corpus / "models" / "madp" / "MAISS_Patrol_Single.pgmx"))
-    compared = 0
-    for _, number, step in steps(oracle, key):
-        if number == 0:
-            tracker.reset()
-        assert tracker.update(step["a"], step["o"]) == pytest.approx(step["eta"], abs=1e-9)
-        np.testing.assert_allclose(tracker.belief, step["b"], atol=1e-9)
-        compared += 1
-    assert compared >= 40
-
-
-def test_agrees_with_madp_s_truncated_series_of_false_negatives(corpus):
+def test_agrees_with_madp_s_truncated_series_of_false_negatives():
     """MADP adds up to 10 terms and stops, from the second on, at one below 0.01, though later ones may be large.
 
     So its probabilities are those of the truncated series; its beliefs are near the exact ones all the same.
     """
-    oracle = json.loads((corpus / "oracles" / "MAISS_Patrol_Single.pgmx.json").read_text())
-    model = load_model(corpus / "models" / "madp" / "MAISS_Patrol_Single.pgmx")
+    model = patrol()
     tracker = BeliefTracker(model, false_negative="False Negative")
-    belief = model.initial_belief
-    for _, number, step in steps(oracle, "belief_sequences_JointBeliefEventDriven_fn0"):
-        if number == 0:
-            tracker.reset()
-            belief = model.initial_belief
-        unnoticed, heard = (dense(model.joint_matrix(step["a"], o)) for o in (0, step["o"]))
-        total, before = np.zeros(len(belief)), belief
-        for count in range(10):
-            term = before @ heard
-            total, before = total + term, before @ unnoticed
-            if count and term.sum() < 0.01:
-                break
-        assert total.sum() == pytest.approx(step["eta"], abs=1e-9)
-        np.testing.assert_allclose(total / total.sum(), step["b"], atol=1e-9)
-        assert tracker.update(step["a"], step["o"]) >= step["eta"] - 1e-9
-        np.testing.assert_allclose(tracker.belief, step["b"], atol=0.02)
-        # On from MADP's own belief, so that its truncation does not add up.
-        belief = np.array(step["b"]) / sum(step["b"])
-        tracker.reset(belief)
+    for steps in figures.of("patrol")["episodes_false_negatives"]:
+        before = model.initial_belief
+        for step in steps:
+            tracker.reset(before)
+            unnoticed, heard = (dense(model.joint_matrix(step["a"], o)) for o in (0, step["o"]))
+            total = np.zeros(126)
+            for count in range(10):
+                term = before @ heard
+                total, before = total + term, before @ unnoticed
+                if count and term.sum() < 0.01:
+                    break
+            theirs = figures.belief(step["b"], 126)
+            assert total.sum() == pytest.approx(step["eta"], abs=2e-5)
+            np.testing.assert_allclose(total / total.sum(), theirs, atol=2e-5)
+            assert tracker.update(step["a"], step["o"]) >= step["eta"] - 2e-5
+            np.testing.assert_allclose(tracker.belief, theirs, atol=0.02)
+            before = theirs / theirs.sum()  # on from MADP's own belief, so that its truncation does not add up
 
 
 def test_events_stay_with_their_transitions_where_rows_are_normalised(tmp_path):

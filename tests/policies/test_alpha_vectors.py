@@ -1,18 +1,16 @@
 from __future__ import annotations
 
-import json
-
+import figures
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from mdm import load_policy
 from mdm.beliefs import Support
 from mdm.errors import ModelError
 from mdm.models.compilation import can_compile
 from mdm.policies import AlphaVectors
 
-TABLES = ["GridSmall.dpomdp_0.9", "broadcastChannel.dpomdp_0.9", "dectiger.dpomdp_0.9", "dectiger.dpomdp_0.95"]
+TABLES = [("broadcast_channel", 0.9), ("dec_tiger", 0.9), ("dec_tiger", 0.95), ("grid_small", 0.9)]
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 8), st.integers(1, 4), st.integers(1, 3))
@@ -81,19 +79,14 @@ def test_no_choice_has_to_wait_for_the_compiler():
     assert [len(kernel.signatures) for kernel in kernels] == before
 
 
-@pytest.mark.parametrize("name", TABLES)
-def test_agrees_with_madp(corpus, name):
+@pytest.mark.parametrize(("problem", "discount"), TABLES)
+def test_agrees_with_madp(problem, discount):
     """Q-values at random beliefs as MADP evaluates its own value functions."""
-    oracle = json.loads((corpus / "values" / f"{name}.json").read_text())
-    policy = load_policy(corpus / "values" / f"{name}.vf")
-    for sample in oracle["qav_oracle"]:
-        belief = np.array(sample["b"])
-        expected = np.array(sample["q"])[: policy.num_actions]
-        never = expected < -1e300
-        values = policy.q_values(belief)
-        np.testing.assert_allclose(values[~never], expected[~never], rtol=1e-12)
-        assert (values[never] == -np.inf).all()
-        assert policy.action(belief) == sample["argmax_first"]
+    policy = figures.vectors(problem, discount)
+    for sample in figures.of(problem)["values"][str(discount)]["q_at"]:
+        expected = np.array([-np.inf if value is None else value for value in sample["q"]])
+        np.testing.assert_allclose(policy.q_values(np.array(sample["b"])), expected, rtol=1e-10)
+        assert policy.action(np.array(sample["b"])) == sample["best"]
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from random_models import dense, factored_models, flat_models
 
-import mdm
 from mdm.models import POMDP
+from mdm.problems import tiger
 from mdm.solvers import Limits, solve
 from mdm.solvers.fast_informed_bound import fast_informed_bound
 from mdm.solvers.qmdp import qmdp
@@ -69,10 +69,9 @@ def test_vectors_are_those_of_the_equation(model):
 
 
 @pytest.mark.parametrize("limit", [1, 3, 20])
-def test_it_bounds_wherever_it_stops(limit, corpus):
-    model = mdm.load_model(corpus / "models" / "pomdp-solve" / "tiger.95.POMDP")
+def test_it_bounds_wherever_it_stops(limit):
     reports = []
-    found = solve(model, "fib", iterations=limit, progress=reports.append)
+    found = solve(tiger(), "fib", iterations=limit, progress=reports.append)
     assert all(report.upper >= 19.3713 for report in reports)
     assert found.upper >= 19.3713
     assert (np.diff([report.upper for report in reports]) <= 1e-9).all()

@@ -1,15 +1,12 @@
 from __future__ import annotations
 
-import json
-import warnings
-
+import figures
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from random_models import factored_models, flat_models
 
-import mdm
-from mdm.errors import ModelError, ModelWarning
+from mdm.errors import ModelError
 from mdm.models import MDP, POMDP
 from mdm.solvers import Limits
 from mdm.solvers.mdp.policy_iteration import policy_iteration
@@ -17,26 +14,23 @@ from mdm.solvers.qmdp import qmdp
 
 
 @pytest.mark.parametrize(
-    ("name", "discount"),
+    ("problem", "discount"),
     [
-        ("GridSmall.dpomdp", 0.9),
-        ("MAISS_Patrol_Single.pgmx", 0.9),
-        ("broadcastChannel.dpomdp", 0.9),
-        ("dectiger.dpomdp", 0.95),
-        ("fireFighting_2_3_3.dpomdp", 0.9),
+        ("broadcast_channel", 0.9),
+        ("dec_tiger", 0.95),
+        ("fire_fighting_graph", 0.9),
+        ("grid_small", 0.9),
+        ("patrol", 0.9),
     ],
 )
-def test_values_at_the_start_are_those_of_madp(name, discount, corpus):
-    told = json.loads((corpus / "values" / f"{name}_{discount}.json").read_text())
-    (path,) = (corpus / "models" / "madp").glob(f"{name}*")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        model = mdm.load_model(path).with_discount(discount)
-        found = qmdp(model, limits=Limits(gap=1e-6))
-    values = found.policy.q_values(model.initial_belief)
-    np.testing.assert_allclose(values, told["qmdp_at_isd"], atol=1e-4 * discount / (1 - discount) + 2e-6)
+def test_values_at_the_start_are_those_of_madp(problem, discount):
+    told = figures.of(problem)["values"][str(discount)]["qmdp"]
+    solved = figures.model(problem, discount)
+    found = qmdp(solved, limits=Limits(gap=1e-6))
+    exactness = 1e-4 * discount / (1 - discount) + 2e-6
+    np.testing.assert_allclose(found.policy.q_values(solved.initial_belief), told, atol=exactness)
     assert found.lower == -np.inf
-    assert abs(found.upper - max(told["qmdp_at_isd"])) <= 1e-4 * discount / (1 - discount) + 2e-6
+    assert abs(found.upper - max(told)) <= exactness
 
 
 @given(model=flat_models(kinds=("POMDP",), events=True) | factored_models(events=True))

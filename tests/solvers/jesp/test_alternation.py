@@ -1,4 +1,4 @@
-"""JESP against published optima, and against plain recursion over everything that can happen."""
+"""JESP against a published optimum, and against plain recursion over everything that can happen."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from random_models import distributions
 
-from mdm import ConfigError, ModelError, load_model
+from mdm import ConfigError, ModelError
 from mdm.formats import load_policy, save_policy
 from mdm.models import POMDP, Factor, Space
+from mdm.problems import dec_tiger, grid_small
 from mdm.solvers import Limits, solve
 from mdm.solvers.jesp import jesp
 
@@ -86,44 +87,25 @@ def best_of_all(model, horizon):
 
 
 # -- Published optima ----------------------------------------------------------------------------------------------
-# dectiger, broadcastChannel, GridSmall, boxPushing, fireFighting: F. A. Oliehoek, M. T. J. Spaan, C. Amato and
-# S. Whiteson, Incremental clustering and expansion for faster optimal planning in Dec-POMDPs, JAIR 46, 2013.
-
-OPTIMA = [
-    ("dectiger.dpomdp", 2, -4.0),
-    ("dectiger.dpomdp", 3, 5.19081),
-    ("dectiger.dpomdp", 4, 4.80276),
-    ("broadcastChannel.dpomdp", 2, 2.0),
-    ("broadcastChannel.dpomdp", 3, 2.99),
-    ("broadcastChannel.dpomdp", 4, 3.89),
-    ("GridSmall.dpomdp", 2, 0.91),
-    ("GridSmall.dpomdp", 3, 1.55044),
-    ("GridSmall.dpomdp", 4, 2.24158),
-    ("boxPushingUAI07.dpomdp.gz", 2, 17.6),
-    ("boxPushingUAI07.dpomdp.gz", 3, 66.081),
-    ("fireFighting_2_3_3.dpomdp.gz", 3, -5.73697),
-    ("Mars.dpomdp.gz", 2, 5.8),
-    ("Mars.dpomdp.gz", 3, 9.38),
-]
+# Those of shorter horizons are compared by the tests of the problems.
 
 
-@pytest.mark.parametrize(("name", "horizon", "optimum"), OPTIMA)
-def test_published_optima_are_found_and_proven(corpus, name, horizon, optimum):
-    model = load_model(corpus / "models/madp" / name).with_discount(1.0)
-    solution = jesp(model, horizon=horizon, limits=Limits(gap=1e-9))
+def test_a_published_optimum_is_found_and_proven():
+    """F. A. Oliehoek, M. T. J. Spaan, C. Amato and S. Whiteson, JAIR 46, 2013."""
+    solution = jesp(grid_small(discount=1.0), horizon=4, limits=Limits(gap=1e-9))
     assert solution.reason in {"exact", "gap"}
-    assert solution.lower == pytest.approx(optimum, abs=2e-5)
+    assert solution.lower == pytest.approx(2.24158, abs=2e-5)
     assert solution.upper == pytest.approx(solution.lower, abs=1e-9)
 
 
-def test_the_models_discount_applies(corpus):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_the_models_discount_applies():
+    model = dec_tiger()
     solution = jesp(model.with_discount(0.5), horizon=2)
     assert solution.lower == pytest.approx(-2 - 0.5 * 2)  # listen, listen
 
 
-def test_values_of_large_horizons_come_without_proof(corpus):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_values_of_large_horizons_come_without_proof():
+    model = dec_tiger()
     solution = jesp(model, horizon=6, restarts=3, search=0)
     assert solution.reason == "iterations"
     assert solution.lower < solution.upper < math.inf
@@ -197,8 +179,8 @@ def test_sparse_models_give_the_same():
 # -- Stopping ------------------------------------------------------------------------------------------------------
 
 
-def test_an_interrupt_gives_the_best_plan_so_far(corpus):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_an_interrupt_gives_the_best_plan_so_far():
+    model = dec_tiger()
     limits = Limits(gap=0, progress=lambda progress: progress.iterations >= 5 and limits.interrupt())
     solution = jesp(model, horizon=4, limits=limits)
     assert solution.reason == "interrupted"
@@ -206,8 +188,8 @@ def test_an_interrupt_gives_the_best_plan_so_far(corpus):
     assert solution.lower == pytest.approx(worth(model, 4, by_trees(solution.policy)), abs=1e-9)
 
 
-def test_an_interrupt_ends_the_search_too(corpus):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_an_interrupt_ends_the_search_too():
+    model = dec_tiger()
     moments = itertools.count()
     solution = jesp(
         model, horizon=6, restarts=1, search=10**9, limits=Limits(gap=0, time=3000, clock=lambda: next(moments))
@@ -216,16 +198,16 @@ def test_an_interrupt_ends_the_search_too(corpus):
     assert solution.lower <= 10.38163 <= solution.upper
 
 
-def test_time_that_is_up_at_once_still_gives_a_plan(corpus):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_time_that_is_up_at_once_still_gives_a_plan():
+    model = dec_tiger()
     solution = jesp(model, horizon=3, limits=Limits(time=0))
     assert (solution.reason, solution.iterations) == ("time", 0)
     assert solution.policy.controllers[0].num_nodes == 7
     assert solution.lower == pytest.approx(worth(model, 3, by_trees(solution.policy)), abs=1e-9)
 
 
-def test_memory_that_is_used_up_still_leaves_a_plan(corpus):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_memory_that_is_used_up_still_leaves_a_plan():
+    model = dec_tiger()
     assert jesp(model, horizon=3, limits=Limits(memory=1)).reason == "memory"
 
 
@@ -285,8 +267,8 @@ def test_events_that_go_unobserved_are_refused():
 # -- Together with the rest ----------------------------------------------------------------------------------------
 
 
-def test_a_plan_is_written_and_read_as_madp_does(corpus, tmp_path):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_a_plan_is_written_and_read_as_madp_does(tmp_path):
+    model = dec_tiger()
     solution = solve(model, "jesp", horizon=3)
     for name in ("plan.policy", "plan.npz"):
         save_policy(solution.policy, tmp_path / name, model)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import warnings
 
+import figures
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from places import EXAMPLES
 from random_models import dense, factored_models, flat_models
 
-from mdm import ConfigError, ModelError, ModelWarning, evaluate, load_model, load_policy
+from mdm import ConfigError, ModelError, ModelWarning, evaluate, load_model
 from mdm.models import POMDP, MixedPOMDP
 from mdm.policies import AlphaVectors
+from mdm.problems import tiger
 from mdm.solvers import Limits, controller_values, solve
 from mdm.solvers.perseus import outlook as outlooks, perseus
 from mdm.solvers.perseus.backup import Vectors
@@ -24,10 +24,6 @@ from mdm.solvers.perseus.unnoticed import Constrained
 
 SEEDS = st.integers(0, 2**32 - 1)
 SMALL = flat_models(kinds=("POMDP",), joint=False, events=True, finer=False)
-
-
-def tiger():
-    return load_model(EXAMPLES / "tiger.pomdp").with_discount(0.95)
 
 
 def parts(model, unnoticed=None):
@@ -221,29 +217,24 @@ def test_sparse_and_dense_find_the_same(monkeypatch):
     np.testing.assert_allclose(found[4:], found[:2], atol=1e-9)
 
 
-MADP = [("dectiger.dpomdp", 0.9, 40), ("dectiger.dpomdp", 0.95, 60), ("broadcastChannel.dpomdp", 0.9, 20)]
-MADP += [("GridSmall.dpomdp", 0.9, 17), ("MAISS_Patrol_Single.pgmx", 0.9, 32)]
+MADP = [("dec_tiger", 0.9, 40), ("dec_tiger", 0.95, 60), ("broadcast_channel", 0.9, 20)]
+MADP += [("grid_small", 0.9, 17), ("patrol", 0.9, 32)]
 
 
-@pytest.mark.parametrize(("name", "discount", "rounds"), MADP)
-def test_policies_are_certified_to_be_worth_what_madp_says_of_its_own(corpus, name, discount, rounds):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        model = load_model(corpus / "models" / "madp" / name).with_discount(discount)
-    oracle = json.loads((corpus / "values" / f"{name}_{discount:g}.json").read_text())
-    solution = perseus(model, beliefs=600 if name.startswith("MAISS") else 1000, limits=Limits(iterations=rounds))
-    assert solution.lower > oracle["perseus_value_at_isd"] - 1e-3
-    assert solution.upper <= max(oracle["qmdp_at_isd"]) + 1e-2
+@pytest.mark.parametrize(("problem", "discount", "rounds"), MADP)
+def test_policies_are_certified_to_be_worth_what_madp_says_of_its_own(problem, discount, rounds):
+    told = figures.of(problem)["values"][str(discount)]
+    beliefs = 600 if problem == "patrol" else 1000
+    solution = perseus(figures.model(problem, discount), beliefs=beliefs, limits=Limits(iterations=rounds))
+    assert solution.lower > told["perseus"] - 1e-3
+    assert solution.upper <= max(told["qmdp"]) + 1e-2
 
 
-def test_patrol_with_false_negatives_earns_more_than_without_regard_to_them(corpus):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        model = load_model(corpus / "models" / "madp" / "MAISS_Patrol_Single.pgmx").with_discount(0.9)
-    theirs = load_policy(corpus / "values" / "MAISS_Patrol_Single.pgmx_0.9.vf", model)
-    solution = perseus(model, beliefs=300, false_negative="False Negative", limits=Limits(iterations=12))
+def test_patrol_with_false_negatives_earns_more_than_without_regard_to_them():
+    patrol, theirs = figures.model("patrol"), figures.vectors("patrol", 0.9)
+    solution = perseus(patrol, beliefs=300, false_negative="False Negative", limits=Limits(iterations=12))
     ours, others = (
-        evaluate(model, policy, episodes=3000, seed=1, false_negative=0) for policy in (solution.policy, theirs)
+        evaluate(patrol, policy, episodes=3000, seed=1, false_negative=0) for policy in (solution.policy, theirs)
     )
     assert solution.lower - 4 * ours.standard_error < ours.mean
     difference = ours.returns - others.returns

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -55,7 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
         model = None if arguments.model is None else load_model(arguments.model)
         policy = load_policy(arguments.source, model)
         save_policy(policy, arguments.target, model)
-        load_policy(arguments.target, model)
+        if Path(arguments.target).is_file():  # a device or a pipe gives nothing back
+            load_policy(arguments.target, model)
         print(f"{arguments.target}: {Document(policy).kind}")
         return 0
     if arguments.model is not None:

@@ -191,6 +191,7 @@ def test_convert_of_policies(mdm, tmp_path):
     assert (status, errors) == (0, "")
     assert output == [f"{target}: a policy (alpha vectors)"]
     np.testing.assert_array_equal(load_policy(target).vectors, load_policy(POLICIES / "tiger.vf").vectors)
+    assert mdm("convert", POLICIES / "tiger.vf", "/dev/null")[0] == 0
     assert mdm("convert", POLICIES / "tiger.vf", target, "--discount", "1")[0] == 2
     assert mdm("convert", TIGER, target, "--model", TIGER)[0] == 2
     status, _, errors = mdm("convert", POLICIES / "tiger.vf", tmp_path / "tiger.pg")

@@ -6,13 +6,12 @@ import asyncio
 import os
 import select
 import signal
-import subprocess
-import sys
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from places import EXAMPLES
+from programs import python
 
 import mdm
 from mdm.actors import DeliberatingControlLayer
@@ -304,17 +303,11 @@ mdm.run(main)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 @pytest.mark.usefixtures("tiger")
 def test_the_process_ends_with_the_program(number):
-    program = subprocess.Popen(
-        [sys.executable, "-W", "error", "-c", PROGRAM.format(path=str(TIGER))],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    pid = int(program.stdout.readline())
-    os.killpg(program.pid, number)
-    _, errors = program.communicate(timeout=30)
-    assert is_gone(pid)
+    with python("-W", "error", "-c", PROGRAM.format(path=str(TIGER))) as program:
+        pid = int(program.stdout.readline())
+        os.killpg(program.pid, number)
+        _, errors = program.communicate()
+        assert is_gone(pid)
     assert "search_worker" not in errors
     assert {signal.SIGINT: "KeyboardInterrupt" in errors, signal.SIGTERM: errors == "", signal.SIGKILL: True}[number]
 

@@ -9,6 +9,7 @@ import sys
 
 import pytest
 from places import EXAMPLES
+from programs import python
 
 
 def test_run_in_virtual_time(mdm):
@@ -60,16 +61,10 @@ def test_signals_end_the_action_and_run_the_safe_one(tmp_path, number, status):
         "[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\nsafe_action = 'signal_robot:safe'\n"
         "[ensembles.robot.states]\na = ['A']\n[ensembles.robot.actions]\nDrive = 'signal_robot:drive'\n"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-m", "mdm", "run", str(tmp_path / "robot.toml"), "--log", "json"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "driving\n"
-    process.send_signal(number)
-    output, errors = process.communicate(timeout=30)
+    with python("-m", "mdm", "run", tmp_path / "robot.toml", "--log", "json") as process:
+        assert process.stdout.readline() == "driving\n"
+        process.send_signal(number)
+        output, errors = process.communicate()
     assert output == "brakes\nsafe\n"
     assert process.returncode == status
     records = [json.loads(line) for line in errors.splitlines()]
@@ -89,16 +84,10 @@ def test_an_action_that_never_ends_keeps_no_signal_from_ending_the_program(tmp_p
         "[ensembles.robot.states]\na = ['A']\n"
         "[ensembles.robot.actions]\nDrive = { call = 'stubborn_robot:drive', grace = 0.1 }\n"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-m", "mdm", "run", str(tmp_path / "robot.toml"), "--log", "json"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "driving\n"
-    process.send_signal(number)
-    output, errors = process.communicate(timeout=30)
+    with python("-m", "mdm", "run", tmp_path / "robot.toml", "--log", "json") as process:
+        assert process.stdout.readline() == "driving\n"
+        process.send_signal(number)
+        output, errors = process.communicate()
     assert (process.returncode, output) == (status, "safe\n")
     records = [json.loads(line) for line in errors.splitlines()]
     assert [record["detail"] for record in records if record["event"] == "fault"] == [

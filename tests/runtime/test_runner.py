@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import signal
-import subprocess
-import sys
+import threading
 
 import pytest
+from programs import python
 
 from mdm import Actor, ActorFailure, DeadlockError, Ensemble, Error, FixedRate, Runtime, WallClock, load_system, run
 from mdm.policies import DeterministicPolicy
@@ -144,7 +144,7 @@ def test_a_second_event_loop_is_refused():
     asyncio.run(main())
 
 
-PROGRAM = """
+ROBOT = """
 import sys, mdm
 
 class Robot(mdm.Actor):
@@ -159,15 +159,59 @@ mdm.run(Robot("robot"))
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, -signal.SIGINT), (signal.SIGTERM, 143)])
 def test_signals_stop_an_actor_in_order(number, status):
-    process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "ready\n"
-    process.send_signal(number)
-    output, errors = process.communicate(timeout=20)
+    with python("-c", ROBOT) as process:
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(number)
+        output, errors = process.communicate()
     assert output == "stopped\n"
     assert process.returncode in {status, 130}, errors
+
+
+PROGRAM = """
+import asyncio, sys, mdm
+from mdm.messages import State
+
+class Robot(mdm.Actor):
+    def on_start(self):
+        self.spawn(self.drive(), lambda work: print("work ended", flush=True))
+    async def drive(self):
+        try:
+            print("ready", flush=True)
+            await asyncio.sleep(3600)
+        finally:
+            await asyncio.sleep(0.01)
+            print("motors off", flush=True)
+    def on_stop(self):
+        print("stopped", flush=True)
+
+async def main():
+    async with mdm.Runtime(log=None) as runtime:
+        await runtime.start(Robot("robot"))
+        await runtime.wait()
+
+mdm.run(main, uvloop=len(sys.argv) > 1)
+"""
+
+
+@pytest.mark.parametrize("loop", [[], ["uvloop"]])
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, -signal.SIGINT), (signal.SIGTERM, 143)])
+def test_signals_stop_a_program_in_order(loop, number, status):
+    with python("-c", PROGRAM, *loop) as process:
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(number)
+        output, errors = process.communicate()
+    assert output == "motors off\nwork ended\nstopped\n"
+    assert process.returncode in {status, 130}, errors
+
+
+def test_run_works_in_another_thread():
+    results = []
+
+    async def main():
+        async with Runtime(log=None):
+            results.append("ran")
+
+    thread = threading.Thread(target=lambda: run(main))
+    thread.start()
+    thread.join()
+    assert results == ["ran"]

@@ -1,23 +1,19 @@
-"""Turns: order, no re-entrance, bounds, threads, streams."""
+"""Turns: their order, no re-entrance, their length, and messages of other threads."""
 
 from __future__ import annotations
 
 import asyncio
 import threading
 from collections import deque
-from functools import partial
 
 import pytest
 from hypothesis import given, strategies as st
+from recorded import state
 
-from mdm import Actor, Error, Runtime, VirtualClock, run
-from mdm.messages import State, Tick
-from mdm.runtime import Dispatcher, Overflow, WallClock
+from mdm import Actor, Error, Runtime, run
+from mdm.messages import State
+from mdm.runtime import Dispatcher, WallClock
 from mdm.testing import probe, run_virtual
-
-
-def state(number):
-    return State(0, number, (number,))
 
 
 class Echo(Actor):
@@ -78,63 +74,6 @@ def test_a_turn_is_over_when_publish_returns_and_every_subscriber_sees_one_order
             assert [message.index for message in first] == list(range(number + 1))
         assert first == second
         assert runtime.statistics().dispatcher.turns >= 5
-
-    run_virtual(main)
-
-
-def test_a_retained_message_reaches_late_subscribers():
-    async def main(runtime):
-        channel = runtime.channel("x", State, retain=True)
-        channel.publish(state(1))
-        channel.publish(state(2))
-        assert [message.index for message in probe(channel)] == [2]
-        assert probe(runtime.channel("y", State)) == []
-        counted = runtime.channel("counted", State)
-        counted.retain_by(lambda: state(counted.published))
-        counted.publish(state(7))
-        assert [message.index for message in probe(counted)] == [1]
-
-    run_virtual(main)
-
-
-def test_a_costly_message_is_made_for_those_who_come():
-    async def main(runtime):
-        made = []
-
-        def make(index):
-            made.append(index)
-            return state(index)
-
-        channel = runtime.channel("x", State, retain=True)
-        forgetful = runtime.channel("y", State)
-        for index in (1, 2):
-            channel.emit_later(index, partial(make, index))
-            forgetful.emit_later(index, partial(make, index))
-        found = channel.statistics()
-        assert (made, found.published, found.unheard, found.last) == ([], 2, 2, 2)
-        assert [message.index for message in probe(channel)] == [2]
-        assert [message.index for message in probe(channel)] == [2]
-        assert probe(forgetful) == []
-        assert made == [2]
-
-    run_virtual(main)
-
-
-def test_a_channel_takes_one_type_only():
-    async def main(runtime):
-        with pytest.raises(TypeError, match="'x' carries State messages, not Tick"):
-            runtime.channel("x", State).publish(Tick(0, 0, 0, 0))
-        with pytest.raises(Error, match="'x' carries State messages, not Tick"):
-            runtime.channel("x", Tick)
-
-    run_virtual(main)
-
-
-def test_messages_that_nobody_takes_are_counted():
-    async def main(runtime):
-        channel = runtime.channel("x", State)
-        channel.publish(state(1))
-        assert channel.statistics().unheard == 1
 
     run_virtual(main)
 
@@ -217,42 +156,6 @@ def test_other_threads_publish_through_one_wake_up(uvloop):
     assert runtime.statistics().dispatcher.refused == 1
 
 
-@pytest.mark.parametrize(
-    ("overflow", "expected"), [("drop_oldest", [3, 4]), ("drop_newest", [0, 1]), ("error", [0, 1])]
-)
-def test_streams_are_bounded(overflow, expected):
-    async def main(runtime):
-        channel = runtime.channel("x", State)
-        with channel.stream(capacity=2, overflow=overflow) as stream:
-            for number in range(5):
-                channel.publish(state(number))
-            got = []
-            try:
-                async for message in stream:
-                    got.append(message.index)
-                    if overflow != "error" and len(got) == 2:
-                        break
-            except Overflow as error:
-                assert "fell more than 2 messages behind" in str(error)
-                assert overflow == "error"
-            assert got == expected
-            assert stream.dropped == channel.statistics().dropped == (1 if overflow == "error" else 3)
-        assert channel.statistics().streams == 0
-
-    run_virtual(main)
-
-
-def test_streams_end_with_the_runtime():
-    async def main():
-        async with Runtime(clock=VirtualClock(), log=None) as runtime:
-            channel = runtime.channel("x", State, retain=True)
-            channel.publish(state(1))
-            stream = channel.stream()
-        return [message.index async for message in stream]
-
-    assert run(main, virtual=True) == [1]
-
-
 def test_a_dispatcher_survives_an_interrupt_in_a_handler():
     async def main(runtime):
         channel = runtime.channel("x", State)
@@ -276,33 +179,3 @@ def test_a_dispatcher_survives_an_interrupt_in_a_handler():
 def test_a_dispatcher_needs_no_runtime():
     dispatcher = Dispatcher(WallClock())
     assert dispatcher.statistics().turns == 0
-
-
-def test_topics_reach_only_those_who_asked_for_them():
-    async def main(runtime):
-        channel = runtime.channel("x", State)
-        seen = {name: [] for name in ("all", "ab", "c")}
-        actor = Actor("actor")
-        await runtime.start(actor)
-        channel.subscribe(lambda message: seen["all"].append(message.index))
-        both = actor.subscribe(channel, lambda message: seen["ab"].append(message.index), topics=["a", "b"])
-        actor.subscribe(channel, lambda message: seen["c"].append(message.index), topics=["c"])
-
-        def emit():
-            channel.emit_on(state(1), ("a", "b"), ())
-            channel.emit_on(state(2), (), ("c", "a"))
-            channel.emit_on(state(3), ("d",))
-
-        actor.call_later(0, emit)
-        await asyncio.sleep(1)
-        assert seen == {"all": [1, 2, 3], "ab": [1, 2], "c": [2]}
-        channel.publish(state(4))  # without topics, for all
-        assert [numbers[-1] for numbers in seen.values()] == [4, 4, 4]
-        assert both.received == 3
-        both.cancel()
-        actor.call_later(0, emit)
-        await asyncio.sleep(1)
-        assert seen["ab"] == [1, 2, 4]
-        assert channel.statistics().subscribers == 2
-
-    run_virtual(main)

@@ -1,0 +1,153 @@
+"""Channels: what they keep, for whom they make it, and what they refuse."""
+
+from __future__ import annotations
+
+import asyncio
+from functools import partial
+
+import pytest
+from recorded import state
+
+from mdm import Actor, Error
+from mdm.messages import State, Tick
+from mdm.testing import probe, run_virtual
+
+
+def test_a_retained_message_reaches_late_subscribers():
+    async def main(runtime):
+        channel = runtime.channel("x", State, retain=True)
+        channel.publish(state(1))
+        channel.publish(state(2))
+        assert [message.index for message in probe(channel)] == [2]
+        assert probe(runtime.channel("y", State)) == []
+        counted = runtime.channel("counted", State)
+        counted.retain_by(lambda: state(counted.published))
+        counted.publish(state(7))
+        assert [message.index for message in probe(counted)] == [1]
+
+    run_virtual(main)
+
+
+def test_a_costly_message_is_made_for_those_who_come():
+    async def main(runtime):
+        made = []
+
+        def make(index):
+            made.append(index)
+            return state(index)
+
+        channel = runtime.channel("x", State, retain=True)
+        forgetful = runtime.channel("y", State)
+        for index in (1, 2):
+            channel.emit_later(index, partial(make, index))
+            forgetful.emit_later(index, partial(make, index))
+        found = channel.statistics()
+        assert (made, found.published, found.unheard, found.last) == ([], 2, 2, 2)
+        assert [message.index for message in probe(channel)] == [2]
+        assert [message.index for message in probe(channel)] == [2]
+        assert probe(forgetful) == []
+        assert made == [2]
+
+    run_virtual(main)
+
+
+def test_a_channel_takes_one_type_only():
+    async def main(runtime):
+        with pytest.raises(TypeError, match="'x' carries State messages, not Tick"):
+            runtime.channel("x", State).publish(Tick(0, 0, 0, 0))
+        with pytest.raises(Error, match="'x' carries State messages, not Tick"):
+            runtime.channel("x", Tick)
+
+    run_virtual(main)
+
+
+def test_messages_that_nobody_takes_are_counted():
+    async def main(runtime):
+        channel = runtime.channel("x", State)
+        channel.publish(state(1))
+        assert channel.statistics().unheard == 1
+
+    run_virtual(main)
+
+
+def test_topics_reach_only_those_who_asked_for_them():
+    async def main(runtime):
+        channel = runtime.channel("x", State)
+        seen = {name: [] for name in ("all", "ab", "c")}
+        actor = Actor("actor")
+        await runtime.start(actor)
+        channel.subscribe(lambda message: seen["all"].append(message.index))
+        both = actor.subscribe(channel, lambda message: seen["ab"].append(message.index), topics=["a", "b"])
+        actor.subscribe(channel, lambda message: seen["c"].append(message.index), topics=["c"])
+
+        def emit():
+            channel.emit_on(state(1), ("a", "b"), ())
+            channel.emit_on(state(2), (), ("c", "a"))
+            channel.emit_on(state(3), ("d",))
+
+        actor.call_later(0, emit)
+        await asyncio.sleep(1)
+        assert seen == {"all": [1, 2, 3], "ab": [1, 2], "c": [2]}
+        channel.publish(state(4))  # without topics, for all
+        assert [numbers[-1] for numbers in seen.values()] == [4, 4, 4]
+        assert both.received == 3
+        both.cancel()
+        actor.call_later(0, emit)
+        await asyncio.sleep(1)
+        assert seen["ab"] == [1, 2, 4]
+        assert channel.statistics().subscribers == 2
+
+    run_virtual(main)
+
+
+def test_a_subscription_counts_what_it_was_handed():
+    async def main(runtime):
+        channel = runtime.channel("x", State)
+        channel.publish(state(0))
+        seen = []
+        subscription = channel.subscribe(seen.append)
+        for number in (1, 2):
+            channel.publish(state(number))
+        subscription.cancel()
+        subscription.cancel()
+        channel.publish(state(3))
+        assert [message.index for message in seen] == [1, 2]
+        assert subscription.received == 2
+        found = channel.statistics()
+        assert (found.name, found.published, found.unheard, found.dropped, found.subscribers) == ("x", 4, 2, 0, 0)
+
+    run_virtual(main)
+
+
+def test_messages_that_wait_for_a_subscription_that_is_cancelled_are_dropped():
+    async def main(runtime):
+        channel = runtime.channel("x", State)
+        seen = []
+        channel.subscribe(lambda _: second.cancel())
+        second = channel.subscribe(seen.append)
+        channel.publish(state(1))
+        assert seen == []
+        assert (second.received, channel.statistics().dropped) == (0, 1)
+
+    run_virtual(main)
+
+
+def test_who_fails_at_a_fault_is_not_told_of_its_own():
+    async def main(runtime):
+        told = []
+
+        def listen(fault):
+            told.append(fault)
+            raise ValueError("cannot bear it")
+
+        actor = Actor("actor", supervision="stop")
+        await runtime.start(actor)
+        faults = probe(runtime.faults)
+        actor.subscribe(runtime.faults, listen)
+        runtime.root.report("test", "something")
+        await asyncio.sleep(1)
+        assert [fault.kind for fault in told] == ["test"]
+        assert [fault.kind for fault in faults] == ["test", "exception"]
+        assert actor.life == "failed"
+
+    run_virtual(main)

@@ -1,0 +1,45 @@
+"""The wall clock: never early, steady, and the time of day."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import pytest
+
+from mdm import Actor, Runtime, WallClock, run
+
+
+@pytest.mark.parametrize("uvloop", [False, True])
+def test_wall_timers_never_come_early(uvloop):
+    if uvloop:
+        pytest.importorskip("uvloop")
+
+    async def main():
+        async with Runtime(log=None) as runtime:
+            actor = Actor("actor")
+            await runtime.start(actor)
+            late, done = [], asyncio.Event()
+
+            def tick(tick):
+                late.append(runtime.clock.now() - tick.time)
+                if len(late) == 20:
+                    done.set()
+
+            actor.every(500, tick)
+            await done.wait()
+            return late
+
+    assert min(run(main, uvloop=uvloop)) >= 0
+
+
+def test_a_wall_clock_tells_the_time_of_day_and_serves_one_runtime():
+    async def main():
+        clock = WallClock()
+        assert abs(clock.now() - time.time_ns()) < 1_000_000_000
+        async with Runtime(clock=clock, log=None):
+            with pytest.raises(RuntimeError, match="already serves a runtime"):
+                async with Runtime(clock=clock, log=None):
+                    pass
+
+    run(main)

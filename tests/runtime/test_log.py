@@ -1,0 +1,76 @@
+"""The log: which messages are rendered, where, and after what."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from recorded import Fragile, tell
+
+from mdm.messages import Decision
+from mdm.testing import run_virtual
+
+
+class Kept:
+    """A logger that keeps its lines."""
+
+    def __init__(self):
+        self.lines = []
+
+    def __getattr__(self, level):
+        return lambda event, **fields: self.lines.append((level, event, fields))
+
+
+DECISION = Decision(
+    1_500_000_000, "robot", 3, "tick", state=1, observation=None, action=0, action_name="Go", belief=None, reward=0.5
+)
+
+
+async def live(runtime):
+    await runtime.start(Fragile("actor", [], supervision="stop"))
+    runtime.decisions.publish(DECISION)
+    await runtime.clock.sleep(2)
+    tell(runtime, 1)
+
+
+@pytest.mark.parametrize("debug", [False, True])
+def test_faults_lives_and_at_debug_level_decisions_are_told(debug):
+    kept = Kept()
+    run_virtual(live, log=kept, debug=debug)
+    assert [(level, event) for level, event, _ in kept.lines if event != "decision"] == [
+        ("info", "starting"),
+        ("info", "running"),
+        ("error", "fault"),
+        ("info", "stopping"),
+        ("info", "failed"),
+    ]
+    (fault,) = (fields for level, _, fields in kept.lines if level == "error")
+    assert (fault["time"], fault["source"], fault["kind"]) == (2.0, "actor", "exception")
+    assert fault["detail"].startswith("ValueError: 1 is odd")
+    decisions = [(level, fields) for level, event, fields in kept.lines if event == "decision"]
+    assert [level for level, _ in decisions] == ["debug"] * debug
+    for _, fields in decisions:
+        assert (fields["time"], fields["ensemble"], fields["action"]) == (1.5, "robot", "Go")
+
+
+def test_json_is_a_record_a_line_on_standard_error(capsys):
+    run_virtual(live, log="json")
+    output, errors = capsys.readouterr()
+    assert output == ""
+    records = [json.loads(line) for line in errors.splitlines()]
+    assert [record["event"] for record in records] == ["starting", "running", "fault", "stopping", "failed"]
+    assert {record["actor"] for record in records if "actor" in record} == {"actor"}
+    assert records[2]["level"] == "error"
+
+
+def test_the_console_gets_a_line_each(capsys):
+    run_virtual(live, log="console")
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 5
+    assert "1 is odd" in lines[2]
+    assert "\x1b" not in lines[2]  # colours are for terminals
+
+
+def test_another_target_is_refused():
+    with pytest.raises(ValueError, match="'console', 'json', a structlog logger or None, not 'file'"):
+        run_virtual(live, log="file")

@@ -1,0 +1,47 @@
+"""The runtime's block: how it is left, and that it is one of several."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from recorded import Fragile, Recorded, tell
+
+from mdm import Runtime, VirtualClock, run
+from mdm.messages import State
+from mdm.testing import probe
+
+
+def test_the_block_may_be_left_in_any_way():
+    log = []
+
+    async def leave(how):
+        async with Runtime(clock=VirtualClock(), log=None) as runtime:
+            await runtime.start(Recorded("actor", log))
+            if how == "raise":
+                raise LookupError("own error")
+            if how == "timeout":
+                await asyncio.sleep(3600)
+
+    async def main(how):
+        async with asyncio.timeout(5):
+            await leave(how)
+
+    run(lambda: main("return"), virtual=True)
+    with pytest.raises(LookupError, match="own error"):
+        run(lambda: main("raise"), virtual=True)
+    with pytest.raises(TimeoutError):
+        run(lambda: main("timeout"), virtual=True)
+    assert log == [("start", "actor"), ("stop", "actor")] * 3
+
+
+def test_two_runtimes_in_one_program_do_not_know_of_each_other():
+    async def main():
+        async with Runtime(clock=VirtualClock(), log=None) as first, Runtime(clock=VirtualClock(), log=None) as second:
+            seen = probe(first.channel("numbers", State)), probe(second.channel("numbers", State))
+            tell(first, 1)
+            await second.start(Fragile("fragile", [], supervision="stop"))
+            tell(second, 3)
+            return [len(messages) for messages in seen]
+
+    assert run(main, virtual=True) == [1, 1]

@@ -1,0 +1,61 @@
+"""The start of an actor: what it raises, and what becomes of it when nobody waits for it any more."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from recorded import Recorded
+
+from mdm import Actor
+from mdm.testing import run_virtual
+
+
+def test_what_a_start_raises_is_raised_to_the_starter_and_stops_those_before():
+    log = []
+
+    class Broken(Actor):
+        def on_start(self):
+            raise LookupError("no device")
+
+    async def main(runtime):
+        parent = Recorded("parent", log)
+        parent.add(Recorded("first", log))
+        parent.add(Broken("second"))
+        with pytest.raises(LookupError, match="no device"):
+            await runtime.start(parent)
+        assert runtime.root.children == []
+        await runtime.start(Recorded("other", log))
+
+    run_virtual(main)
+    assert [entry for entry in log if "parent" in entry[1]] == [
+        ("start", "parent"),
+        ("start", "parent/first"),
+        ("stop", "parent/first"),
+        ("stop", "parent"),
+    ]
+
+
+def test_a_cancelled_start_ends_what_has_started_in_good_order():
+    log = []
+
+    class Slow(Recorded):
+        async def on_stopping(self):
+            await asyncio.sleep(0.5)
+            log.append(("stopping", self.path))
+
+    async def main(runtime):
+        parent = Slow("parent", log)
+        parent.add(Recorded("child", log))
+        starting = asyncio.create_task(runtime.start(parent))
+        while parent.life == "created":
+            await asyncio.sleep(0)
+        starting.cancel()
+        await asyncio.wait([starting])
+        assert starting.cancelled()
+        assert runtime.root.children == []
+
+    run_virtual(main)
+    assert log[0] == ("start", "parent")
+    assert log[-2:] == [("stopping", "parent"), ("stop", "parent")] or log[-3] == ("stopping", "parent")
+    assert sum(what == "start" for what, _ in log) == sum(what == "stop" for what, _ in log)

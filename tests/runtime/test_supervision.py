@@ -1,0 +1,152 @@
+"""Supervision: what a failure means, how often an actor starts anew, and how an error reads."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+
+import pytest
+from hypothesis import given, strategies as st
+from recorded import Fragile, Recorded, tell
+
+from mdm import ActorFailure, Restart
+from mdm.runtime.supervision import RestartBudget, describe
+from mdm.testing import crash, probe, run_virtual
+
+
+def test_escalation_ends_the_block_with_the_cause():
+    log, faults = [], []
+
+    async def main(runtime):
+        runtime.faults.subscribe(faults.append)
+        parent = Recorded("parent", log)
+        parent.add(Fragile("child", log))
+        await runtime.start(parent)
+        tell(runtime, 1)
+        await asyncio.sleep(3600)
+        pytest.fail("the block goes on")
+
+    with pytest.raises(ActorFailure, match=r"'parent/child' failed: 1 is odd"):
+        run_virtual(main)
+    assert [(fault.source, fault.kind) for fault in faults][:2] == [
+        ("parent/child", "exception"),
+        ("parent", "exception"),
+    ]
+    assert "ValueError: 1 is odd (at" in faults[0].detail
+    assert log[-2:] == [("stop", "parent/child"), ("stop", "parent")]
+
+
+def test_supervision_stop_leaves_the_others_alone():
+    log = []
+
+    async def main(runtime):
+        actor = Fragile("actor", log, supervision="stop")
+        await runtime.start(actor)
+        lives = probe(runtime.lives)
+        tell(runtime, 1)
+        await asyncio.sleep(0.1)
+        assert actor.life == "failed"
+        assert actor.failing
+        tell(runtime, 2)
+        assert ("handled", 2) not in log
+        assert [change.state for change in lives] == ["stopping", "failed"]
+
+    run_virtual(main)
+
+
+def test_supervision_restart_has_a_limit_and_a_growing_back_off():
+    log = []
+
+    async def main(runtime):
+        actor = Fragile("actor", log, supervision=Restart(limit=2, within=10, backoff=1))
+        await runtime.start(actor)
+        times = []
+        for wait in (1, 2):
+            tell(runtime, 1)
+            tell(runtime, 4)  # nobody takes it
+            began = runtime.clock.time()
+            while actor.life != "running" or actor.failing:
+                await asyncio.sleep(0.25)
+            times.append(runtime.clock.time() - began)
+            assert times[-1] == pytest.approx(wait, abs=0.3)
+            tell(runtime, 2)
+        assert actor.statistics().restarts == 2
+        await asyncio.sleep(60)  # the window passes, and the budget is whole again
+        tell(runtime, 1)
+        await asyncio.sleep(5)
+        assert actor.life == "running"
+        tell(runtime, 1)
+        await asyncio.sleep(5)
+        tell(runtime, 1)
+        await asyncio.sleep(60)
+        pytest.fail("one failure too many escalates")
+
+    with pytest.raises(ActorFailure, match="is odd"):
+        run_virtual(main)
+    assert log.count(("handled", 2)) == 2
+    assert ("handled", 4) not in log
+
+
+def test_a_failure_too_many_while_it_waits_to_restart_ends_it():
+    log = []
+
+    async def main(runtime):
+        actor = Recorded("actor", log, supervision=Restart(limit=1, within=60, backoff=2))
+        await runtime.start(actor)
+        crash(actor)
+        await asyncio.sleep(0.5)
+        crash(actor)
+        await asyncio.sleep(60)
+        pytest.fail("the block goes on")
+
+    with pytest.raises(ActorFailure, match="made to crash"):
+        run_virtual(main)
+    assert log == [("start", "actor"), ("stop", "actor")]
+
+
+def test_a_restart_adds_children_anew():
+    log = []
+
+    class Parent(Recorded):
+        def on_start(self):
+            super().on_start()
+            self.add(Recorded("child", log))
+
+    async def main(runtime):
+        parent = Parent("parent", log, supervision=Restart(backoff=0.1))
+        await runtime.start(parent)
+        crash(parent)
+        await asyncio.sleep(1)
+        assert parent.life == "running"
+        assert [child.life for child in parent.children] == ["running"]
+
+    run_virtual(main)
+    assert log == [("start", "parent"), ("start", "parent/child"), ("stop", "parent/child"), ("stop", "parent")] * 2
+
+
+@given(
+    st.integers(0, 4),
+    st.floats(1, 100),
+    st.floats(0.1, 10),
+    st.lists(st.floats(0, 60), max_size=30),
+)
+def test_a_budget_is_that_of_a_sliding_window(limit, within, backoff, pauses):
+    policy = Restart(limit=limit, within=within, backoff=backoff, max_backoff=4 * backoff)
+    budget, granted, now = RestartBudget(policy), [], 0
+    for pause in pauses:
+        now += round(pause * 1e9)
+        recent = [time for time in granted if now - time <= within * 1e9]
+        if len(recent) < limit:
+            assert budget.delay(now) == min(backoff * 2 ** len(recent), 4 * backoff)
+            granted.append(now)
+        else:
+            assert budget.delay(now) is None
+
+
+def test_an_error_reads_with_its_place():
+    try:
+        raise LookupError("no device")
+    except LookupError as error:
+        text = describe(error)
+    assert re.fullmatch(r"LookupError: no device \(at .*test_supervision\.py:\d+\)", text)
+    assert describe(LookupError("never raised")) == "LookupError: never raised"

@@ -1,0 +1,76 @@
+"""Work: how it ends with its actor, and what is done where it does not."""
+
+from __future__ import annotations
+
+import asyncio
+
+from mdm import Actor, Runtime, VirtualClock, run
+from mdm.testing import run_virtual
+
+
+def test_work_ends_with_its_actor_and_may_await_while_it_cleans_up():
+    log = []
+
+    class Worker(Actor):
+        def on_start(self):
+            self.spawn(self.work(), lambda work: log.append(("ended", work.cancelled)))
+
+        async def work(self):
+            try:
+                await asyncio.sleep(3600)
+            finally:
+                await asyncio.sleep(0.5)
+                await asyncio.sleep(0.5)
+                log.append("clean")
+
+    async def main(runtime):
+        await runtime.start(Worker("worker"))
+        await asyncio.sleep(1)
+
+    run_virtual(main)
+    assert log == ["clean", ("ended", True)]
+
+
+def test_work_that_ignores_its_end_is_abandoned_and_reported():
+    async def stubborn(free):
+        while not free.is_set():
+            try:
+                await free.wait()
+            except asyncio.CancelledError:
+                continue
+
+    async def main():
+        free = asyncio.Event()
+        faults = []
+        async with Runtime(clock=VirtualClock(), log=None) as runtime:
+            runtime.faults.subscribe(faults.append)
+            actor = Actor("actor", grace=2)
+            await runtime.start(actor)
+            actor.spawn(stubborn(free), name="stubborn")
+        assert [(fault.kind, fault.source) for fault in faults] == [("abandoned", "actor")]
+        assert "stubborn did not end within 2 s" in faults[0].detail
+        assert len(runtime.abandoned) == 1
+        free.set()
+        await asyncio.sleep(0)
+
+    run(main, virtual=True)
+
+
+def test_an_error_in_work_or_a_timer_is_the_actor_s_failure():
+    async def broken():
+        raise ValueError("in work")
+
+    for disturb in (
+        lambda actor: actor.spawn(broken()),
+        lambda actor: actor.call_later(1, lambda: 1 / 0),
+        lambda actor: actor.every(10, lambda tick: 1 / 0),
+    ):
+
+        async def main(runtime, disturb=disturb):
+            actor = Actor("actor", supervision="stop")
+            await runtime.start(actor)
+            disturb(actor)
+            await asyncio.sleep(2)
+            return actor.life
+
+        assert run_virtual(main) == "failed"

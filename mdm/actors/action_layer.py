@@ -20,7 +20,7 @@ from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.predicate_manager import PredicateManager
@@ -184,21 +184,28 @@ class ActionLayer(Layer):
         self._record(self._now() - action.time)
         try:
             result = binding.function(action) if binding.takes_action else binding.function()
-        except Exception as error:
+        except BaseException as error:
             self._end_life(_Life(self.started, self.names[index], binding, action), "failed", describe(error))
-            return
-        if result is not None and inspect.isawaitable(result):
-            self._run_task(_Life(self.started, self.names[index], binding, action), result)
+            if isinstance(error, Exception):
+                return
+            raise
+        if result is not None:
+            self._take(_Life(self.started, self.names[index], binding, action), result)
             return
         ended = self.ended
         ended["succeeded"] = ended.get("succeeded", 0) + 1
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(self.names[index], "succeeded")
 
-    def _run_task(self, life: _Life, awaitable: Awaitable[object]) -> None:
-        """Run what a function has returned as a task."""
-        self._keep(life)
-        life.work = self.spawn(awaitable, lambda work: self._work_ended(life, work), name=life.name)
+    def _take(self, life: _Life, result: object) -> None:
+        """Take what a function has returned: an awaitable runs as a task."""
+        if inspect.isawaitable(result):
+            self._keep(life)
+            life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=life.name)
+        elif inspect.isgenerator(result) or inspect.isasyncgen(result):
+            self._end_life(life, "failed", f"returned {result!r}, of which nothing has run")
+        else:
+            self._end_life(life, "succeeded")
 
     def _choose(self, name: str, binding: Binding, action: Action) -> None:
         if binding.concurrent:
@@ -244,13 +251,12 @@ class ActionLayer(Layer):
             self._record(self._now() - action.time)
         try:
             result = binding.function(action) if binding.takes_action else binding.function()
-        except Exception as error:
+        except BaseException as error:
             self._end_life(life, "failed", describe(error))
-            return
-        if result is not None and inspect.isawaitable(result):
-            self._run_task(life, result)
-        else:
-            self._end_life(life, "succeeded")
+            if isinstance(error, Exception):
+                return
+            raise
+        self._take(life, result)
 
     def _keep(self, life: _Life) -> None:
         if life.binding.concurrent:
@@ -277,13 +283,12 @@ class ActionLayer(Layer):
             self._finish(life, "abandoned", f"did not end within {life.binding.grace:g} s of being cancelled")
 
     def _work_ended(self, life: _Life, work: Work) -> None:
-        if work.cancelled:
-            if life.ending is not None:
-                self._finish(life, life.ending)
-            else:
-                self._finish(life, "failed", "was cancelled, but not by its action layer")
-        elif work.error is not None:
+        if work.error is not None:
             self._finish(life, "failed", describe(work.error))
+        elif work.interrupted:  # even where it swallowed the cancellation, and returned
+            self._finish(life, life.ending or "preempted")
+        elif work.cancelled:
+            self._finish(life, "failed", "was cancelled, but not by its action layer")
         else:
             self._finish(life, "succeeded")
 

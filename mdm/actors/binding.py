@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any, Literal
 
 from mdm.errors import ConfigError
+from mdm.runtime.handler import kind_of
 
 if TYPE_CHECKING:
     from mdm.actors.ensemble import Ensemble
@@ -25,7 +26,8 @@ class Binding:
         timeout: Seconds after which a running life is cancelled and ends ``timed_out``.
         grace: Seconds that a cancelled task has to end before it is ``abandoned``.
         on_repeat: What the same action chosen again does to a running task: it goes on (``continue``), or is
-            cancelled and started anew (``restart``).
+            cancelled and started anew (``restart``). Take ``restart`` where what the action does depends on the state
+            in which it was chosen, such as "go up" in the next room: a task that goes on keeps its old goal.
         resume: For an ensemble: start it from the belief that it was stopped with.
         concurrent: The action neither ends the running one nor is ended by the next.
     """
@@ -48,7 +50,7 @@ class Binding:
         target: Callback | Ensemble,
         *,
         timeout: float | None = None,
-        grace: float = 1.0,
+        grace: float = 5.0,
         on_repeat: Literal["continue", "restart"] = "continue",
         resume: bool = False,
         concurrent: bool = False,
@@ -68,13 +70,17 @@ class Binding:
         self.function: Callable[..., Any] = _no_call
         self.takes_action = False
         if callable(target):
+            kind = kind_of(target)
+            if kind is not None and "generator" in kind:
+                name = getattr(target, "__qualname__", repr(target))
+                raise ConfigError(f"an action's target is a function that is called or awaited, but {name} is {kind}")
             self.function = target
             self.takes_action = _takes_action(target)
         elif hasattr(target, "when_idle"):
             self.ensemble = target
         else:
             raise ConfigError(f"an action's target is a function or an ensemble, not {target!r}")
-        self.plain = self.ensemble is None and not _is_async(target)
+        self.plain = self.ensemble is None and kind_of(self.function) is None
 
 
 def bind(target: Callback | Ensemble, **options: Any) -> Binding:
@@ -84,10 +90,6 @@ def bind(target: Callback | Ensemble, **options: Any) -> Binding:
 
 def _no_call() -> None:
     return None
-
-
-def _is_async(target: object) -> bool:
-    return inspect.iscoroutinefunction(target) or inspect.iscoroutinefunction(getattr(target, "__call__", None))  # noqa: B004
 
 
 def _takes_action(function: Callback) -> bool:

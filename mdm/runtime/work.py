@@ -24,11 +24,13 @@ class Work:
         ended: Called once, when it has ended, from the event loop.
     """
 
-    __slots__ = ("_ended", "abandoned", "name", "task")
+    __slots__ = ("_ended", "abandoned", "interrupted", "name", "task")
 
     def __init__(self, awaitable: Awaitable[Any], name: str, ended: Callable[[Work], object]) -> None:
         self.name = name
         self.abandoned = False
+        # Whether a cancellation has reached it: what it returns after that is not the end that was asked for.
+        self.interrupted = False
         self._ended = ended
         coroutine = awaitable if inspect.iscoroutine(awaitable) else _wait_for(awaitable)
         self.task: asyncio.Task[Any] = asyncio.get_running_loop().create_task(coroutine, name=name)
@@ -47,9 +49,13 @@ class Work:
     def cancel(self) -> None:
         """Ask it to end; where its own code brought this about, after its present step, which may be its last."""
         if self.is_calling:
-            asyncio.get_running_loop().call_soon(self.task.cancel)
+            asyncio.get_running_loop().call_soon(self._interrupt)
         else:
-            self.task.cancel()
+            self._interrupt()
+
+    def _interrupt(self) -> None:
+        if self.task.cancel():
+            self.interrupted = True
 
     @property
     def done(self) -> bool:

@@ -8,7 +8,17 @@ from collections import Counter
 import pytest
 from hypothesis import given, strategies as st
 
-from mdm import Ensemble, ObservationFactor, ObservationLayer, PredicateManager, Runtime, VirtualClock, bind, run
+from mdm import (
+    ConfigError,
+    Ensemble,
+    ObservationFactor,
+    ObservationLayer,
+    PredicateManager,
+    Runtime,
+    VirtualClock,
+    bind,
+    run,
+)
 from mdm.messages import ActionLife, Observation
 from mdm.policies import DeterministicPolicy
 from mdm.testing import probe, run_virtual
@@ -183,6 +193,133 @@ def test_timeouts():
         ensemble.publish_state(0)
         await asyncio.sleep(1)
         assert ensemble.action.live == ("A",)
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("how", "end"), [("decision", "preempted"), ("stop", "preempted"), ("timeout", "timed_out"), ("end", "preempted")]
+)
+@pytest.mark.parametrize("again", [False, True])
+def test_a_cancelled_action_that_returns_has_not_succeeded(how, end, again):
+    """However often it swallows its cancellation, and whatever it does after that."""
+
+    async def swallow():
+        try:
+            await asyncio.sleep(3600)
+        except asyncio.CancelledError:
+            if again:
+                await asyncio.sleep(0.5)
+
+    manager = PredicateManager()
+    manager.latch("Arrived", set="A.succeeded", reset="A.preempted or A.timed_out")
+    manager.event("Cut", "A.preempted or A.timed_out")
+
+    async def main(runtime):
+        timeout = 1.0 if how == "timeout" else None
+        ensemble = robot({"A": bind(swallow, timeout=timeout), "B": lambda: None}, predicates=manager)
+        await runtime.start(ensemble)
+        lives, events = lives_of(runtime), probe(manager.events)
+        ensemble.publish_state(0)
+        await asyncio.sleep(1)
+        if how == "decision":
+            ensemble.publish_state(1)
+        elif how == "stop":
+            ensemble.stop()
+        elif how == "end":
+            await runtime.stop(ensemble)
+        await asyncio.sleep(1)
+        assert told(lives)[:2] == [("A", "running"), ("A", end)]
+        if how != "end":
+            assert [update.events for update in events] == [(f"A.{end}", "Cut")]
+            assert manager.value("Arrived") is False
+
+    run_virtual(main)
+
+
+@given(st.sampled_from([0, 0.25, 0.5, 0.75]), st.sampled_from([0.1, 0.25, 0.3, 0.5, 0.9]), st.booleans())
+def test_what_was_cancelled_never_succeeds_and_what_was_not_does(begins, lasts, swallows):
+    async def act():
+        try:
+            await asyncio.sleep(lasts)
+        except asyncio.CancelledError:
+            if not swallows:
+                raise
+
+    async def main(runtime):
+        ensemble = robot({"A": act, "B": lambda: None})
+        await runtime.start(ensemble)
+        lives = lives_of(runtime)
+        await asyncio.sleep(begins)
+        ensemble.publish_state(0)
+        await asyncio.sleep(0.4)
+        ensemble.publish_state(1)
+        await asyncio.sleep(1)
+        assert told(lives)[1] == ("A", "succeeded" if lasts < 0.4 else "preempted")
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("make", ["async generator", "generator"])
+def test_a_generator_is_no_action(make):
+    async def later():
+        yield
+
+    def now():
+        yield
+
+    function = later if make == "async generator" else now
+    with pytest.raises(ConfigError, match=f"ensembles.robot.actions.A: .* is an? {make} function"):
+        robot({"A": function})
+
+    async def main(runtime):
+        ensemble = robot({"A": lambda: function()})  # noqa: PLW0108 - what it returns cannot be seen beforehand
+        await runtime.start(ensemble)
+        lives = lives_of(runtime)
+        ensemble.publish_state(0)
+        assert told(lives) == [("A", "running"), ("A", "failed")]
+        assert "of which nothing has run" in lives[1].detail
+
+    run_virtual(main)
+
+
+class Panic(BaseException):
+    """What native code may raise."""
+
+
+@pytest.mark.parametrize("heard", [False, True])
+def test_a_plain_callback_that_raises_anything_at_all_has_failed(heard):
+    async def main(runtime):
+        def panic():
+            raise Panic("in the driver")
+
+        ensemble = robot({"A": panic, "B": lambda: None})
+        await runtime.start(ensemble)
+        lives, faults = lives_of(runtime) if heard else [], probe(runtime.faults)
+        with pytest.raises(Panic):
+            ensemble.publish_state(0)
+        await asyncio.sleep(1)
+        ensemble.publish_state(1)
+        assert ensemble.action.ended == {"failed": 1, "succeeded": 1}
+        assert "action 'A' failed: Panic: in the driver" in faults[0].detail
+        if heard:
+            assert told(lives) == [("A", "running"), ("A", "failed"), ("B", "running"), ("B", "succeeded")]
+
+    run_virtual(main)
+
+
+def test_a_robot_that_brakes_for_four_seconds_is_waited_for():
+    log = []
+
+    async def main(runtime):
+        ensemble = robot({"A": Body("A", log, cleanup=4.0), "B": Body("B", log)})
+        await runtime.start(ensemble)
+        ensemble.publish_state(0)
+        await asyncio.sleep(1)
+        ensemble.publish_state(1)
+        await asyncio.sleep(4.5)
+        assert log == ["A begins", "A ends", "B begins"]
+        assert ensemble.action.ended == {"preempted": 1}
 
     run_virtual(main)
 

@@ -13,7 +13,7 @@ import numpy as np
 from places import DATA
 
 from mdm import problems
-from mdm.policies import AlphaVectors
+from mdm.policies import AlphaVectors, FiniteStateController
 
 COMPUTED = (
     "dec_tiger",
@@ -56,3 +56,23 @@ def vectors(problem, discount):
     rows = of(problem)["values"][str(discount)]["vectors"]
     actions, values = zip(*rows, strict=True)
     return AlphaVectors(values, actions, len(model(problem).action_space))
+
+
+def recorded(problem):
+    """Return a run of the original's controller: its first decision, the observations, and the decisions after each.
+
+    A decision is an action, its epoch, the expected reward, and the belief, which the first does not tell.
+    """
+    run, size = of(problem)["recorded"], len(model(problem).state_space)
+    steps = [
+        (step["o"], [(d["a"], d["epoch"], d["r"], belief(d["b"], size)) for d in step["decisions"]])
+        for step in run["steps"]
+    ]
+    return tuple(run["start"]), steps, run.get("horizon")
+
+
+def tiger_plan():
+    """Return the optimal plan for the tiger problem, as pomdp-solve found it; node n's values are its n-th vector."""
+    nodes = json.loads((DATA / "tiger_plan.json").read_text())["nodes"]
+    actions, successors = ([node[key] for node in nodes] for key in ("action", "next"))
+    return FiniteStateController(actions, successors, 3, values=[node["values"] for node in nodes])

@@ -1,13 +1,13 @@
 from __future__ import annotations
 
 import asyncio
-import json
 
+import figures
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, VirtualClock, load_model, load_policy
+from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, VirtualClock
 from mdm.messages import Action, Belief, Control, Observation, Reward, State
 from mdm.models import MDP, POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
@@ -85,35 +85,30 @@ def test_event_driven_pomdp_against_bayes_by_hand(observations):
         assert decision.cause == ("start" if seen is None else "observation")
 
 
-@pytest.mark.parametrize(
-    ("problem", "vectors"), [("dectiger", "dectiger.dpomdp_0.9"), ("GridSmall", "GridSmall.dpomdp_0.9")]
-)
-def test_the_original_s_recorded_runs(corpus, problem, vectors):
+@pytest.mark.parametrize("problem", ["dec_tiger", "grid_small"])
+def test_the_original_s_recorded_runs(problem):
     """The same actions, expected rewards and beliefs as the original's live controllers published.
 
-    The original publishes two actions at once at its horizon (25 for dectiger); up to there the runs are compared as
+    The original publishes two actions at once at its horizon (25 for the tiger); up to there the runs are compared as
     they are. Ours has exactly 25 decisions in an episode and begins the next one with the stimulus that follows, whose
     observation does not count; so the rest is compared with one more stimulus put in where the original restarted.
     """
-    trace = json.loads((corpus / "traces" / f"{problem}_std.json").read_text())
-    horizon = trace["params"].get("decision_horizon")
-    model = load_model(corpus / "models" / "madp" / f"{problem}.dpomdp")
-    policy = load_policy(corpus / "values" / f"{vectors}.vf", model)
-    expected = [(trace["startup"]["actions"][0], trace["startup"]["rewards_latched"][0], None)]
-    stimuli = []
-    for step in trace["steps"]:
-        stimuli.append(see(step["o"]))
-        # where two actions were published, the second is the first of the next episode
-        for index, action in enumerate(step["actions"]):
-            if index:
-                stimuli.append(see(0))
-            expected.append((action, step["expected_rewards_f32"][index], step["beliefs"][index]))
-    actions = dict.fromkeys(range(len(model.action_space.factors[0])), nothing)
+    start, steps, horizon = figures.recorded(problem)
+    expected, stimuli = [(*start, None)], []
+    for seen, published in steps:
+        stimuli += [see(seen), *[see(0)] * (len(published) - 1)]
+        expected += published
+    model = figures.model(problem)
     decisions, _, _ = decided(
-        stimuli, model=model, policy=policy, actions=actions, on_impossible="keep", horizon=horizon
+        stimuli,
+        model=model,
+        policy=figures.vectors(problem, 0.9),
+        actions=dict.fromkeys(range(len(model.action_space.factors[0])), nothing),
+        on_impossible="keep",
+        horizon=horizon,
     )
     assert len(decisions) == len(expected)
-    for decision, ((action, epoch), reward, belief) in zip(decisions, expected, strict=True):
+    for decision, (action, epoch, reward, belief) in zip(decisions, expected, strict=True):
         assert (decision.action, decision.epoch) == (action, epoch)
         assert decision.reward == pytest.approx(reward, abs=1e-6)
         if belief is not None:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 
+import figures
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from mdm import ConfigError, Ensemble, FixedRate, ObservationFactor, PredicateManager, bind, load_model, load_policy
+from mdm import ConfigError, Ensemble, FixedRate, ObservationFactor, PredicateManager, bind
 from mdm.messages import Belief, Observation, Reward
-from mdm.policies import DeterministicPolicy, FiniteStateController, JointController
+from mdm.policies import AlphaVectors, DeterministicPolicy, FiniteStateController, JointController
+from mdm.problems import dec_tiger, tiger
 from mdm.testing import capture_decisions, probe, run_virtual
 
 PLAN = FiniteStateController([0, 1, 2], [[1, 2], [None, None], [None, None]], 3)
@@ -212,11 +214,9 @@ def test_an_outside_belief_at_a_fixed_rate_is_decided_on_at_the_tick():
 
 @settings(max_examples=20)
 @given(st.lists(st.integers(0, 1), max_size=12))
-def test_an_optimal_graph_decides_as_its_value_function_does(corpus, seen):
-    model = load_model(corpus / "models/pomdp-solve/tiger.95.POMDP")
-    folder = corpus / "policies/pomdp-solve"
-    graph, vectors = load_policy(folder / "tiger.95.pg", model), load_policy(folder / "tiger.95.alpha", model)
-    assert graph.values is not None
+def test_an_optimal_graph_decides_as_its_value_function_does(seen):
+    model, graph = tiger(), figures.tiger_plan()
+    vectors = AlphaVectors(graph.values, graph.actions)
     stimuli = [see(index) for index in seen]
     by_node, _ = decided(graph, *stimuli, model=model)
 
@@ -263,8 +263,8 @@ def test_agents_alone_do_what_the_team_does_together(seen, data):
     assert [action for *_, action in together] == [2 * first[-1] + second[-1] for first, second in pairs]
 
 
-def test_an_agent_of_a_model_goes_by_its_own_names_and_events(corpus):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_an_agent_of_a_model_goes_by_its_own_names_and_events():
+    model = dec_tiger()
     listen_then_open = FiniteStateController([0, 1, 2], [[2, 1], [None, None], [None, None]], 3)
     team = JointController([FiniteStateController([0, 0, 0], [[1, 2]] * 3, 3), listen_then_open])
     names = model.action_space.factors[1].names
@@ -294,8 +294,8 @@ def test_an_agent_of_a_model_goes_by_its_own_names_and_events(corpus):
     assert done == [names[0], names[1]]
 
 
-def test_a_whole_team_is_run_under_the_scope_of_each_agent(corpus):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_a_whole_team_is_run_under_the_scope_of_each_agent():
+    model = dec_tiger()
     team = JointController([FiniteStateController([2], [[0, 0]], 3), FiniteStateController([1], [[0, 0]], 3)])
     done = []
 
@@ -333,8 +333,8 @@ def test_what_does_not_fit_is_refused(options, words):
     assert words in str(caught.value)
 
 
-def test_controllers_are_compared_with_their_model(corpus):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_controllers_are_compared_with_their_model():
+    model = dec_tiger()
     actions = dict.fromkeys(range(3), nothing)
     with pytest.raises(ConfigError, match="agent 1: the policy is for 2 actions and 2 observations"):
         Ensemble("robot", policy=TEAM, model=model, actions=actions)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import itertools
 import json
 
+import figures
 import numpy as np
 import pytest
 from places import DATA, EXAMPLES
 
-from mdm import load_model
+from mdm import load_model, save_model, save_policy
+from mdm.problems import dec_tiger
 
 TIGER = ["--model", str(EXAMPLES / "tiger.pomdp"), "--policy", str(EXAMPLES / "tiger.vf")]
 
@@ -147,65 +149,44 @@ def test_trace_of_an_ensemble_below_names_each(mdm):
     assert all("ensemble" in line for line in lines)
 
 
-@pytest.mark.parametrize("problem", ["dectiger", "GridSmall"])
-def test_trace_gives_the_original_s_decisions(mdm, corpus, problem):
+@pytest.fixture(params=["dec_tiger", "grid_small", "patrol"])
+def original(request, tmp_path):
+    """A run of the original, and the files of its model and its policy."""
+    model, policy = tmp_path / "model.npz", tmp_path / "policy.vf"
+    save_model(figures.model(request.param), model)
+    save_policy(figures.vectors(request.param, 0.9), policy)
+    return figures.recorded(request.param), ["--model", model, "--policy", policy]
+
+
+def test_trace_gives_the_original_s_decisions(mdm, original):
     """Recorded runs of the original, all steps, its episodes of 25 decisions included.
 
     At a horizon the original publishes two actions for one observation: the episode's last, and at once the next
     episode's first. Ours starts the next episode with the next stimulus, whose observation counts for nothing; so one
     more is given there, and its decision is the second of those two.
     """
-    trace = json.loads((corpus / "traces" / f"{problem}_std.json").read_text())
-    horizon = trace["params"].get("decision_horizon")
-    assert horizon == {"dectiger": 25, "GridSmall": None}[problem]
+    (start, steps, horizon), files = original
     observations, expected = [], []
-    for step in trace["steps"]:
-        assert len(step["actions"]) == (2 if step["actions"][0][1] == (horizon or 0) - 1 else 1)
-        for action, reward, belief in zip(step["actions"], step["expected_rewards_f32"], step["beliefs"], strict=True):
-            observations.append(step["o"])
-            expected.append((*action, reward, belief))
+    for seen, published in steps:
+        assert len(published) == (2 if published[0][1] == (horizon or 0) - 1 else 1)
+        observations += [seen] * len(published)
+        expected += published
     status, lines, _ = traced(
         mdm,
-        "--model",
-        corpus / "models" / "madp" / f"{problem}.dpomdp",
-        "--policy",
-        corpus / "values" / f"{problem}.dpomdp_0.9.vf",
+        *files,
         "--on-impossible",
         "keep",
         *(["--horizon", horizon] if horizon else []),
         stdin="".join(json.dumps({"observation": observation}) + "\n" for observation in observations),
     )
     assert status == 0
-    assert [lines[0]["action"], lines[0]["epoch"]] == trace["startup"]["actions"][0]
+    assert (lines[0]["action"], lines[0]["epoch"]) == start[:2]
+    assert lines[0]["reward"] == pytest.approx(start[2], abs=1e-6)
     for line, (action, epoch, reward, belief) in zip(lines[1:], expected, strict=True):
         assert (line["action"], line["epoch"]) == (action, epoch)
         assert line["cause"] == ("observation" if epoch else "episode")
         assert line["reward"] == pytest.approx(reward, abs=1e-6)
-        np.testing.assert_allclose(line["belief"], belief, atol=1e-6)
-
-
-def test_trace_gives_the_original_s_decisions_on_events(mdm, corpus):
-    """A recorded run of the original's event-driven controller, which keeps its belief at what is impossible."""
-    trace = json.loads((corpus / "traces" / "MAISS_event_fn-1.json").read_text())
-    status, lines, _ = traced(
-        mdm,
-        "--model",
-        corpus / "models" / "madp" / "MAISS_Patrol_Single.pgmx",
-        "--policy",
-        corpus / "values" / "MAISS_Patrol_Single.pgmx_0.9.vf",
-        "--discount",
-        "0.9",
-        "--on-impossible",
-        "keep",
-        stdin="".join(json.dumps({"observation": step["o"]}) + "\n" for step in trace["steps"]),
-    )
-    assert status == 0
-    assert [lines[0]["action"], lines[0]["epoch"]] == trace["startup"]["actions"][0]
-    assert lines[0]["reward"] == pytest.approx(trace["startup"]["rewards_latched"][0], abs=1e-6)
-    for line, step in zip(lines[1:], trace["steps"], strict=True):
-        assert [line["action"], line["epoch"]] == step["actions"][0]
-        assert line["reward"] == pytest.approx(step["expected_rewards_f32"][0], abs=1e-6)
-        np.testing.assert_allclose(line["belief"], step["beliefs"][0], atol=1e-6)
+        np.testing.assert_allclose(line["belief"], belief, atol=5e-5)  # probabilities of six digits
 
 
 def test_trace_takes_false_negatives_into_account(mdm):
@@ -252,9 +233,10 @@ hear-right,  --> open-left
 
 
 @pytest.fixture
-def plan(corpus, tmp_path):
-    """A joint policy of dectiger, its model's path, and a file of two robots that run it each by itself."""
-    model = corpus / "models/madp/dectiger.dpomdp"
+def plan(tmp_path):
+    """A joint policy of the dec-tiger, its model's path, and a file of two robots that run it each by itself."""
+    model = tmp_path / "dectiger.dpomdp"
+    save_model(dec_tiger(), model)
     (tmp_path / "plan.jpol").write_text(PLAN)
     tables = [
         f"""

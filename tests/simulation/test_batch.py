@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 
+import figures
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
@@ -198,16 +199,13 @@ def test_tiger_is_worth_its_published_optimum_and_the_loop_agrees():
     assert abs(result.mean - loop.mean) < 4 * np.hypot(result.standard_error, loop.standard_error)
 
 
-def test_the_patrol_of_madp_with_and_without_false_negatives(corpus):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        model = load_model(corpus / "models" / "madp" / "MAISS_Patrol_Single.pgmx").with_discount(0.9)
-        policy = load_policy(corpus / "values" / "MAISS_Patrol_Single.pgmx_0.9.vf", model)
-        for unnoticed in (None, 0):
-            result = evaluate(model, policy, episodes=2000, seed=1, false_negative=unnoticed)
-            loop = simulate(model, policy, episodes=150, seed=1, false_negative=unnoticed)
-            assert abs(result.mean - loop.mean) < 4 * np.hypot(result.standard_error, loop.standard_error)
-            assert abs(result.mean - 5.206) < 4 * result.standard_error
+@pytest.mark.parametrize("unnoticed", [None, 0])
+def test_the_patrol_of_madp_with_and_without_false_negatives(unnoticed):
+    model, policy = figures.model("patrol"), figures.vectors("patrol", 0.9)
+    result = evaluate(model, policy, episodes=2000, seed=1, false_negative=unnoticed)
+    loop = simulate(model, policy, episodes=150, seed=1, false_negative=unnoticed)
+    assert abs(result.mean - loop.mean) < 4 * np.hypot(result.standard_error, loop.standard_error)
+    assert abs(result.mean - figures.of("patrol")["values"]["0.9"]["perseus"]) < 4 * result.standard_error
 
 
 def test_the_same_seed_gives_the_same_and_another_policy_the_same_luck():

@@ -3,6 +3,7 @@ from __future__ import annotations
 import asyncio
 import math
 
+import figures
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -24,6 +25,7 @@ from mdm.messages import Action
 from mdm.models import MDP, POMDP, Factor, FactoredPOMDP, MixedPOMDP, Space
 from mdm.models.factored.factoring import as_network
 from mdm.policies import AlphaVectors, DeterministicPolicy, FiniteStateController, JointController, MixedAlphaVectors
+from mdm.problems import dec_tiger, tiger
 from mdm.simulation import Sampler
 from mdm.simulation.simulate import steps_for
 from mdm.solvers import solve
@@ -145,8 +147,8 @@ def test_an_episode_in_which_nothing_is_noticed_any_more_ends_with_a_fault():
 
 
 @pytest.mark.parametrize("drive", [None, FixedRate(10)])
-def test_a_joint_plan_is_worth_what_its_solver_says(corpus, drive):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_a_joint_plan_is_worth_what_its_solver_says(drive):
+    model = dec_tiger()
     solution = solve(model, "jesp", horizon=3)
     result = simulate(model, solution.policy, episodes=4000, seed=1, drive=drive)
     assert result.steps == 3
@@ -154,9 +156,8 @@ def test_a_joint_plan_is_worth_what_its_solver_says(corpus, drive):
     assert result.standard_error < 0.5
 
 
-def test_a_controller_is_worth_what_its_nodes_say(corpus):
-    model = load_model(corpus / "models/pomdp-solve/tiger.95.POMDP")
-    policy = load_policy(corpus / "policies/pomdp-solve/tiger.95.pg", model)
+def test_a_controller_is_worth_what_its_nodes_say():
+    model, policy = tiger(), figures.tiger_plan()
     result = simulate(model, policy, episodes=600, seed=3)
     assert abs(result.mean - policy.value(model.initial_belief)) < 4 * result.standard_error
 
@@ -169,16 +170,16 @@ def test_an_episode_ends_with_the_plan_whichever_way_it_goes():
     assert set(result.returns) == {2.0, 3.0}
 
 
-def test_a_part_of_a_team_is_no_worlds_whole(corpus):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_a_part_of_a_team_is_no_worlds_whole():
+    model = dec_tiger()
     team = JointController([FiniteStateController([0], [[0, 0]], 3)] * 2)
     robot = Ensemble("robot", policy=team, model=model, local=True, actions=dict.fromkeys(range(3), print))
     with pytest.raises(ConfigError, match="decides on 3 actions, but its world has 9: one agent's part of a team"):
         World(robot)
 
 
-def test_robots_that_run_their_own_parts_are_worth_what_the_team_is(corpus):
-    model = load_model(corpus / "models/madp/dectiger.dpomdp")
+def test_robots_that_run_their_own_parts_are_worth_what_the_team_is():
+    model = dec_tiger()
     solution = solve(model, "jesp", horizon=3)
     sampler = Sampler(model, seed=5)
     returns = []

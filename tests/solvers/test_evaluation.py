@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import warnings
 
+import figures
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from places import EXAMPLES
 from random_models import dense, distributions, flat_models
 
-from mdm import ModelError, ModelWarning, evaluate, load_model, load_policy
+from mdm import ModelError, ModelWarning, evaluate, load_model
 from mdm.models import MDP, POMDP, Factor, Space
 from mdm.policies import (
     AlphaVectors,
@@ -20,6 +21,7 @@ from mdm.policies import (
     QTable,
     StochasticPolicy,
 )
+from mdm.problems import tiger
 from mdm.solvers import controller_values, exact_values, state_values
 from mdm.solvers.evaluation import joined
 
@@ -143,15 +145,9 @@ def test_a_team_s_controllers_as_one():
     assert abs(result.mean - exact) < 4 * result.standard_error
 
 
-@pytest.mark.parametrize("name", ["tiger.95", "parr95.95", "cheese.95"])
-def test_optimal_graphs_are_worth_their_value_functions(corpus, name):
-    model = load_model(corpus / "models" / "pomdp-solve" / f"{name}.POMDP")
-    graph, vectors = (
-        load_policy(corpus / "policies" / "pomdp-solve" / f"{name}.{form}", model) for form in ("pg", "alpha")
-    )
-    values = controller_values(model, graph)
-    for belief in (model.initial_belief, *np.random.default_rng(1).dirichlet(np.ones(len(model.state_space)), size=5)):
-        assert max(values @ belief) == pytest.approx(vectors.value(belief), abs=1e-4)
+def test_an_optimal_plan_is_worth_what_its_nodes_say():
+    plan = figures.tiger_plan()
+    np.testing.assert_allclose(controller_values(tiger(), plan), plan.values, atol=1e-4)
 
 
 @pytest.mark.parametrize("discount", [0.95, 1])

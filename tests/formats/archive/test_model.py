@@ -20,6 +20,7 @@ from mdm.formats.archive import model as archive, npz
 from mdm.formats.policies import save_policy
 from mdm.models import MDP, POMDP, FactoredPOMDP
 from mdm.policies import AlphaVectors
+from mdm.problems import rock_sample
 
 
 @given(model=flat_models(names=NAMES, events=True), kind=st.sampled_from([None, True, False]))
@@ -174,8 +175,8 @@ def test_damaged_files_make_a_model_or_an_error(seed, tmp_path_factory):
             np.testing.assert_allclose(dense(model.transition_matrix(action)).sum(axis=1), 1)
 
 
-def test_a_real_factored_model_comes_back(corpus, tmp_path):
-    model = load_model(corpus / "models" / "sarsop" / "RockSample_7_8.pomdpx")
+def test_a_large_factored_model_comes_back(tmp_path):
+    model = rock_sample(7, 8)
     archive.write(model, tmp_path / "m.npz")
     again = load_model(tmp_path / "m.npz")
     assert isinstance(again, FactoredPOMDP)

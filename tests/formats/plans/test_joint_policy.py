@@ -11,6 +11,7 @@ from mdm import FormatError, ModelError
 from mdm.formats import policies
 from mdm.models import MDP, POMDP, Factor, Space
 from mdm.policies import FiniteStateController, JointController
+from mdm.problems import dec_tiger
 
 DATA = places.DATA / "policies"
 ACTIONS = ["listen", "open-left", "open-right"]
@@ -48,11 +49,8 @@ def test_what_is_written_is_what_madp_writes(tmp_path):
     assert (DATA / "team.policy").read_text().startswith(written)
 
 
-def test_real_names(corpus):
-    from mdm import load_model
-
-    model = load_model(corpus / "models" / "madp" / "dectiger.dpomdp")
-    assert policies.load_policy(DATA / "team.policy", model).num_agents == 2
+def test_names_of_a_model():
+    assert policies.load_policy(DATA / "team.policy", dec_tiger()).num_agents == 2
 
 
 def single(actions):

@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, strategies as st
 from random_models import distributions
 
-from mdm import ModelError, load_model
+from mdm import ModelError
 from mdm.beliefs import BeliefTracker
 from mdm.models import POMDP, Factor, FactoredPOMDP, MixedPOMDP, Space
 from mdm.models.factored import flattening
 from mdm.models.factored.factoring import as_network
+from mdm.problems import patrol, tag
 
 
 def model_of(seed, sizes):
@@ -103,11 +104,11 @@ def test_what_goes_wrong_is_told():
         MixedPOMDP(events, [0])
 
 
-def test_fully_observed_factors_of_a_file_are_revealed(corpus):
-    model = load_model(corpus / "models" / "sarsop" / "TagAvoid.pomdpx")
+def test_fully_observed_factors_are_revealed():
+    model = tag()
     seen = model.revealed()
     assert isinstance(seen, MixedPOMDP)
     assert seen.layout.shape == (29, 30)
     assert seen.observation_space.factors[0].name == model.state_space.factors[0].name
-    flat = load_model(corpus / "models" / "sarsop" / "Hallway.pomdpx")
-    assert flat.revealed() is flat
+    hidden = patrol()
+    assert hidden.revealed() is hidden

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import itertools
-import warnings
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from random_models import dense, distributions, factored_models
 
-from mdm import ModelError, load_model
-from mdm.errors import ModelWarning
+from mdm import ModelError
 from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Node, Space, Table, TwoSliceNetwork
+from mdm.problems import patrol
 
 
 def door(events=False, paid_by_observation=False):
@@ -237,10 +236,8 @@ def test_a_factor_that_tells_of_its_past_cannot_be_dropped():
         FactoredPOMDP(network, discount=0.9).marginalize("lamp")
 
 
-def test_names_of_the_original_s_patrol(corpus):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        model = load_model(corpus / "models" / "madp" / "MAISS_Patrol_Single.pgmx")
+def test_names_go_wherever_indices_go():
+    model = patrol()
     state = model.state_space.ravel([4, 0, 0])
     names = ("LRM", "Phase 0", "No Goose")
     assert [factor.names[4 if place == 0 else 0] for place, factor in enumerate(model.state_space.factors)] == [*names]

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from mdm.models.compressed import csr, is_compressed
+from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors
 from mdm.solvers.limits import Limits
-from mdm.solvers.mdp.stack import Stack
 from mdm.solvers.qmdp import known_state
 
 if TYPE_CHECKING:
@@ -73,15 +73,15 @@ def fast_informed_bound(model: POMDP, *, limits: Limits | None = None) -> Soluti
 
 def _bounds(model: POMDP, gap: float) -> Iterator[tuple[Vector, bool]]:
     """Yield vectors, S x A, ever lower, and whether they are bounds."""
-    stack = Stack(model)
-    for table, bounds in known_state(stack, gap):
+    dynamics = Dynamics(model)
+    for table, bounds in known_state(dynamics, gap):
         yield table, bounds
-    joints = [_joint(model, action) for action in range(stack.num_actions)]
-    slowness = stack.discount / (1 - stack.discount) if stack.discount < 1 else 1 / _SETTLED
+    joints = [_joint(model, action) for action in range(dynamics.num_actions)]
+    slowness = dynamics.discount / (1 - dynamics.discount) if dynamics.discount < 1 else 1 / _SETTLED
     change = np.inf
     while slowness * change > gap and change > _ROUNDING * np.abs(table).max():
-        backed = [joint.backup(table, stack.size) for joint in joints]
-        lowered = np.minimum(stack.rewards + stack.discount * np.stack(backed, axis=1), table)
+        backed = [joint.backup(table, dynamics.num_states) for joint in joints]
+        lowered = np.minimum(dynamics.rewards + dynamics.discount * np.stack(backed, axis=1), table)
         change = float((table - lowered).max())
         table = lowered
         yield table, True

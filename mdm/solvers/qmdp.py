@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors
 from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.policy_iteration import steps
 from mdm.solvers.mdp.rounds import rounding, rounds, sweeping
-from mdm.solvers.mdp.stack import Stack
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -47,36 +47,36 @@ def qmdp(model: MDP, *, limits: Limits | None = None) -> Solution:
         ModelError: If the discount is 1, and values grow or fall without end.
     """
     with Limits() if limits is None else limits as run:
-        stack = Stack(model)
+        dynamics = Dynamics(model)
         belief = model.initial_belief
-        for iterations, (table, bounds) in enumerate(known_state(stack, run.gap), 1):
+        for iterations, (table, bounds) in enumerate(known_state(dynamics, run.gap), 1):
             upper = float((belief @ table).max()) if bounds else np.inf
-            if run.ends(-np.inf, upper, iterations=iterations, size=stack.num_actions):
+            if run.ends(-np.inf, upper, iterations=iterations, size=dynamics.num_actions):
                 break
         else:
-            run.reason = "converged" if stack.discount < 1 else "exact"
+            run.reason = "converged" if dynamics.discount < 1 else "exact"
         return run.solution(
-            AlphaVectors(table.T, range(stack.num_actions), stack.num_actions),
+            AlphaVectors(table.T, range(dynamics.num_actions), dynamics.num_actions),
             "qmdp",
             -np.inf,
             upper,
             iterations=iterations,
-            size=stack.num_actions,
+            size=dynamics.num_actions,
         )
 
 
-def known_state(stack: Stack, gap: float) -> Iterator[tuple[Vector, bool]]:
+def known_state(dynamics: Dynamics, gap: float) -> Iterator[tuple[Vector, bool]]:
     """Yield values of actions in known states, S x A, ever nearer to the optimal ones, and whether they bound them.
 
     Args:
-        stack: The model.
+        dynamics: The model.
         gap: The last are so near; those of a discount of 1 are exact.
     """
-    if stack.discount == 1:
-        for step in steps(stack):
+    if dynamics.discount == 1:
+        for step in steps(dynamics):
             yield step.table, step.stable
         return
-    for now in rounds(stack, sweeping(stack, gap, _EACH)):
-        yield stack.q_values(now.values) + now.above, True
-        if now.above - now.below <= max(gap, rounding(stack, now)):
+    for now in rounds(dynamics, sweeping(dynamics, gap, _EACH)):
+        yield dynamics.q_values(now.values) + now.above, True
+        if now.above - now.below <= max(gap, rounding(dynamics, now)):
             return

@@ -17,8 +17,9 @@ import mdm
 from mdm.errors import ModelError
 from mdm.models import MDP
 from mdm.models.compilation import can_compile
+from mdm.models.dynamics import Dynamics
 from mdm.solvers import Limits
-from mdm.solvers.mdp import stack
+from mdm.solvers.mdp import backups
 from mdm.solvers.mdp.policy_iteration import modified_policy_iteration, policy_iteration
 from mdm.solvers.mdp.prioritised_sweeping import prioritised_sweeping
 from mdm.solvers.mdp.value_iteration import value_iteration
@@ -71,7 +72,7 @@ def test_values_are_those_of_a_linear_program(solver, data):
     best = optimum(model)
     for compiled in {False, can_compile()}:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(stack, "can_compile", lambda compiled=compiled: compiled)
+            patch.setattr(backups, "can_compile", lambda compiled=compiled: compiled)
             found = solver(model, limits=Limits(gap=1e-6))
         np.testing.assert_allclose(found.policy.values.max(axis=1), best, atol=2e-6)
         value = model.initial_belief @ best
@@ -87,7 +88,7 @@ def test_bounds_hold_wherever_it_stops(solver, data):
     limit = data.draw(st.integers(1, 6))
     reports = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stack, "can_compile", lambda: False)
+        patch.setattr(backups, "can_compile", lambda: False)
         patch.setattr("mdm.solvers.mdp.rounds._SWEEPS", (1, 1))
         found = solver(model, limits=Limits(gap=0, iterations=limit, progress=reports.append))
     best = optimum(model)
@@ -151,7 +152,7 @@ def test_matrices_full_of_numbers_stay_dense(solver):
     random = np.random.default_rng(1)
     transitions = random.random((3, 40, 40))
     model = MDP(transitions / transitions.sum(axis=-1, keepdims=True), random.normal(size=(40, 3)), discount=0.97)
-    assert isinstance(stack.Stack(model).matrix, np.ndarray)
+    assert Dynamics(model).is_dense
     found = solver(model, limits=Limits(gap=1e-6))
     np.testing.assert_allclose(found.policy.values.max(axis=1), optimum(model), atol=2e-6)
 

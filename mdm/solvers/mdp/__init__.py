@@ -1,1 +1,1 @@
-"""Solvers of MDPs: value iteration, policy iteration and prioritised sweeping, over one stacked matrix."""
+"""Solvers of MDPs: value iteration, policy iteration and prioritised sweeping, over the stacked rows of T."""

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mdm.models.compressed import csr_identity, is_compressed
+from mdm.models.dynamics import Dynamics
 from mdm.policies import QTable
 from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.rounds import bounded, sweeping
-from mdm.solvers.mdp.stack import Stack
 from mdm.solvers.mdp.undiscounted import first_policy, resting
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def policy_iteration(model: MDP, *, limits: Limits | None = None) -> Solution:
         ModelError: If the discount is 1, and values grow or fall without end.
     """
     with Limits() if limits is None else limits as run:
-        return improve_policies(Stack(model), model.initial_belief, run, "policy-iteration")
+        return improve_policies(Dynamics(model), model.initial_belief, run, "policy-iteration")
 
 
 def modified_policy_iteration(model: MDP, *, limits: Limits | None = None) -> Solution:
@@ -68,11 +68,11 @@ def modified_policy_iteration(model: MDP, *, limits: Limits | None = None) -> So
     """
     name = "modified-policy-iteration"
     with Limits() if limits is None else limits as run:
-        stack = Stack(model)
-        if stack.discount == 1:
-            return improve_policies(stack, model.initial_belief, run, name)
-        improve = sweeping(stack, run.gap, _EACH)
-        return bounded(stack, model.initial_belief, run, name, improve)
+        dynamics = Dynamics(model)
+        if dynamics.discount == 1:
+            return improve_policies(dynamics, model.initial_belief, run, name)
+        improve = sweeping(dynamics, run.gap, _EACH)
+        return bounded(dynamics, model.initial_belief, run, name, improve)
 
 
 class Step(NamedTuple):
@@ -93,38 +93,38 @@ class Step(NamedTuple):
     stable: bool
 
 
-def steps(stack: Stack) -> Iterator[Step]:
+def steps(dynamics: Dynamics) -> Iterator[Step]:
     """Yield policies, each better than the last, until one is stable.
 
     The first is greedy to the rewards, or with a discount of 1 one that comes to rest. An action gives way only to one
     that is better: so with a discount of 1 a policy that never rests can only come of rewards without end.
     """
-    endless = stack.discount == 1
-    policy = first_policy(stack) if endless else stack.rewards.argmax(axis=1)
-    states = np.arange(stack.size)
+    endless = dynamics.discount == 1
+    policy = first_policy(dynamics) if endless else dynamics.rewards.argmax(axis=1)
+    states = np.arange(dynamics.num_states)
     stable = False
     while not stable:
-        values = evaluate(stack, policy)
-        table = stack.q_values(values)
+        values = evaluate(dynamics, policy)
+        table = dynamics.q_values(values)
         best = table.argmax(axis=1)
         gains = table[states, best] - values
         better = gains > _BETTER * (1 + np.abs(values).max())
         stable = not better.any()
         policy = np.where(better, best, policy)
-        upper = np.inf if endless else float(gains.max()) / (1 - stack.discount)
+        upper = np.inf if endless else float(gains.max()) / (1 - dynamics.discount)
         yield Step(values, table, policy, 0.0 if stable else upper, stable)
 
 
-def improve_policies(stack: Stack, belief: Vector, limits: Limits, solver: str) -> Solution:
+def improve_policies(dynamics: Dynamics, belief: Vector, limits: Limits, solver: str) -> Solution:
     """Return a Q-table with its bounds at a belief, of as many policies as the limits allow."""
-    for iterations, step in enumerate(steps(stack), 1):
+    for iterations, step in enumerate(steps(dynamics), 1):
         lower = float(belief @ step.values)
         upper = lower + step.upper
-        if limits.ends(lower, upper, iterations=iterations, size=stack.size):
+        if limits.ends(lower, upper, iterations=iterations, size=dynamics.num_states):
             break
-    table = step.table if stack.discount < 1 else _going_on(step)
+    table = step.table if dynamics.discount < 1 else _going_on(step)
     return limits.solution(
-        QTable(table), solver, lower, upper, iterations=iterations, size=stack.size, exact=step.stable
+        QTable(table), solver, lower, upper, iterations=iterations, size=dynamics.num_states, exact=step.stable
     )
 
 
@@ -138,24 +138,24 @@ def _going_on(step: Step) -> Vector:
     return np.where(before, np.minimum(step.table, np.nextafter(own, -np.inf)), np.minimum(step.table, own))
 
 
-def evaluate(stack: Stack, policy: Actions) -> Vector:
+def evaluate(dynamics: Dynamics, policy: Actions) -> Vector:
     """Return what each state is worth under a policy: the solution of (I - discount P) V = R.
 
     Raises:
         ModelError: If the discount is 1, and the policy earns or pays without end.
     """
-    matrix, rewards = stack.under(policy)
-    values = np.zeros(stack.size)
-    moving = np.arange(stack.size)
-    if stack.discount == 1:
-        moving = np.flatnonzero(~resting(matrix, rewards, stack))
+    matrix, rewards = dynamics.under(policy)
+    values = np.zeros(dynamics.num_states)
+    moving = np.arange(dynamics.num_states)
+    if dynamics.discount == 1:
+        moving = np.flatnonzero(~resting(matrix, rewards, dynamics))
         matrix, rewards = matrix[moving][:, moving], rewards[moving]
     if not len(moving):
         return values
     if is_compressed(matrix):
         from scipy.sparse.linalg import spsolve  # noqa: PLC0415 - imported where it is needed
 
-        values[moving] = spsolve((csr_identity(len(moving)) - stack.discount * matrix).tocsc(), rewards)
+        values[moving] = spsolve((csr_identity(len(moving)) - dynamics.discount * matrix).tocsc(), rewards)
     else:
-        values[moving] = np.linalg.solve(np.eye(len(moving)) - stack.discount * matrix, rewards)
+        values[moving] = np.linalg.solve(np.eye(len(moving)) - dynamics.discount * matrix, rewards)
     return values

@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.models.compressed import csr, is_compressed
+from mdm.models.compressed import csr
+from mdm.models.dynamics import Dynamics, stacked
 from mdm.solvers.limits import Limits
+from mdm.solvers.mdp.backups import kernels
 from mdm.solvers.mdp.policy_iteration import improve_policies
 from mdm.solvers.mdp.rounds import Round, bounded, sweeps_of
-from mdm.solvers.mdp.stack import Stack, unsigned
 
 if TYPE_CHECKING:
     from mdm.models import MDP
@@ -45,37 +46,47 @@ def prioritised_sweeping(model: MDP, *, limits: Limits | None = None) -> Solutio
         ModelError: If the discount is 1, and values grow or fall without end.
     """
     with Limits() if limits is None else limits as run:
-        stack = Stack(model)
-        if stack.discount == 1:
-            return improve_policies(stack, model.initial_belief, run, _NAME)
-        before = _before(stack)
-        most = stack.size * sweeps_of(stack)
+        dynamics = Dynamics(model)
+        if dynamics.discount == 1:
+            return improve_policies(dynamics, model.initial_belief, run, _NAME)
+        before = _before(dynamics)
+        most = dynamics.num_states * sweeps_of(dynamics)
 
         def improve(values: Vector, last: Round) -> None:
             # V at the lower end of its bounds, which a backup raises by what it changed beyond the least.
             priorities = last.backed - last.values
-            values[:] = last.values + last.below / stack.discount
+            values[:] = last.values + last.below / dynamics.discount
             priorities -= priorities.min()
             largest = float(priorities.max())
-            _sweep(stack, values, priorities, before, largest / 2, _SETTLED * largest, most)
+            _sweep(dynamics, values, priorities, before, largest / 2, _SETTLED * largest, most)
 
-        return bounded(stack, model.initial_belief, run, _NAME, improve)
+        return bounded(dynamics, model.initial_belief, run, _NAME, improve)
 
 
-def _before(stack: Stack) -> Matrix:
-    """Return the transitions by the states that they lead to: row s', column s, with one entry for each action."""
-    matrix = (stack.matrix if is_compressed(stack.matrix) else csr(stack.matrix)).T.tocsr()
-    return csr((matrix.data, matrix.indices // stack.num_actions, matrix.indptr), (stack.size, stack.size), copy=False)
+def _before(dynamics: Dynamics) -> Matrix:
+    """Return the transitions by the states that they lead to: row s', column s, with an entry for each row of T."""
+    size = dynamics.num_states
+    matrix = dynamics.transitions.matrix(size).T.tocsr()
+    return csr((matrix.data, matrix.indices % size, matrix.indptr), (size, size), copy=False)
 
 
 def _sweep(
-    stack: Stack, values: Vector, priorities: Vector, before: Matrix, threshold: float, floor: float, most: int
+    dynamics: Dynamics, values: Vector, priorities: Vector, before: Matrix, threshold: float, floor: float, most: int
 ) -> None:
     """Back up the states whose priority is above a threshold, in place, and halve it whenever there are none."""
-    if stack.kernels is not None:
-        stack.kernels.prioritised_sweeps(*stack.parts, values, priorities, *unsigned(before), threshold, floor, most)
+    if (compiled := kernels(dynamics)) is not None:
+        compiled.prioritised_sweeps(
+            dynamics.transitions,
+            dynamics.rewards,
+            dynamics.discount,
+            values,
+            priorities,
+            stacked([before]),
+            threshold,
+            floor,
+            most,
+        )
         return
-    actions = np.arange(stack.num_actions)
     done = 0
     while threshold > floor and done < most:
         chosen = np.flatnonzero(priorities > threshold)
@@ -83,12 +94,12 @@ def _sweep(
         if not len(chosen):
             threshold /= 2
             continue
-        rows = (chosen[:, None] * stack.num_actions + actions).ravel()
-        after = (stack.matrix[rows] @ values).reshape(-1, stack.num_actions)
-        backed = (stack.rewards[chosen] + stack.discount * after).max(axis=1)
+        rows = dynamics.places[chosen].ravel()
+        after = (dynamics.matrix[rows] @ values).reshape(-1, dynamics.num_actions)
+        backed = (dynamics.rewards[chosen] + dynamics.discount * after).max(axis=1)
         change = np.abs(backed - values[chosen])
         values[chosen] = backed
         priorities[chosen] = 0
         leading = before[chosen]
-        raised = stack.discount * leading.data * np.repeat(change, np.diff(leading.indptr))
+        raised = dynamics.discount * leading.data * np.repeat(change, np.diff(leading.indptr))
         np.maximum.at(priorities, leading.indices, raised)

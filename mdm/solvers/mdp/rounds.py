@@ -22,15 +22,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mdm.policies import QTable
+from mdm.solvers.mdp.backups import backup, sweep
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     import numpy.typing as npt
 
+    from mdm.models.dynamics import Dynamics
     from mdm.models.matrices import Vector
     from mdm.solvers.limits import Limits
-    from mdm.solvers.mdp.stack import Stack
     from mdm.solvers.solution import Solution
 
 __all__ = ["Round", "bounded", "rounding", "rounds", "sweeping", "sweeps_of"]
@@ -62,23 +63,23 @@ class Round(NamedTuple):
     below: float
     above: float
 
-    def table(self, stack: Stack) -> QTable:
+    def table(self, dynamics: Dynamics) -> QTable:
         """Return the values of actions, in the middle of their bounds."""
-        return QTable(stack.q_values(self.values) + (self.below + self.above) / 2)
+        return QTable(dynamics.q_values(self.values) + (self.below + self.above) / 2)
 
 
-def rounds(stack: Stack, improve: Callable[[Vector, Round], None]) -> Iterator[Round]:
+def rounds(dynamics: Dynamics, improve: Callable[[Vector, Round], None]) -> Iterator[Round]:
     """Yield round after round, from values of 0 on; the discount is less than 1.
 
     Args:
-        stack: The model.
+        dynamics: The model.
         improve: Sweeps over values, in place, between one backup and the next.
     """
-    ahead = stack.discount / (1 - stack.discount)
-    levelling = min(sweeps_of(stack), _LEVELLING)
-    values = np.zeros(stack.size)
+    ahead = dynamics.discount / (1 - dynamics.discount)
+    levelling = min(sweeps_of(dynamics), _LEVELLING)
+    values = np.zeros(dynamics.num_states)
     while True:
-        backed, policy = stack.backup(values)
+        backed, policy = backup(dynamics, values)
         with np.errstate(all="ignore"):  # what overflows is refused by who watches the bounds
             change = backed - values
             now = Round(values, backed, policy, ahead * float(change.min()), ahead * float(change.max()))
@@ -86,48 +87,48 @@ def rounds(stack: Stack, improve: Callable[[Vector, Round], None]) -> Iterator[R
         values = backed + now.below
         improve(values, now)
         for _ in range(levelling):
-            values, _ = stack.backup(values)
+            values, _ = backup(dynamics, values)
 
 
 def bounded(
-    stack: Stack, belief: Vector, limits: Limits, solver: str, improve: Callable[[Vector, Round], None]
+    dynamics: Dynamics, belief: Vector, limits: Limits, solver: str, improve: Callable[[Vector, Round], None]
 ) -> Solution:
     """Return a Q-table with its bounds at a belief, from as many rounds as the limits allow."""
-    for iterations, now in enumerate(rounds(stack, improve), 1):
+    for iterations, now in enumerate(rounds(dynamics, improve), 1):
         value = float(belief @ now.backed)
         lower, upper = value + now.below, value + now.above
-        if limits.ends(lower, upper, iterations=iterations, size=stack.size):
+        if limits.ends(lower, upper, iterations=iterations, size=dynamics.num_states):
             break
-        if now.above - now.below <= rounding(stack, now):
+        if now.above - now.below <= rounding(dynamics, now):
             limits.reason = "converged"
             break
-    return limits.solution(now.table(stack), solver, lower, upper, iterations=iterations, size=stack.size)
+    return limits.solution(now.table(dynamics), solver, lower, upper, iterations=iterations, size=dynamics.num_states)
 
 
-def rounding(stack: Stack, now: Round) -> float:
+def rounding(dynamics: Dynamics, now: Round) -> float:
     """Return how near the bounds come: what sums of floats are off, over all steps to come."""
-    terms = 16 + stack.entries / stack.rewards.size
-    return float(terms * np.finfo(float).eps * np.abs(now.backed).max() / (1 - stack.discount))
+    terms = 16 + dynamics.entries / dynamics.rewards.size
+    return float(terms * np.finfo(float).eps * np.abs(now.backed).max() / (1 - dynamics.discount))
 
 
-def sweeping(stack: Stack, gap: float, each: int) -> Callable[[Vector, Round], None]:
+def sweeping(dynamics: Dynamics, gap: float, each: int) -> Callable[[Vector, Round], None]:
     """Return sweeps for `rounds`.
 
     Args:
-        stack: The model.
+        dynamics: The model.
         gap: How far the bounds may be apart at the end.
-        each: Every so many sweeps look for the best actions; see `Stack.sweep`.
+        each: Every so many sweeps look for the best actions; see `mdm.solvers.mdp.backups.sweep`.
     """
-    most = each * sweeps_of(stack)
-    share = _SETTLED * (1 - stack.discount)
+    most = each * sweeps_of(dynamics)
+    share = _SETTLED * (1 - dynamics.discount)
 
     def improve(values: Vector, last: Round) -> None:
-        stack.sweep(values, last.policy, most, each, share * max(last.above - last.below, gap))
+        sweep(dynamics, values, last.policy, most, each, share * max(last.above - last.below, gap))
 
     return improve
 
 
-def sweeps_of(stack: Stack) -> int:
+def sweeps_of(dynamics: Dynamics) -> int:
     """Return how many sweeps for the best actions a round has: more of them in small models."""
     least, most = _SWEEPS
-    return min(max(_PASS // stack.entries, least), most)
+    return min(max(_PASS // dynamics.entries, least), most)

@@ -1,10 +1,8 @@
-"""Sweeps over the states, compiled: each visits the states in order and reads each row of the stacked matrix once.
+"""Sweeps over the states, compiled: each visits the states in order and reads each row of T once.
 
-The arguments ``data, indices, starts`` are the stacked CSR matrix (row s A + a), whose indices are unsigned, because
-numba then need not look for negative ones, a third of the time; ``rewards`` is S x A. Values change in
-place, so that a state's backup uses the newest values of those before it (Gauss-Seidel); forward and backward sweeps
-take turns, so that values spread along any chain of states. What an action leaves in its own state is solved for:
-V(s) = (R + discount * sum over s' other than s) / (1 - discount P(s | s, a)).
+Values change in place, so that a state's backup uses the newest values of those before it (Gauss-Seidel). Forward and
+backward sweeps take turns, so that values spread along any chain of states. The part of V(s) that an action leaves in s
+is solved for: V(s) = (R + discount * sum over s' other than s) / (1 - discount P(s | s, a)). ``rewards`` is S x A.
 """
 
 from __future__ import annotations
@@ -18,6 +16,7 @@ from mdm.models.compilation import compiled
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from mdm.models.dynamics import Rows
     from mdm.models.matrices import Vector
 
     Indices = npt.NDArray[np.integer]
@@ -27,9 +26,7 @@ __all__ = ["backup", "prioritised_sweeps", "sweep"]
 
 @compiled
 def backup(
-    data: Vector,
-    indices: Indices,
-    starts: Indices,
+    transitions: Rows,
     rewards: Vector,
     discount: float,
     values: Vector,
@@ -41,22 +38,20 @@ def backup(
     for state in range(size):
         best, chosen = 0.0, -1
         for action in range(count):
-            row = state * count + action
+            row = transitions.first[action] + state
             total = 0.0
-            for at in range(starts[row], starts[row + 1]):
-                total += data[at] * values[indices[at]]
-            worth = rewards[state, action] + discount * total
-            if chosen < 0 or worth > best:
-                best, chosen = worth, action
+            for at in range(transitions.starts[row], transitions.starts[row + 1]):
+                total += transitions.values[at] * values[transitions.columns[at]]
+            value = rewards[state, action] + discount * total
+            if chosen < 0 or value > best:
+                best, chosen = value, action
         backed[state] = best
         policy[state] = chosen
 
 
 @compiled
 def sweep(
-    data: Vector,
-    indices: Indices,
-    starts: Indices,
+    transitions: Rows,
     rewards: Vector,
     discount: float,
     values: Vector,
@@ -65,7 +60,7 @@ def sweep(
     each: int,
     tolerance: float,
 ) -> None:
-    """Back states up, in place; see `mdm.solvers.mdp.stack.Stack.sweep`.
+    """Back states up, in place; see `mdm.solvers.mdp.backups.sweep`.
 
     What a sweep for the best actions finds is copied: those after it read a matrix of their own, A times smaller.
     """
@@ -73,28 +68,27 @@ def sweep(
     firsts = np.zeros(size + 1, dtype=np.uintp)  # room for the longest row of each state
     for state in range(size):
         longest = np.uintp(0)
-        for row in range(state * count, (state + 1) * count):
-            longest = max(longest, np.uintp(starts[row + 1] - starts[row]))
+        for action in range(count):
+            row = transitions.first[action] + state
+            longest = max(longest, np.uintp(transitions.starts[row + 1] - transitions.starts[row]))
         firsts[state + 1] = firsts[state] + longest
     ends = firsts[:-1].copy()
-    weights, after = np.empty(firsts[size]), np.empty(firsts[size], dtype=indices.dtype)
+    weights, after = np.empty(firsts[size]), np.empty(firsts[size], dtype=np.uint32)
     earned = np.empty(size)
     for turn in range(most):
         if turn % each:
             _follow(weights, after, firsts, ends, earned, values, turn)
             continue
-        change = _choose(data, indices, starts, rewards, discount, values, policy, turn)
+        change = _choose(transitions, rewards, discount, values, policy, turn)
         if not change > tolerance:
             break
         if each > 1:
-            _copy(data, indices, starts, rewards, discount, policy, weights, after, firsts, ends, earned)
+            _copy(transitions, rewards, discount, policy, weights, after, firsts, ends, earned)
 
 
 @compiled
 def _choose(
-    data: Vector,
-    indices: Indices,
-    starts: Indices,
+    transitions: Rows,
     rewards: Vector,
     discount: float,
     values: Vector,
@@ -108,19 +102,19 @@ def _choose(
         state = place if turn % 2 else size - 1 - place
         best, chosen = 0.0, -1
         for action in range(count):
-            row = state * count + action
+            row = transitions.first[action] + state
             total, rest = 0.0, 1.0
-            for at in range(starts[row], starts[row + 1]):
-                weight = discount * data[at]
-                if indices[at] == state:
+            for at in range(transitions.starts[row], transitions.starts[row + 1]):
+                weight = discount * transitions.values[at]
+                if transitions.columns[at] == state:
                     rest -= weight
                 else:
-                    total += weight * values[indices[at]]
-            worth = rewards[state, action] + total
+                    total += weight * values[transitions.columns[at]]
+            value = rewards[state, action] + total
             if rest != 1.0:
-                worth /= rest
-            if chosen < 0 or worth > best:
-                best, chosen = worth, action
+                value /= rest
+            if chosen < 0 or value > best:
+                best, chosen = value, action
         change = max(change, abs(best - values[state]))
         values[state] = best
         policy[state] = chosen
@@ -129,9 +123,7 @@ def _choose(
 
 @compiled
 def _copy(
-    data: Vector,
-    indices: Indices,
-    starts: Indices,
+    transitions: Rows,
     rewards: Vector,
     discount: float,
     policy: Indices,
@@ -142,19 +134,18 @@ def _copy(
     earned: Vector,
 ) -> None:
     """Copy the rows of a policy, solved for the state itself: V(s) = earned + sum of weights * V(after)."""
-    size, count = rewards.shape
-    for state in range(size):
-        row = state * count + policy[state]
+    for state in range(len(rewards)):
+        row = transitions.first[policy[state]] + state
         rest = 1.0
-        for at in range(starts[row], starts[row + 1]):
-            if indices[at] == state:
-                rest -= discount * data[at]
+        for at in range(transitions.starts[row], transitions.starts[row + 1]):
+            if transitions.columns[at] == state:
+                rest -= discount * transitions.values[at]
         earned[state] = rewards[state, policy[state]] / rest
         end = firsts[state]
-        for at in range(starts[row], starts[row + 1]):
-            if indices[at] != state:
-                weights[end] = discount * data[at] / rest
-                after[end] = indices[at]
+        for at in range(transitions.starts[row], transitions.starts[row + 1]):
+            if transitions.columns[at] != state:
+                weights[end] = discount * transitions.values[at] / rest
+                after[end] = transitions.columns[at]
                 end += np.uintp(1)
         ends[state] = end
 
@@ -167,24 +158,20 @@ def _follow(
     size = len(values)
     for place in range(size):
         state = place if turn % 2 else size - 1 - place
-        worth = earned[state]
+        value = earned[state]
         for at in range(firsts[state], ends[state]):
-            worth += weights[at] * values[after[at]]
-        values[state] = worth
+            value += weights[at] * values[after[at]]
+        values[state] = value
 
 
 @compiled
 def prioritised_sweeps(
-    data: Vector,
-    indices: Indices,
-    starts: Indices,
+    transitions: Rows,
     rewards: Vector,
     discount: float,
     values: Vector,
     priorities: Vector,
-    chances: Vector,
-    before: Indices,
-    firsts: Indices,
+    before: Rows,
     threshold: float,
     floor: float,
     most: int,
@@ -192,16 +179,12 @@ def prioritised_sweeps(
     """Back up the states whose priority is above a threshold, in place, and halve it whenever there are none.
 
     Args:
-        data: See above.
-        indices: See above.
-        starts: See above.
+        transitions: T.
         rewards: See above.
         discount: See above.
-        values: What the states are worth.
+        values: What the states are value.
         priorities: By how much each state's value may be wrong.
-        chances: With ``before, firsts`` a CSR matrix: row s' holds the states before it, with the greatest chance.
-        before: See there.
-        firsts: See there.
+        before: For each s' the states before it, with the probabilities of the transitions.
         threshold: The first threshold.
         floor: Stop when the threshold falls to it.
         most: The most backups.
@@ -217,18 +200,18 @@ def prioritised_sweeps(
             done += 1
             best, chosen = 0.0, -1
             for action in range(count):
-                row = state * count + action
+                row = transitions.first[action] + state
                 total = 0.0
-                for at in range(starts[row], starts[row + 1]):
-                    total += data[at] * values[indices[at]]
-                worth = rewards[state, action] + discount * total
-                if chosen < 0 or worth > best:
-                    best, chosen = worth, action
+                for at in range(transitions.starts[row], transitions.starts[row + 1]):
+                    total += transitions.values[at] * values[transitions.columns[at]]
+                value = rewards[state, action] + discount * total
+                if chosen < 0 or value > best:
+                    best, chosen = value, action
             change = abs(best - values[state])
             values[state] = best
             priorities[state] = 0.0
-            for at in range(firsts[state], firsts[state + 1]):
-                raised = discount * chances[at] * change
-                priorities[before[at]] = max(priorities[before[at]], raised)
+            for at in range(before.starts[state], before.starts[state + 1]):
+                raised = discount * before.values[at] * change
+                priorities[before.columns[at]] = max(priorities[before.columns[at]], raised)
         if not found:
             threshold /= 2

@@ -18,8 +18,8 @@ from mdm.models.compressed import csr, is_compressed
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from mdm.models.dynamics import Dynamics
     from mdm.models.matrices import Matrix, Vector
-    from mdm.solvers.mdp.stack import Stack
 
     Mask = npt.NDArray[np.bool_]
 
@@ -28,29 +28,31 @@ __all__ = ["first_policy", "resting"]
 _REMEDY = "give a discount below 1, or a horizon"
 
 
-def first_policy(stack: Stack) -> npt.NDArray[np.intp]:
+def first_policy(dynamics: Dynamics) -> npt.NDArray[np.intp]:
     """Return a policy that comes to rest from every state.
 
     Raises:
         ModelError: If there is none.
     """
-    policy, rest = _rest(stack)
-    rows, columns = _entries(stack.matrix)
-    states, actions = np.divmod(rows, stack.num_actions)
+    policy, rest = _rest(dynamics)
+    rows, columns = _entries(dynamics.matrix)
+    blocks, states = np.divmod(rows, dynamics.num_states)
+    _, lowest = np.unique(dynamics.places[0], return_index=True)  # of the actions that share a matrix
+    actions = lowest[blocks]
     reached, following = _leading_to(states, columns, rest)
     if not reached.all():
-        name = stack.state_names[int((~reached).argmax())]
+        name = dynamics.model.state_space.names[int((~reached).argmax())]
         raise ModelError(
             f"the discount is 1, but from state {name!r} no policy comes to where nothing more is earned or paid: "
             f"{_REMEDY}"
         )
     towards = (columns == following[states]) & ~rest[states]
-    policy[~rest] = stack.num_actions
+    policy[~rest] = dynamics.num_actions
     np.minimum.at(policy, states[towards], actions[towards])
     return policy
 
 
-def resting(matrix: Matrix, rewards: Vector, stack: Stack) -> Mask:
+def resting(matrix: Matrix, rewards: Vector, dynamics: Dynamics) -> Mask:
     """Return the states from which a policy earns nothing more, given its transitions and rewards.
 
     Raises:
@@ -61,17 +63,17 @@ def resting(matrix: Matrix, rewards: Vector, stack: Stack) -> Mask:
     active, _ = _leading_to(states, columns, rewards != 0)
     reached, _ = _leading_to(states, columns, ~active)
     if not reached.all():
-        name = stack.state_names[int((~reached).argmax())]
+        name = dynamics.model.state_space.names[int((~reached).argmax())]
         raise ModelError(f"the discount is 1, and from state {name!r} rewards can be earned without end: {_REMEDY}")
     return ~active
 
 
-def _rest(stack: Stack) -> tuple[npt.NDArray[np.intp], Mask]:
+def _rest(dynamics: Dynamics) -> tuple[npt.NDArray[np.intp], Mask]:
     """Return an action that rests for each state that has one, and which do."""
-    free = stack.rewards == 0
+    free = dynamics.rewards == 0
     rest = free.any(axis=1)
     while True:
-        leaves = (stack.matrix @ (~rest).astype(np.float64)).reshape(free.shape) > 0
+        leaves = dynamics.after((~rest).astype(np.float64)) > 0
         stays = free & ~leaves
         if (still := stays.any(axis=1) & rest).sum() == rest.sum():
             return stays.argmax(axis=1), rest

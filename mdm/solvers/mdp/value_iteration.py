@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ConfigError
+from mdm.models.dynamics import Dynamics
 from mdm.policies import StagedPolicy
 from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.policy_iteration import improve_policies
 from mdm.solvers.mdp.rounds import bounded, sweeping
-from mdm.solvers.mdp.stack import Stack
 
 if TYPE_CHECKING:
     from mdm.models import MDP
@@ -51,36 +51,36 @@ def value_iteration(model: MDP, *, limits: Limits | None = None, horizon: int | 
     if horizon is not None and horizon < 1:
         raise ConfigError(f"a horizon is a number of decisions from 1 on, not {horizon}", key="horizon")
     with Limits() if limits is None else limits as run:
-        stack = Stack(model)
+        dynamics = Dynamics(model)
         if horizon is not None:
-            return _backward(stack, model.initial_belief, run, horizon)
-        if stack.discount == 1:
-            return improve_policies(stack, model.initial_belief, run, _NAME)
-        improve = sweeping(stack, run.gap, 1)
-        return bounded(stack, model.initial_belief, run, _NAME, improve)
+            return _backward(dynamics, model.initial_belief, run, horizon)
+        if dynamics.discount == 1:
+            return improve_policies(dynamics, model.initial_belief, run, _NAME)
+        improve = sweeping(dynamics, run.gap, 1)
+        return bounded(dynamics, model.initial_belief, run, _NAME, improve)
 
 
-def _backward(stack: Stack, belief: Vector, limits: Limits, horizon: int) -> Solution:
+def _backward(dynamics: Dynamics, belief: Vector, limits: Limits, horizon: int) -> Solution:
     """Return the optimal policy of each stage, from the last to the first.
 
     While stages are missing the value is bounded by the least and the greatest reward in each of them.
     """
-    tables = np.empty((horizon, stack.size, stack.num_actions))
-    rewards = stack.rewards.min(), stack.rewards.max()
-    values = np.zeros(stack.size)
+    tables = np.empty((horizon, dynamics.num_states, dynamics.num_actions))
+    rewards = dynamics.rewards.min(), dynamics.rewards.max()
+    values = np.zeros(dynamics.num_states)
     for stage in range(horizon - 1, -1, -1):
-        tables[stage] = stack.q_values(values)
+        tables[stage] = dynamics.q_values(values)
         values = tables[stage].max(axis=1)
         lower = upper = float(belief @ values)
         if stage:
-            ahead = stack.discount**stage
-            sums = stage if stack.discount == 1 else (1 - ahead) / (1 - stack.discount)
+            ahead = dynamics.discount**stage
+            sums = stage if dynamics.discount == 1 else (1 - ahead) / (1 - dynamics.discount)
             lower = float(sums * rewards[0] + ahead * values.min())
             upper = float(sums * rewards[1] + ahead * values.max())
-        if limits.ends(lower, upper, iterations=horizon - stage, size=horizon * stack.size):
+        if limits.ends(lower, upper, iterations=horizon - stage, size=horizon * dynamics.num_states):
             break
     tables[:stage] = tables[stage]
     done = horizon - stage
     return limits.solution(
-        StagedPolicy(tables), _NAME, lower, upper, iterations=done, size=horizon * stack.size, exact=not stage
+        StagedPolicy(tables), _NAME, lower, upper, iterations=done, size=horizon * dynamics.num_states, exact=not stage
     )

@@ -80,11 +80,11 @@ def _model(
     )
 
 
-def trackers(model: mdm.models.POMDP, **options: Any) -> dict[str, mdm.BeliefTracker]:
+def trackers(model: mdm.models.POMDP) -> dict[str, mdm.BeliefTracker]:
     """Return trackers of the model, with numba where it is there, and without."""
-    found = {FAST: mdm.BeliefTracker(model, **options)} if can_compile() else {}
+    found = {FAST: mdm.BeliefTracker(model)} if can_compile() else {}
     with patch("mdm.beliefs.choice.can_compile", return_value=False):
-        return found | {NUMPY: mdm.BeliefTracker(model, **options)}
+        return found | {NUMPY: mdm.BeliefTracker(model)}
 
 
 def tracked(tracker: mdm.BeliefTracker, action: int = 0, observation: int = 1) -> Callable[[int], Vector]:
@@ -154,16 +154,16 @@ def compare_false_negatives(path: Path, rounds: int, seconds: float) -> list[dic
     """Measure updates with false negatives of a real model of events, against solving for them each time."""
     model = mdm.load_model(path)
     size = len(model.state_space)
-    unnoticed, heard = (np.asarray(model.joint_matrix(0, observation)) for observation in (0, 1))
+    missed, detected = (np.asarray(model.joint_matrix(0, observation)) for observation in (0, 1))
 
     def solved(updates: int) -> Vector:
         belief = model.initial_belief
         for _ in range(updates):
-            belief = np.linalg.solve((np.eye(size) - unnoticed).T, belief) @ heard
+            belief = np.linalg.solve((np.eye(size) - missed).T, belief) @ detected
             belief /= belief.sum()
         return belief
 
-    ways = {name: tracked(tracker) for name, tracker in trackers(model, false_negative=0).items()}
+    ways = {name: tracked(tracker) for name, tracker in trackers(model.with_false_negatives(0)).items()}
     return _rated(
         f"{path.stem}, false negatives",
         size,

@@ -75,8 +75,8 @@ class ControlLayer(Layer):
         deadline: Seconds from stimulus to decision; a later decision is reported and the safe action runs instead.
         initial_belief: In place of the model's.
         tracker: A belief tracker of your own, in place of the model's.
-        false_negative: The observation, by name or index, that stands for an event which nobody noticed; see
-            `BeliefTracker`.
+        false_negative: The observation, by name or index, that is a false negative, as by
+            ``model.with_false_negatives(...)``.
         agent: Whose own controller of a `JointController` it runs, by index or name, on that agent's observations
             alone; by default the whole team's, on joint ones.
     """
@@ -99,6 +99,8 @@ class ControlLayer(Layer):
         name: str = "control",
     ) -> None:
         super().__init__(name)
+        if false_negative is not None:
+            model = _with_false_negatives(model, false_negative, policy, tracker)
         policy, self.action_space, self.observation_space = Scope.of(policy, model, agent)
         self.policy = policy
         self.model = model
@@ -114,7 +116,6 @@ class ControlLayer(Layer):
         self.superseded = 0
         self.undecided = 0
         self.action_names: Sequence[str] = () if self.action_space is None else self.action_space.names
-        self.false_negative = self._unnoticed_symbol(false_negative, tracker)
         self._controller: ControllerRun | None = None
         self._tracker: Tracker | ControllerRun | None = tracker
         self._choose: Callable[[Any], int]
@@ -128,7 +129,7 @@ class ControlLayer(Layer):
             self._rewards = None
         else:
             if tracker is None and policy.input == "belief" and isinstance(model, POMDP):
-                self._tracker = BeliefTracker(model, false_negative=self.false_negative)
+                self._tracker = BeliefTracker(model)
             self._choose = policy.action
             if isinstance(policy, StagedPolicy):
                 self.horizon = policy.horizon if horizon is None else horizon
@@ -201,19 +202,6 @@ class ControlLayer(Layer):
                 self._tracker.reset(self._initial)
             except ModelError as error:
                 raise ConfigError(str(error), key="initial_belief") from None
-
-    def _unnoticed_symbol(self, symbol: Symbol | None, tracker: Tracker | None) -> int | None:
-        if symbol is None:
-            return None
-        if tracker is not None or self.policy.input != "belief" or not isinstance(self.model, POMDP):
-            raise ConfigError(
-                "false negatives are taken into account where the belief is tracked by a POMDP's own tracker",
-                key="false_negative",
-            )
-        try:
-            return self.model.observation_space.index(symbol)
-        except ModelError as error:
-            raise ConfigError(str(error), key="false_negative") from None
 
     def _no_observation_symbol(self) -> int | Literal["predict", "repeat"]:
         if self.on_no_observation == "predict":
@@ -531,6 +519,20 @@ def _expected(rewards: npt.NDArray[np.float64], belief: Support) -> float:
     """Return the expectation of the rewards of all states."""
     reward: float = rewards.take(belief.states).dot(belief.probabilities).item()
     return reward
+
+
+def _with_false_negatives(
+    model: MDP | POMDP | None, symbol: Symbol, policy: Policy | Controller, tracker: Tracker | None
+) -> MDP | POMDP:
+    if model is None or tracker is not None or policy.input == "state":
+        raise ConfigError(
+            "a false negative is for policies that go by what is observed, with a model and its own tracker",
+            key="false_negative",
+        )
+    try:
+        return model.with_false_negatives(symbol)
+    except ModelError as error:
+        raise ConfigError(str(error), key="false_negative") from None
 
 
 def _rewards(rewards: npt.ArrayLike | None, model: MDP | POMDP | None) -> npt.NDArray[np.float64] | None:

@@ -39,9 +39,9 @@ class DeliberatingControlLayer(ControlLayer):
                 f"the search takes {policy.seconds} s, but a decision is due every {1 / self.drive.rate:g} s",
                 key="policy",
             )
-        if self.false_negative != policy.unnoticed:
+        if self.model is not None and self.model.false_negative != policy.false_negative:
             raise ConfigError(
-                "the search and the ensemble differ in which observation nobody notices: give it to both",
+                "the search and the ensemble differ in the false negative: give both the same model",
                 key="false_negative",
             )
         self.planner = Planner(policy, deadline=self.deadline)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.models.compressed import is_compressed
-from mdm.models.detection import Unnoticed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,15 +31,12 @@ class CrowdBeliefs:
 
     Args:
         model: The model.
-        unnoticed: The observation that stands for an event that nobody noticed, if there is one.
     """
 
-    def __init__(self, model: POMDP, unnoticed: int | None = None) -> None:
+    def __init__(self, model: POMDP) -> None:
         self._model = model
         self._num_observations = len(model.observation_space)
         self._joints: dict[tuple[int, int], Matrix] = {}
-        self._false_negative = unnoticed
-        self._unnoticed: dict[int, Unnoticed] = {}
         self.beliefs: Vector = np.empty((0, len(model.state_space)))
         """An episode in each row."""
 
@@ -69,23 +65,16 @@ class CrowdBeliefs:
         self.beliefs = self.beliefs[which]
 
     def _moved(self, beliefs: Vector, action: int, observation: int) -> Vector:
-        joint = self._joints.get((action, observation))
+        model, joint = self._model, self._joints.get((action, observation))
+        misses = model.false_negative not in {None, observation}
         if joint is None:
-            joint = self._model.joint_matrix(action, observation)
-            if self._false_negative is not None and not is_compressed(joint):
-                joint = self._before(action).before(joint)
+            joint = model.joint_matrix(action, observation)
+            if misses and not is_compressed(joint):
+                joint = model.resolvent(action).values(joint)
             self._joints[action, observation] = joint
-        if self._false_negative is not None and is_compressed(joint):
-            heard = self._before(action)
-            beliefs = np.stack([heard(belief) for belief in beliefs])
+        if misses and is_compressed(joint):
+            beliefs = model.resolvent(action).weights(beliefs)
         return product(beliefs, joint)
-
-    def _before(self, action: int) -> Unnoticed:
-        """Return what moves a belief along what was not noticed during an action."""
-        if action not in self._unnoticed:
-            assert self._false_negative is not None
-            self._unnoticed[action] = Unnoticed(self._model.joint_matrix(action, self._false_negative))
-        return self._unnoticed[action]
 
 
 def product(rows: Vector, matrix: Matrix) -> Vector:

@@ -13,13 +13,11 @@ from mdm.beliefs.network import NetworkFilter
 from mdm.beliefs.rows import Rows
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
 from mdm.models.compilation import can_compile
-from mdm.models.compressed import csr, is_compressed
-from mdm.models.detection import Unnoticed
+from mdm.models.compressed import is_compressed
 from mdm.models.factored.model import FactoredPOMDP
 
 if TYPE_CHECKING:
     from mdm.beliefs.filter import Filter
-    from mdm.models.matrices import Matrix, Vector
     from mdm.models.pomdp import POMDP
 
 __all__ = ["chosen_filter", "is_vast"]
@@ -40,32 +38,28 @@ _GATHERED = 5_000, 64
 """By numpy alone: only for more states than the first, and one in so many as the second; it costs 40 µs at least."""
 
 
-def chosen_filter(model: POMDP, unnoticed: int | None = None, *, fast: bool | None = None) -> Filter:
+def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:
     """Return the filter that suits a model best.
 
     Args:
         model: The POMDP.
-        unnoticed: The observation that stands for an event that nobody noticed.
         fast: Whether to use numba; by default where it is there.
     """
     fast = can_compile() if fast is None else fast
-    if isinstance(model, FactoredPOMDP) and unnoticed is None and is_vast(model):
+    all_detected = model.false_negative is None
+    if isinstance(model, FactoredPOMDP) and all_detected and is_vast(model):
         return NetworkFilter(model.network)
     model = model.flatten()
     actions, size = range(len(model.action_space)), len(model.state_space)
     fits = len(actions) * len(model.observation_space) * size**2 <= _FOLDED
-    silent = None
-    if unnoticed is not None:
-        joints = [model.joint_matrix(a, unnoticed) for a in actions]
-        silent = [Unnoticed(_dense(joint) if fits else csr(joint)) for joint in joints]
     filled = size <= _SMALL or _filled(model) >= _DENSE
-    if fits and (filled or silent is not None):
-        return (CompiledFoldedFilter if fast else FoldedFilter)(model, silent, unnoticed)
-    if filled and silent is None and not model.event_observations:
+    if fits and (filled or not all_detected):
+        return (CompiledFoldedFilter if fast else FoldedFilter)(model)
+    if filled and all_detected and not model.event_observations:
         return LikelyFilter(model, fast=fast)
-    rows = Rows(model, silent, unnoticed)
+    rows = Rows(model)
     wide = GroupedFilter if fast else CompressedFilter
-    if silent is not None or (not fast and size <= _GATHERED[0]):  # what goes unnoticed leads everywhere
+    if not all_detected or (not fast and size <= _GATHERED[0]):  # false negatives lead everywhere
         return wide(rows)
     narrow = CompiledSupportFilter(rows) if fast else SupportFilter(rows)
     if rows.entries > _ARRANGED:
@@ -84,7 +78,3 @@ def _filled(model: POMDP) -> float:
     matrices = [model.transition_matrix(a) for a in range(len(model.action_space))]
     entries = sum(matrix.nnz if is_compressed(matrix) else int(np.count_nonzero(matrix)) for matrix in matrices)
     return entries / (len(matrices) * len(model.state_space) ** 2)
-
-
-def _dense(matrix: Matrix) -> Vector:
-    return np.asarray(matrix.toarray() if is_compressed(matrix) else matrix)

@@ -58,11 +58,12 @@ class _WideFilter:
         return Support(states, self._before[states] * (1 / self._total))
 
     def _reached(self, action: int, observation: int) -> Vector:
-        """Return the belief, moved along all that may have gone unnoticed before an observation."""
+        """Return the belief, moved along all the false negatives that may precede an observation."""
         rows = self._rows
-        if rows.unnoticed is None or observation == rows.symbol:
+        if rows.false_negative is None or observation == rows.false_negative:
             return self._before
-        return rows.unnoticed[action](self._before)
+        reached: Vector = rows.resolvents[action].weights(self._before)
+        return reached
 
     def _take(self, total: float, size: int) -> float:
         """Go on from the next belief, whose sum is given; return by how much it is less than that of the present."""
@@ -165,7 +166,7 @@ class GroupedFilter(_WideFilter):
 
     def step(self, action: int, observation: int) -> float:
         """Take an action and what was observed after it; return P(observation | belief, action)."""
-        before = self._before if self._rows.unnoticed is None else self._reached(action, observation)
+        before = self._before if self._rows.false_negative is None else self._reached(action, observation)
         return self._take(*self._pull(*self._moves[action][observation], before, self._after))
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:

@@ -18,7 +18,6 @@ from mdm.models.compressed import is_compressed
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mdm.models.detection import Unnoticed
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.pomdp import POMDP
 
@@ -86,21 +85,19 @@ class _DenseFilter:
 
 
 class FoldedFilter(_DenseFilter):
-    """Holds P(s', o | s, a) of each action and observation in one matrix, with what may go unnoticed before.
+    """Holds P(s', o | s, a) of each action and observation in one matrix, with the false negatives before it.
 
     Args:
         model: The POMDP.
-        unnoticed: The false negatives of each action.
-        symbol: The observation that they are.
     """
 
-    def __init__(self, model: POMDP, unnoticed: Sequence[Unnoticed] | None = None, symbol: int | None = None) -> None:
+    def __init__(self, model: POMDP) -> None:
         super().__init__(model)
 
         def fold(action: int, observation: int) -> Vector:
             joint = _array(model.joint_matrix(action, observation))
-            if unnoticed is not None and observation != symbol:
-                joint = unnoticed[action].before(joint)
+            if model.false_negative is not None and observation != model.false_negative:
+                joint = model.resolvent(action).values(joint)
             return np.ascontiguousarray(joint)
 
         actions, observations = range(len(model.action_space)), range(len(model.observation_space))
@@ -129,10 +126,10 @@ class CompiledFoldedFilter(FoldedFilter):
     Its belief is always normalised: in a compiled loop that costs less than to find out later that it is not.
     """
 
-    def __init__(self, model: POMDP, unnoticed: Sequence[Unnoticed] | None = None, symbol: int | None = None) -> None:
+    def __init__(self, model: POMDP) -> None:
         from mdm.beliefs.kernels import move_normalised  # noqa: PLC0415 - numba takes long to import
 
-        super().__init__(model, unnoticed, symbol)
+        super().__init__(model)
         self._move = move_normalised
         for _ in range(2):  # compiled now, not at the first step: from a belief of ours, and from one handed out
             self._move(self._folded[0][0], self._before, self._after)

@@ -9,7 +9,7 @@ from mdm.models.compressed import csr, is_compressed
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from mdm.models.detection import Unnoticed
+    from mdm.models.detection import Resolvent
     from mdm.models.matrices import Matrix
     from mdm.models.pomdp import POMDP
 
@@ -21,24 +21,25 @@ class Rows:
 
     Args:
         model: The POMDP.
-        unnoticed: The false negatives of each action.
-        symbol: The observation that they are.
     """
 
-    def __init__(self, model: POMDP, unnoticed: Sequence[Unnoticed] | None = None, symbol: int | None = None) -> None:
+    def __init__(self, model: POMDP) -> None:
         self.num_states = len(model.state_space)
         self.num_observations = len(model.observation_space)
         self.initial = model.initial_belief
-        self.unnoticed = unnoticed
-        self.symbol = symbol
         actions, observations = range(len(model.action_space)), range(self.num_observations)
+        self.false_negative = model.false_negative
+        self.resolvents: list[Resolvent] = []
+        """By which a belief moves along the false negatives of each action, where the model has any."""
+        if model.false_negative is not None:
+            self.resolvents = [model.resolvent(a) for a in actions]
         self.transitions = once([model.transition_matrix(a) for a in actions], _compressed)
         """T of each action, S x S'."""
         self.joints: list[list[Matrix]] | None = None
         """P(s', o | s, a) of each action and observation, S x S', of events and with false negatives."""
         self.observations: list[Matrix] = []
         """P(o | a, s') of each action, S' x O, where there are no joints."""
-        if model.event_observations or unnoticed is not None:
+        if model.event_observations or model.false_negative is not None:
             self.joints = [[csr(model.joint_matrix(a, o), copy=False) for o in observations] for a in actions]
         else:
             self.observations = once([model.observation_matrix(a) for a in actions], _compressed)

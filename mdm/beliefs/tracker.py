@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.models.pomdp import POMDP
-    from mdm.models.space import Symbol
 
 __all__ = ["BeliefTracker", "Tracker"]
 
@@ -57,25 +56,22 @@ class Tracker(Protocol):
 class BeliefTracker:
     """Tracks the belief over the states of a POMDP, exactly.
 
-    With observations that are events, b'(s') is proportional to the sum over s of P(s', o | s, a) b(s).
+    With observations that are events, b'(s') is proportional to the sum over s of P(s', o | s, a) b(s). Where the model
+    has false negatives, any number of them may precede each event that is observed: an update takes them all into
+    account.
 
     Args:
         model: The POMDP.
-        false_negative: The observation that stands for an event that nobody noticed, by name or index. Any number of
-            such events may precede each one that is observed; the update takes them all into account.
-
-    Raises:
-        ModelError: If there is no such observation.
     """
 
-    def __init__(self, model: POMDP, false_negative: Symbol | None = None) -> None:
+    def __init__(self, model: POMDP) -> None:
         self._space = model.observation_space
         self._size = len(model.state_space)
         self._num_actions = len(model.action_space)
         self._num_observations = len(model.observation_space)
-        self._unnoticed = None if false_negative is None else model.observation_space.index(false_negative)
+        self._false_negative = model.false_negative
         self._start = _first(model)
-        self._filter = chosen_filter(model, self._unnoticed)
+        self._filter = chosen_filter(model)
         self._step = self._filter.step
         self._belief: Vector | None = None
         self.reset()
@@ -131,7 +127,7 @@ class BeliefTracker:
                 are summed over); or None where nothing is known (prediction only: one step of T).
 
         Returns:
-            P(observation | belief, action); with false negatives, of the next event that is noticed. Where it is 0,
+            P(observation | belief, action); with false negatives, of the next event that is detected. Where it is 0,
             the belief stays as it was.
 
         Raises:
@@ -185,8 +181,8 @@ class BeliefTracker:
         if observation is None:
             return self._filter.predict(action)
         symbols = self._symbols(observation)
-        if self._unnoticed is not None and len(symbols) > 1:
-            symbols = [symbol for symbol in symbols if symbol != self._unnoticed]
+        if self._false_negative is not None and len(symbols) > 1:
+            symbols = [symbol for symbol in symbols if symbol != self._false_negative]
         return self._step(action, symbols[0]) if len(symbols) == 1 else self._filter.step_any(action, symbols)
 
     def _symbols(self, observation: int | tuple[int | None, ...]) -> list[int]:

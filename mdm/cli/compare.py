@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.seed is None:
         arguments.seed = int(np.random.SeedSequence().generate_state(1)[0])
     model = load(arguments.model, arguments.discount)
-    pairs = [load_for(model, path, arguments.seed) for path in arguments.policies]
+    pairs = [load_for(model, path, arguments) for path in arguments.policies]
     if notes := {note for _, world in pairs if (note := shown(world)) is not None}:
         print(f"mdm compare: {notes.pop()}", file=sys.stderr)
     verdicts = [judge(world, policy, arguments, simulated=True) for policy, world in pairs]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import count, seed
+from mdm.cli.usage import add_false_negative, count, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -42,11 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode; by default there is no end")
     parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
     parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
-    parser.add_argument(
-        "--false-negative",
-        metavar="O",
-        help="the observation, by name or index, that stands for an event that nobody noticed",
-    )
+    add_false_negative(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object")
 
 
@@ -56,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.cli.verdict import judge  # noqa: PLC0415
     from mdm.cli.worth import load, load_for, shown  # noqa: PLC0415
 
-    policy, world = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments.seed)
+    policy, world = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
     if (note := shown(world)) is not None:
         print(f"mdm evaluate: {note}", file=sys.stderr)
     verdict = judge(world, policy, arguments)

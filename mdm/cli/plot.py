@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, count, seed
+from mdm.cli.usage import UsageError, add_false_negative, count, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -57,11 +57,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     belief.add_argument("--steps", metavar="H", type=count, default=25, help="decisions (25)")
     for each in (policy, belief):
         each.add_argument("--seed", metavar="S", type=seed, default=0, help="of the simulated episodes (0)")
-        each.add_argument(
-            "--false-negative",
-            metavar="O",
-            help="the observation, by name or index, that stands for an event that nobody noticed",
-        )
+        add_false_negative(each)
     return parser
 
 
@@ -104,7 +100,7 @@ def _of_policy(arguments: argparse.Namespace) -> Any:
     from mdm.views.belief import belief_figure, doubt_figure  # noqa: PLC0415
     from mdm.views.grid import grid_figure  # noqa: PLC0415
 
-    policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments.seed)
+    policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
     if policy.input == "observation":
         raise Error(f"{arguments.policy}: a controller goes from node to node and has no action for a state or belief")
     if arguments.picture == "policy":
@@ -116,7 +112,7 @@ def _of_policy(arguments: argparse.Namespace) -> Any:
             raise UsageError("--states is for policies over beliefs; this one is over states")
         if by_state or (given and given != ["states"]) or (not given and len(model.state_space.factors) > 1):
             return grid_figure(model, policy, arguments.axes, arguments.columns)
-        return doubt_figure(model, policy, arguments.states, arguments.seed, arguments.false_negative)
+        return doubt_figure(model, policy, arguments.states, arguments.seed)
     if policy.input != "belief":
         raise Error(f"{arguments.policy}: the policy sees the state; there is no belief to draw")
-    return belief_figure(model, policy, arguments.steps, arguments.seed, arguments.false_negative)
+    return belief_figure(model, policy, arguments.steps, arguments.seed)

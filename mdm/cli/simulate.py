@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import count, seed
+from mdm.cli.usage import add_false_negative, count, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -31,11 +31,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--episodes", metavar="N", type=count, default=100, help="how many episodes (100)")
     parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
     parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
-    parser.add_argument(
-        "--false-negative",
-        metavar="O",
-        help="the observation, by name or index, that stands for an event that nobody noticed",
-    )
+    add_false_negative(parser)
     parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
@@ -67,12 +63,11 @@ def run(arguments: argparse.Namespace) -> int:
 def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
     from mdm.cli.worth import load, load_for, shown  # noqa: PLC0415
 
-    policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments.seed)
+    policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
     if sentence := shown(model):
         print(f"mdm simulate: {sentence}", file=sys.stderr)
     return {
         "model": model,
-        "false_negative": arguments.false_negative,
         "policy": policy,
         "steps": arguments.steps,
     }
@@ -101,5 +96,4 @@ def _from_file(arguments: argparse.Namespace) -> dict[str, Any]:
         "drive": control.drive,
         "on_impossible": "predict" if control.on_impossible == "safe_action" else control.on_impossible,
         "on_no_observation": control.on_no_observation,
-        "false_negative": control.false_negative,
     }

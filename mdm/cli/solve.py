@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, count, limit, seed
+from mdm.cli.usage import UsageError, add_false_negative, count, limit, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["add_parser", "run"]
 
-_OPTIONS = ("horizon", "false_negative", "seed")
+_OPTIONS = ("horizon", "seed")
 """What only some solvers take."""
 
 
@@ -49,11 +49,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--iterations", metavar="N", type=count, help="stop after so many sweeps, trials or rounds")
     parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
     parser.add_argument("--horizon", metavar="H", type=count, help="decisions, for solvers of finite horizons")
-    parser.add_argument(
-        "--false-negative",
-        metavar="O",
-        help="the observation, by name or index, that stands for an event that nobody noticed",
-    )
+    add_false_negative(parser)
     parser.add_argument("--seed", metavar="S", type=seed, help="for solvers that draw")
     parser.add_argument("--history", metavar="FILE.json", help="write the bounds over time, for mdm plot bounds")
     parser.add_argument("--json", action="store_true", help="one JSON object")
@@ -64,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Solve the model; return the exit status."""
     from mdm.cli.progress import ProgressLine  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.cli.report import as_json  # noqa: PLC0415
-    from mdm.cli.worth import load, revealed, shown  # noqa: PLC0415
+    from mdm.cli.worth import load, revealed, shown, with_false_negatives  # noqa: PLC0415
     from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
     from mdm.formats.fit import misfit  # noqa: PLC0415
     from mdm.formats.target import check_place, write_text  # noqa: PLC0415
@@ -79,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.history is not None and Path(arguments.history).suffix.lower() != ".json":
         raise UsageError("--history writes JSON: its file ends in .json")
     model = load(arguments.model, arguments.discount)
-    world = revealed(model)
+    world = with_false_negatives(revealed(model), arguments)
     solver = arguments.solver or default_solver(world)
     options = _options(arguments, solver)
     if arguments.output is not None:

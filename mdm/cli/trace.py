@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, count, seed
+from mdm.cli.usage import UsageError, add_false_negative, count, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -51,11 +51,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
     parser.add_argument("--drive", metavar="event|RATE", help="decide on events (default), or RATE times a second")
     parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
-    parser.add_argument(
-        "--false-negative",
-        metavar="O",
-        help="the observation, by name or index, that stands for an event that nobody noticed",
-    )
+    add_false_negative(parser)
     parser.add_argument("--horizon", metavar="H", type=count, help="decisions in an episode")
     parser.add_argument(
         "--on-impossible",

@@ -6,11 +6,20 @@ import argparse
 
 from mdm.errors import Error
 
-__all__ = ["UsageError", "count", "limit", "seed"]
+__all__ = ["UsageError", "add_false_negative", "count", "limit", "seed"]
 
 
 class UsageError(Error):
     """The arguments do not go together; the command shows its usage and exits with 2."""
+
+
+def add_false_negative(parser: argparse.ArgumentParser) -> None:
+    """Add the option that names the false negative of a model."""
+    parser.add_argument(
+        "--false-negative",
+        metavar="O",
+        help="the observation, by name or index, that is a false negative: an event that nobody detected",
+    )
 
 
 def count(text: str) -> int:

@@ -105,21 +105,13 @@ def judge(model: MDP, policy: Any, arguments: argparse.Namespace, *, simulated: 
         arguments: What the sub-command was given.
         simulated: Simulate it even where the exact value is known.
     """
-    unnoticed = arguments.false_negative if policy.input != "state" else None
-    values = exact_values(model, policy, steps=arguments.steps, false_negative=unnoticed)
+    values = exact_values(model, policy, steps=arguments.steps)
     exact = None
     if values is not None:
         exact = float(model.initial_belief @ values), float(np.min(values)), float(np.max(values))
     result = None
     if simulated or exact is None or arguments.episodes is not None:
-        result = evaluate(
-            model,
-            policy,
-            episodes=arguments.episodes,
-            steps=arguments.steps,
-            seed=arguments.seed,
-            false_negative=unnoticed,
-        )
+        result = evaluate(model, policy, episodes=arguments.episodes, steps=arguments.steps, seed=arguments.seed)
     facts = describe_policy(policy)
     size = next((f"{_number(facts[what])} {what}" for what in ("vectors", "nodes", "states") if what in facts), "")
     comparable = arguments.steps is None

@@ -13,10 +13,12 @@ from mdm.models.factored.mixed import MixedPOMDP
 from mdm.policies import DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
 
 if TYPE_CHECKING:
+    import argparse
+
     from mdm.models import MDP
     from mdm.models.matrices import Vector
 
-__all__ = ["claim", "load", "load_for", "revealed", "shown"]
+__all__ = ["claim", "load", "load_for", "revealed", "shown", "with_false_negatives"]
 
 
 def load(path: str, discount: float | None) -> MDP:
@@ -38,19 +40,25 @@ def shown(model: MDP) -> str | None:
     return f"the agent sees {', '.join(names)} at every step, and at the start: as the model says"
 
 
-def load_for(model: MDP, path: str, seed: int | None) -> tuple[Any, MDP]:
-    """Load a policy; return it, and the model as it is to see it.
+def load_for(model: MDP, path: str, arguments: argparse.Namespace) -> tuple[Any, MDP]:
+    """Load a policy; return it, and the model as it is to see it, with the false negative that is asked for.
 
     Controllers that were made for the model's own observations see no more of the state than these tell.
     """
-    seen = revealed(model)
+    seen, seed = revealed(model), arguments.seed
     if seen is not model:
         policy = load_policy(path, seed=seed)
         if policy.input == "observation":
             if misfit(policy, seen) is None:
-                return policy, seen
+                return policy, with_false_negatives(seen, arguments)
             seen = model
-    return load_policy(path, model, seed=seed), seen
+    return load_policy(path, model, seed=seed), with_false_negatives(seen, arguments)
+
+
+def with_false_negatives(model: MDP, arguments: argparse.Namespace) -> MDP:
+    """Return a model with the false negative that a command was given; without one as it is."""
+    symbol = arguments.false_negative
+    return model if symbol is None else model.with_false_negatives(symbol)
 
 
 def claim(model: MDP, policy: Any) -> float | None:

@@ -267,6 +267,8 @@ class _Builder:
                 raise ConfigError("a search needs a model to look ahead in")
             if given.plans and not isinstance(policy, AlphaVectors):
                 raise ConfigError("plans are alpha vectors, but the policy is of another kind")
+            if table.false_negative is not None:
+                model = model.with_false_negatives(table.false_negative)
             return TreeSearch(
                 model,
                 seconds=given.seconds,
@@ -275,7 +277,6 @@ class _Builder:
                 fallback=policy,
                 plans=policy if given.plans else None,
                 particles=given.particles,
-                false_negative=table.false_negative,
             )
         return None
 

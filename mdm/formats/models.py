@@ -95,6 +95,11 @@ def save_model(model: MDP | POMDP, path: str | Path) -> None:
     writer = _WRITERS.get(suffix)
     if writer is None or (suffix == ".npz" and Path(path).suffix == ".gz"):
         raise ModelError(f"{Path(path).name!r} names no format that models are written in: {', '.join(_WRITERS)}")
+    if model.false_negative is not None and suffix != ".npz":
+        raise ModelError(
+            f"{suffix} files cannot say which observation is a false negative: write a .npz, or "
+            f"model.with_false_negatives(None)"
+        )
     writer(model, path)
 
 

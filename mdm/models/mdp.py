@@ -164,6 +164,21 @@ class MDP:
         other.discount = checked_discount(discount)
         return other
 
+    @property
+    def false_negative(self) -> int | None:
+        """The index of the observation that is a false negative; None where every event is detected, as in an MDP."""
+        return None
+
+    def with_false_negatives(self, symbol: Symbol | None) -> Self:
+        """Return the same model with an observation that is a false negative: see `POMDP.with_false_negatives`.
+
+        Raises:
+            ModelError: An MDP has no observations.
+        """
+        if symbol is None:
+            return self
+        raise ModelError("an MDP has no observations, and so no false negatives")
+
     def flatten(self) -> MDP:
         """Return the model as matrices: itself, where it is not factored."""
         return self

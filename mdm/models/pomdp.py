@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models.compressed import csr, is_compressed
+from mdm.models.detection import Resolvent, leading_to_detection
 from mdm.models.events import (
     DenseEvents,
     EventObservations,
@@ -19,6 +21,7 @@ from mdm.models.mdp import MDP, as_space, matrix_row
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from typing import Self
 
     import numpy.typing as npt
 
@@ -26,6 +29,9 @@ if TYPE_CHECKING:
     from mdm.models.space import Space, Symbol
 
 __all__ = ["POMDP"]
+
+_INVERSES = 4_000_000
+"""So many numbers may be held as the inverse matrices of all actions' resolvents; larger CSR ones are factorised."""
 
 
 class POMDP(MDP):
@@ -47,6 +53,8 @@ class POMDP(MDP):
     """
 
     kind: Literal["MDP", "POMDP"] = "POMDP"
+    _false_negative: int | None = None
+    _resolvents: dict[int, Resolvent]
 
     def __init__(
         self,
@@ -176,6 +184,54 @@ class POMDP(MDP):
     def _observation_index(self, observation: Symbol) -> int:
         return self.observation_space.index(observation)
 
+    @property
+    def false_negative(self) -> int | None:
+        """The index of the observation that is a false negative; None where every event is detected."""
+        return self._false_negative
+
+    def with_false_negatives(self, symbol: Symbol | None) -> Self:
+        """Return the same model with an observation that is a false negative: an event that nobody detects.
+
+        Any number of such events may precede each one that is observed. Trackers, solvers, simulations and evaluations
+        take that into account: after a false negative the action goes on, and nothing is decided.
+
+        Args:
+            symbol: The observation, by name or index; None for none, as at first.
+
+        Raises:
+            ModelError: If there is no such observation, or no other.
+        """
+        index = None if symbol is None else self.observation_space.index(symbol)
+        if index is not None and len(self.observation_space) == 1:
+            name = self.observation_space.names[0]
+            raise ModelError(
+                f"the model's only observation {name!r} cannot be its false negative: no event is detected"
+            )
+        return self._with_resolvents(index, {})
+
+    def _with_resolvents(self, false_negative: int | None, resolvents: dict[int, Resolvent]) -> Self:
+        other = copy.copy(self)
+        vars(other).update(_false_negative=false_negative, _resolvents=resolvents)
+        return other
+
+    def resolvent(self, action: Symbol) -> Resolvent:
+        """Return (I - H_f)^-1 of an action: all the false negatives that may precede a detected event.
+
+        It is made when it is first asked for, once for all copies of the model with other discounts.
+
+        Raises:
+            ModelError: If the model has no false negatives.
+        """
+        if self._false_negative is None:
+            raise ModelError("the model has no false negatives: name the observation, with with_false_negatives(...)")
+        a = self.action_space.index(action)
+        if a not in self._resolvents:
+            joint = leading_to_detection(self.joint_matrix(a, self._false_negative))
+            if is_compressed(joint) and len(self.action_space) * len(self.state_space) ** 2 <= _INVERSES:
+                joint = joint.toarray()
+            self._resolvents[a] = Resolvent(joint)
+        return self._resolvents[a]
+
     def flatten(self) -> POMDP:
         """Return the model as matrices: itself, where it is not factored."""
         return self
@@ -186,7 +242,7 @@ class POMDP(MDP):
         Any other model is returned as it is.
 
         Raises:
-            ModelError: If factors are fully observed, and observations are events.
+            ModelError: If factors are fully observed, and observations are events or one is a false negative.
         """
         return self
 
@@ -207,10 +263,13 @@ class POMDP(MDP):
 
         result = marginalize(self, factor)
         assert isinstance(result, POMDP)
-        return result
+        return result.with_false_negatives(self.false_negative)
 
     def __repr__(self) -> str:
-        return f"{super().__repr__()[:-1]}, {len(self.observation_space)} observations>"
+        text = f"{super().__repr__()[:-1]}, {len(self.observation_space)} observations"
+        if self._false_negative is not None:
+            text += f", false negative {self.observation_space.names[self._false_negative]!r}"
+        return text + ">"
 
 
 def _width(observations: Any) -> int:

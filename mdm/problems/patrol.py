@@ -1,4 +1,4 @@
-"""An event-driven patrol, in which robots may fail to notice events."""
+"""An event-driven patrol, in which robots may fail to detect events."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ def patrol(rooms: int = 6, robots: int = 1, *, discount: float = 0.9) -> Factore
     """Return the problem of robots that look for a goose in a building, and decide at events.
 
     A move ends at once in the next room with probability 0.5. Otherwise a phase passes in which the robot is still on
-    its way and most probably notices nothing (``False Negative``), then another at whose end it arrives. In a room a
+    its way and most probably detects nothing (``False Negative``), then another at whose end it arrives. In a room a
     robot sees whether the goose is there; on its way, seldom, that some room is clear. Catching the goose where it is
     pays 10 and elsewhere costs 5; spawning one pays 10 where there is none and costs 5 otherwise; after either it is
     anywhere or gone. A move costs 0.5.
 
-    Observations are events, and ``False Negative`` is the symbol of an event that goes unnoticed: no decision follows
-    it. The state has the room and the phase of each robot, and last the goose's room. 126 states, 6 actions and 8
-    observations with 6 rooms and a robot.
+    Observations are events; ``patrol().with_false_negatives("False Negative")`` is the model of robots that decide
+    nothing where they detect nothing. The state has the room and the phase of each robot, and last the goose's room.
+    126 states, 6 actions and 8 observations with 6 rooms and a robot.
 
     Source: the patrol of the MAIS+S project, ``MAISS_Patrol_Single.pgmx`` of the MADP toolbox; J. V. Messias,
     *Decision-making under uncertainty for real robot teams*, PhD thesis, Instituto Superior Técnico, 2014. That file
@@ -113,7 +113,7 @@ def _phases(leads: Indices) -> Vector:
 
 
 def _seen(rooms: int) -> Vector:
-    """Return what a robot notices: rooms x places of the goose x phases x observations."""
+    """Return what a robot detects: rooms x places of the goose x phases x observations."""
     values = np.zeros((rooms, rooms + 1, _PHASES, rooms + 2))
     for room, goose in np.ndindex(rooms, rooms + 1):
         found = goose == room + 1

@@ -28,7 +28,6 @@ from mdm.simulation.episodes import Together, limits, one_by_one
 
 if TYPE_CHECKING:
     from mdm.models import MDP
-    from mdm.models.space import Symbol
 
 __all__ = ["Evaluation", "evaluate"]
 
@@ -84,13 +83,13 @@ def evaluate(
     episodes: int | None = None,
     steps: int | None = None,
     seed: int | None = None,
-    false_negative: Symbol | None = None,
 ) -> Evaluation:
     """Estimate what a policy is worth at the start of its model.
 
     An episode ends after ``steps`` decisions; by default where what remains weighs less than a millionth or the plan
-    of a controller has its end. It ends early where nothing more can be earned. Events that nobody
-    notices lead to no decision: the action goes on, each step of time with its reward.
+    of a controller has its end. It ends early where nothing more can be earned. The model's false
+    negatives, and events without an observation, lead to no decision: the action goes on, each step of time with its
+    reward. A policy over states decides at every step.
 
     Args:
         model: The model; beliefs are tracked by it, too.
@@ -98,28 +97,21 @@ def evaluate(
         episodes: How many; by default 10,000, or 1,000 where they go one by one.
         steps: Decisions in each.
         seed: The same seed gives the same result; without one it is drawn.
-        false_negative: The observation that stands for an event that nobody noticed, by name or index.
 
     Raises:
         ConfigError: If the policy does not go with the model, or episodes have no end.
-        ModelError: If there is no such observation.
     """
     _check(model, policy, episodes, steps)
-    unnoticed = None
-    if false_negative is not None:
-        if not isinstance(model, POMDP) or policy.input == "state":
-            raise ConfigError("a false negative is for policies that go by what is observed")
-        unnoticed = model.observation_space.index(false_negative)
     ends = limits(model, policy, steps)
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
     small = policy.input != "belief" or len(model.state_space) <= _TOGETHER
-    known = choices(model, policy, unnoticed) if small else None
+    known = choices(model, policy) if small else None
     began = time.perf_counter()
     if known is None:
         count = 1_000 if episodes is None else episodes
-        returns, moves = one_by_one(model, policy, unnoticed, ends, episodes=count, seed=seed)
+        returns, moves = one_by_one(model, policy, ends, episodes=count, seed=seed)
     else:
-        crowd = Together(model, known, unnoticed, ends, observed=policy.input != "state")
+        crowd = Together(model, known, ends, observed=policy.input != "state")
         chunk = min(_CHUNK, max(_TOGETHER, _NUMBERS // len(model.state_space)))
         returns, moves = _in_chunks(crowd, 10_000 if episodes is None else episodes, chunk, seed)
     seconds = time.perf_counter() - began

@@ -59,7 +59,7 @@ class Choices(Protocol):
         ...
 
 
-def choices(model: MDP, policy: Any, unnoticed: int | None) -> Choices | None:
+def choices(model: MDP, policy: Any) -> Choices | None:
     """Return the decisions of a policy for many episodes; None for policies of a kind that is not known here."""
     if isinstance(policy, QTable | DeterministicPolicy):
         return _ByTable(np.array([policy.action(state) for state in range(policy.num_states)]))
@@ -74,7 +74,7 @@ def choices(model: MDP, policy: Any, unnoticed: int | None) -> Choices | None:
     if not isinstance(model, POMDP):
         return None
     if isinstance(policy, AlphaVectors | MixedAlphaVectors | MaskedAlphaVectors):
-        return _ByBelief(CrowdBeliefs(model, unnoticed), policy)
+        return _ByBelief(CrowdBeliefs(model), policy)
     if isinstance(policy, JointController):
         return _ByNode(policy.controllers, model)
     if isinstance(policy, FiniteStateController):

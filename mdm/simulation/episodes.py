@@ -24,8 +24,8 @@ __all__ = ["Limits", "Moment", "Single", "Together", "limits", "one_by_one"]
 
 _REST = 1e-6
 """The weight of what comes after the last step, where the discount ends an episode."""
-_SILENCE = 10_000
-"""So many steps in a row in which nothing is noticed end an episode."""
+_LONGEST = 10_000
+"""So many steps in a row without an observation end an episode."""
 
 
 class Limits(NamedTuple):
@@ -33,7 +33,7 @@ class Limits(NamedTuple):
 
     Attributes:
         decisions: After so many.
-        moves: After so many steps of time, which are more than decisions where events go unnoticed.
+        moves: After so many steps of time, which are more than decisions where there are false negatives.
     """
 
     decisions: float
@@ -63,17 +63,16 @@ class Together:
     Args:
         model: The model.
         choices: The policy.
-        unnoticed: The observation that stands for an event that nobody noticed, if there is one.
         observed: Whether the policy goes by what is observed.
         ends: Where an episode ends.
     """
 
-    def __init__(self, model: MDP, choices: Choices, unnoticed: int | None, ends: Limits, *, observed: bool) -> None:
+    def __init__(self, model: MDP, choices: Choices, ends: Limits, *, observed: bool) -> None:
         self._crowd = Crowd(model, observed=observed)
         self._discount = model.discount
         self._choices = choices
         self._observed = observed
-        self._unnoticed = self._crowd.nothing if unnoticed is None else unnoticed
+        self._false_negative = self._crowd.nothing if model.false_negative is None else model.false_negative
         self._ends = ends
 
     def __call__(self, episodes: int, random: np.random.Generator) -> tuple[Vector, int]:
@@ -85,13 +84,13 @@ class Together:
         returns = np.zeros(episodes)
         states = crowd.first(random.random(episodes))
         actions = self._choices.begin(states, random.random(episodes))
-        decisions, silence, going = np.ones_like(states), np.zeros_like(states), np.arange(episodes)
+        decisions, waited, going = np.ones_like(states), np.zeros_like(states), np.arange(episodes)
         weight, moves, time = 1.0, 0, 0
         goes = ~crowd.ended[states]
         while True:
             if not goes.all():
                 states, actions, decisions = states[goes], actions[goes], decisions[goes]
-                silence, going = silence[goes], going[goes]
+                waited, going = waited[goes], going[goes]
                 self._choices.keep(goes)
             if not len(going):
                 return returns, moves
@@ -104,12 +103,12 @@ class Together:
             numbers = random.random((3, episodes))[:, going]
             states, seen = crowd.move(states, actions, numbers)
             goes = (decisions < self._ends.decisions) & ~crowd.ended[states]
-            noticed = goes
+            decides = goes
             if self._observed:
-                noticed = goes & (seen != self._unnoticed) & (seen != crowd.nothing)
-                silence = np.where(noticed, 0, silence + 1)
-                goes &= silence < _SILENCE
-            which = np.flatnonzero(noticed)
+                decides = goes & (seen != self._false_negative) & (seen != crowd.nothing)
+                waited = np.where(decides, 0, waited + 1)
+                goes &= waited < _LONGEST
+            which = np.flatnonzero(decides)
             if not len(which):
                 continue
             chosen = self._choices.next(which, states[which], actions[which], seen[which], numbers[2, which])
@@ -124,7 +123,7 @@ class Moment(NamedTuple):
     Attributes:
         state: The state before.
         belief: What the policy knows of it; None where it sees it.
-        action: What is done; that of the last decision where nothing was noticed since.
+        action: What is done; that of the last decision where nothing was observed since.
         seen: What was observed at the decision; None at the first one, and where nothing was.
         decided: Whether this is a decision.
     """
@@ -142,17 +141,15 @@ class Single:
     Args:
         model: The model.
         policy: The policy.
-        unnoticed: The observation that stands for an event that nobody noticed, if there is one.
     """
 
-    def __init__(self, model: MDP, policy: Any, unnoticed: int | None = None) -> None:
+    def __init__(self, model: MDP, policy: Any) -> None:
         self._model = model
         self._policy = policy
-        self._unnoticed = unnoticed
         self._tracker: BeliefTracker | None = None
         if policy.input == "belief":
             assert isinstance(model, POMDP)
-            self._tracker = BeliefTracker(model, false_negative=unnoticed)
+            self._tracker = BeliefTracker(model)
         self._sampler = Sampler(model)
         self._ended = Crowd(model, observed=False).ended
 
@@ -166,39 +163,37 @@ class Single:
             return tracker.held if by_support else tracker.belief
 
         sampler.seed(seed)
-        state, seen, silence = sampler.first_state(), None, 0
+        state, seen, waited = sampler.first_state(), None, 0
         if tracker is not None:
             assert isinstance(model, POMDP)
             tracker.reset(model.belief_at_start(state))
         belief = None if tracker is None else known()
         action = act(state if belief is None else belief)
         decided = True
-        while not self._ended[state] and silence < _SILENCE:
+        while not self._ended[state] and waited < _LONGEST:
             yield Moment(state, belief, action, seen, decided)
             before, state = state, sampler.next_state(state, action)
             if tracker is None:
                 action = act(state)
                 continue
             seen = sampler.observation(action, before, state)
-            decided = seen is not None and seen != self._unnoticed
+            decided = seen is not None and seen != model.false_negative
             if not decided:
-                seen, silence = None, silence + 1
+                seen, waited = None, waited + 1
                 continue
             if not tracker.update(action, seen) > 0:
                 tracker.update(action, None)  # rounding made it impossible: time passes, as in a control layer
             belief = known()
-            action, silence = act(belief), 0
+            action, waited = act(belief), 0
 
 
-def one_by_one(
-    model: MDP, policy: Any, unnoticed: int | None, ends: Limits, *, episodes: int, seed: int
-) -> tuple[Vector, int]:
+def one_by_one(model: MDP, policy: Any, ends: Limits, *, episodes: int, seed: int) -> tuple[Vector, int]:
     """Run episodes one after the other, for any policy that goes by states or beliefs.
 
     Returns:
         Their discounted returns, and how many steps of time they took in all.
     """
-    run, rewards, discount = Single(model, policy, unnoticed), model.rewards, model.discount
+    run, rewards, discount = Single(model, policy), model.rewards, model.discount
     returns, moves = np.zeros(episodes), 0
     for episode, stream in enumerate(np.random.SeedSequence(seed).spawn(episodes)):
         weight, total, decisions, time = 1.0, 0.0, 0, 0

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from mdm.actors import Drive
     from mdm.actors.control_layer import OnImpossible
     from mdm.models import MDP, POMDP
-    from mdm.models.space import Symbol
     from mdm.policies import Controller, Policy
 
 __all__ = ["SimulationResult", "simulate", "steps_for"]
@@ -64,14 +63,13 @@ def simulate(
     drive: Drive | None = None,
     on_impossible: OnImpossible = "predict",
     on_no_observation: str = "predict",
-    false_negative: Symbol | None = None,
 ) -> SimulationResult:
     """Run episodes of a policy in its model and return what they were worth.
 
     It runs an ensemble against a `World` in a program of its own, so call it from outside asyncio.
 
     Args:
-        model: The world, and what beliefs are tracked by.
+        model: The world, and what beliefs are tracked by; after its false negatives the action goes on.
         policy: What decides.
         episodes: How many to run.
         seed: The same seed gives the same result.
@@ -80,7 +78,6 @@ def simulate(
         drive: When to decide; on events by default.
         on_impossible: See `ControlLayer`.
         on_no_observation: See `ControlLayer`.
-        false_negative: See `ControlLayer`.
 
     Raises:
         ConfigError: If sizes do not fit, or episodes have no end.
@@ -112,7 +109,6 @@ def simulate(
                 horizon=count,
                 on_impossible=on_impossible,
                 on_no_observation=on_no_observation,
-                false_negative=false_negative,
             )
             await runtime.start(World(ensemble, seed=seed, period=0.0, finished=finished))
             await runtime.start(ensemble)

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["World"]
 
-_SILENCE = 10_000
-"""So many events unnoticed in a row are no accident."""
+_LONGEST = 10_000
+"""So many steps in a row without an observation are no accident."""
 
 
 class World(Actor):
@@ -32,9 +32,9 @@ class World(Actor):
     as messages on its channels otherwise. Start it before the ensemble. What a `MixedPOMDP` shows of an episode's first
     state is the ensemble's initial belief.
 
-    What nobody notices (the ensemble's false negative, or an event without observation) leads to no decision: the
-    action goes on, each such step with its reward, until something is noticed; a fixed-rate ensemble decides all the
-    same. An episode in which nothing is noticed for 10,000 steps ends, with a fault.
+    A false negative of the model, or an event without an observation, leads to no decision: the action goes on, each
+    such step with its reward, until something is observed; a fixed-rate ensemble decides all the same. An episode in
+    which nothing is observed for 10,000 steps ends, with a fault.
 
     Args:
         ensemble: Whose actions count.
@@ -76,7 +76,7 @@ class World(Actor):
         self._belief_at_start: Callable[[int], Vector] | None = None
         if isinstance(given, MixedPOMDP) and ensemble.control.policy.num_states is not None:
             self._belief_at_start = given.belief_at_start
-        self._unnoticed = ensemble.control.false_negative
+        self._false_negative = None if ensemble.control.policy.input == "state" else given.false_negative
         self._waits = not isinstance(ensemble.control.drive, FixedRate)
         self._period = 0.0 if isinstance(ensemble.control.drive, FixedRate) else period
         self._sampler = Sampler(given, seed)
@@ -119,7 +119,7 @@ class World(Actor):
         if observation is not None:
             self._later(lambda: self._show(observation, changed=self.state != before), steps)
         elif self._waits:
-            self._tell_silence(action.index)
+            self._tell_no_observation(action.index)
             self._end_episode()
             self._later(self.ensemble.reset)
 
@@ -129,27 +129,27 @@ class World(Actor):
         self._begin_episode()
 
     def _move(self, action: int) -> tuple[int | None, int]:
-        """Go on until something is noticed; return what, or None, and after how many steps."""
-        for steps in range(1, _SILENCE):
+        """Go on until something is observed; return what, or None, and after how many steps."""
+        for steps in range(1, _LONGEST):
             before, self.state = self.state, self._sampler.next_state(self.state, action)
             if not isinstance(self.model, POMDP):
                 return 0, steps
             observation = self._sampler.observation(action, before, self.state)
-            if observation == self._unnoticed:
+            if observation == self._false_negative:
                 observation = None
             if observation is not None or not self._waits:
                 return observation, steps
             self._return += self._weight * self._rewards[self.state][action]
             self._weight *= self.model.discount
-        return None, _SILENCE
+        return None, _LONGEST
 
-    def _tell_silence(self, action: int) -> None:
+    def _tell_no_observation(self, action: int) -> None:
         names = self.model.state_space.names[self.state], self.model.action_space.names[action]
         text = (
-            f"nothing is observed any more in state {names[0]!r} during action {names[1]!r}, in {_SILENCE} steps: the "
+            f"nothing is observed any more in state {names[0]!r} during action {names[1]!r}, in {_LONGEST} steps: the "
             f"episode ends"
         )
-        self.runtime.faults.publish(Fault(self.runtime.clock.now(), self.path, "silence", text))
+        self.runtime.faults.publish(Fault(self.runtime.clock.now(), self.path, "no_observation", text))
 
     def _later(self, show: Callable[[], object], steps: int = 1) -> None:
         if self._period > 0:

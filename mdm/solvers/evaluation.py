@@ -31,7 +31,6 @@ from mdm.policies import (
 if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.models.matrices import Matrix, Vector
-    from mdm.models.space import Symbol
 
 __all__ = ["controller_values", "exact_values", "joined", "state_values"]
 
@@ -43,9 +42,7 @@ _SIZE = 500_000
 """Pairs of a node and a state up to which a controller is evaluated."""
 
 
-def exact_values(
-    model: MDP, policy: Any, *, steps: int | None = None, false_negative: Symbol | None = None
-) -> Vector | None:
+def exact_values(model: MDP, policy: Any, *, steps: int | None = None) -> Vector | None:
     """Return what a policy is worth from each state, exactly; None where only simulation can tell.
 
     A controller begins in its start node or, if it has values of its nodes, in that which is best at the model's
@@ -55,7 +52,6 @@ def exact_values(
         model: The model.
         policy: The policy.
         steps: Decisions; by default there is no end.
-        false_negative: The observation that stands for an event that nobody noticed.
 
     Raises:
         ModelError: If the values have no bound.
@@ -69,7 +65,7 @@ def exact_values(
     controller = joined(policy) if isinstance(policy, JointController) else policy
     if controller is None or controller.num_nodes * len(model.state_space) > _SIZE:
         return None
-    values = controller_values(model, controller, steps=steps, false_negative=false_negative)
+    values = controller_values(model, controller, steps=steps)
     start = controller.start if controller.values is None else controller.start_node(model.initial_belief)
     from_start: Vector = values[start]
     return from_start
@@ -119,19 +115,16 @@ def _staged_values(model: MDP, policy: StagedPolicy, steps: int) -> Vector:
     return values
 
 
-def controller_values(
-    model: POMDP, controller: FiniteStateController, *, steps: int | None = None, false_negative: Symbol | None = None
-) -> Vector:
+def controller_values(model: POMDP, controller: FiniteStateController, *, steps: int | None = None) -> Vector:
     """Return what each node of a controller is worth from each state: N x S.
 
-    Where a node has no successor the plan ends, and nothing more is earned. Events that go unnoticed leave the node as
-    it is and count for no decision.
+    Where a node has no successor the plan ends, and nothing more is earned. False negatives and events
+    without an observation leave the node as it is and count for no decision.
 
     Args:
         model: The model.
         controller: The controller.
         steps: Decisions; by default there is no end but the plan's own.
-        false_negative: The observation that stands for an event that nobody noticed.
 
     Raises:
         ModelError: If the controller is of other sizes, or, with a discount of 1, goes on for ever.
@@ -142,15 +135,14 @@ def controller_values(
             f"the controller is for {controller.num_actions} actions and {controller.num_observations} observations, "
             f"but the model has {sizes[0]} and {sizes[1]}"
         )
-    unnoticed = None if false_negative is None else model.observation_space.index(false_negative)
     size, nodes = len(model.state_space), controller.num_nodes
     moves, stays = _Pairs(size, nodes), _Pairs(size, nodes)
-    waits = model.event_observations or unnoticed is not None
+    waits = model.event_observations or model.false_negative is not None
     for action in set(controller.actions):
         at = [node for node in range(nodes) if controller.actions[node] == action]
         left: Any = csr(model.transition_matrix(action))
         for observation in range(sizes[1]):
-            if observation == unnoticed:
+            if observation == model.false_negative:
                 continue
             joint = csr(model.joint_matrix(action, observation))
             left = left - joint

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from mdm.models.compressed import csr, is_compressed
+from mdm.models.detection import check_no_false_negatives
 from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors
 from mdm.solvers.limits import Limits
@@ -52,8 +53,9 @@ def fast_informed_bound(model: POMDP, *, limits: Limits | None = None) -> Soluti
         -inf. With a discount of 1 they are a bound only once QMDP's are exact; before, ``upper`` is inf.
 
     Raises:
-        ModelError: If the discount is 1, and values grow or fall without end.
+        ModelError: If the discount is 1, and values grow or fall without end; or the model has false negatives.
     """
+    check_no_false_negatives(model, "the fast informed bound")
     with Limits() if limits is None else limits as run:
         flat = model.flatten()
         count = len(flat.action_space)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mdm.models.detection import check_no_false_negatives
 from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors
 from mdm.solvers.limits import Limits
@@ -44,8 +45,9 @@ def qmdp(model: MDP, *, limits: Limits | None = None) -> Solution:
         -inf. With a discount of 1 they are a bound only when they are exact; before, ``upper`` is inf.
 
     Raises:
-        ModelError: If the discount is 1, and values grow or fall without end.
+        ModelError: If the discount is 1, and values grow or fall without end; or the model has false negatives.
     """
+    check_no_false_negatives(model, "QMDP")
     with Limits() if limits is None else limits as run:
         dynamics = Dynamics(model)
         belief = model.initial_belief

@@ -38,7 +38,7 @@ def default_solver(model: MDP) -> str:
     """Return the solver for a model of this kind where nobody names one."""
     if not isinstance(model, POMDP):
         return "modified-policy-iteration"
-    return "perseus" if model.event_observations else "sarsop"
+    return "sarsop" if model.false_negative is None and not model.event_observations else "perseus"
 
 
 def options_of(solver: str) -> list[str]:

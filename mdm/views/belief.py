@@ -33,9 +33,7 @@ _NAMED = 30
 """Decisions up to which actions and observations stand by name."""
 
 
-def doubt_figure(
-    model: MDP, policy: Any, states: Sequence[str] | None, seed: int, false_negative: str | None = None
-) -> Any:
+def doubt_figure(model: MDP, policy: Any, states: Sequence[str] | None, seed: int) -> Any:
     """Draw the value and the action of a policy over beliefs in two states.
 
     Args:
@@ -43,10 +41,9 @@ def doubt_figure(
         policy: The policy.
         states: The two; by default those that share most of the belief in simulated episodes.
         seed: Of these episodes.
-        false_negative: The observation that stands for an event that nobody noticed.
     """
     if states is None:
-        pair = _in_doubt(model, policy, seed, false_negative)
+        pair = _in_doubt(model, policy, seed)
     else:
         pair = model.state_space.index(states[0]), model.state_space.index(states[1])
         if pair[0] == pair[1]:
@@ -79,10 +76,10 @@ def doubt_figure(
     return figure
 
 
-def _in_doubt(model: MDP, policy: Any, seed: int, false_negative: str | None) -> tuple[int, int]:
+def _in_doubt(model: MDP, policy: Any, seed: int) -> tuple[int, int]:
     """Return the two states that are most often mistaken for each other: with the greatest mean product of beliefs."""
     shared: defaultdict[tuple[int, int], float] = defaultdict(float)
-    run = _single(model, policy, false_negative)
+    run = Single(model, policy)
     for stream in np.random.SeedSequence(seed).spawn(_EPISODES):
         for _, moment in zip(range(_STEPS), run(stream), strict=False):
             belief = _dense(moment.belief, model)
@@ -95,7 +92,7 @@ def _in_doubt(model: MDP, policy: Any, seed: int, false_negative: str | None) ->
     return pair
 
 
-def belief_figure(model: MDP, policy: Any, steps: int, seed: int, false_negative: str | None = None) -> Any:
+def belief_figure(model: MDP, policy: Any, steps: int, seed: int) -> Any:
     """Draw the belief at each decision of an episode, the true state, what is done and what was seen.
 
     Args:
@@ -103,10 +100,9 @@ def belief_figure(model: MDP, policy: Any, steps: int, seed: int, false_negative
         policy: The policy.
         steps: Decisions, at most.
         seed: Of the episode.
-        false_negative: The observation that stands for an event that nobody noticed.
     """
     moments: list[Moment] = []
-    for moment in _single(model, policy, false_negative)(seed):
+    for moment in Single(model, policy)(seed):
         if moment.decided:
             moments.append(moment)
         if len(moments) == steps:
@@ -146,9 +142,3 @@ def belief_figure(model: MDP, policy: Any, steps: int, seed: int, false_negative
 def _dense(belief: Vector | Support | None, model: MDP) -> Vector:
     assert belief is not None
     return belief.dense(len(model.state_space)) if isinstance(belief, Support) else belief
-
-
-def _single(model: MDP, policy: Any, false_negative: str | None) -> Single:
-    assert isinstance(model, POMDP)
-    unnoticed = None if false_negative is None else model.observation_space.index(false_negative)
-    return Single(model, policy, unnoticed)

@@ -321,7 +321,10 @@ def test_a_whole_team_is_run_under_the_scope_of_each_agent():
         ({"policy": TEAM, "local": True, "agent": 2}, "there is no agent 2; the model has 2"),
         ({"policy": TEAM, "local": True, "agent": "a"}, "without a model agents go by their index"),
         ({"policy": PLAN, "rewards": [[0, 0, 0]]}, "give neither rewards nor a tracker"),
-        ({"policy": PLAN, "false_negative": 0}, "false negatives are taken into account where"),
+        (
+            {"policy": PLAN, "false_negative": 0},
+            "a false negative is for policies that go by what is observed",
+        ),
         ({"policy": PLAN, "on_no_observation": "x"}, "on_no_observation is 'predict', 'repeat' or"),
         ({"policy": ROUND, "actions": {"a": nothing}}, "the policy has 2 actions, but 1 are bound"),
     ],

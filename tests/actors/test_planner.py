@@ -338,8 +338,8 @@ def test_what_is_refused(tiger):
         run_virtual(lambda runtime: runtime.start(ensemble(tiger, seconds=0.1)))
     with pytest.raises(mdm.ConfigError, match="the search takes 0.5 s, but a decision is due every 0.1 s"):
         ensemble(tiger, seconds=0.5, drive=mdm.FixedRate(10.0))
-    with pytest.raises(mdm.ConfigError, match="differ in which observation nobody notices"):
-        DeliberatingControlLayer(mdm.solvers.TreeSearch(tiger, expansions=1, false_negative=0), tiger)
+    with pytest.raises(mdm.ConfigError, match="differ in the false negative"):
+        DeliberatingControlLayer(mdm.solvers.TreeSearch(tiger.with_false_negatives(0), expansions=1), tiger)
     with pytest.raises(mdm.ModelError, match="the fallback of a tree search is to decide at once"):
         mdm.solvers.TreeSearch(tiger, expansions=1, fallback=mdm.solvers.TreeSearch(tiger, expansions=1))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import figures
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from random_models import dense, flat_models
 
 from mdm.beliefs import BeliefTracker, Support, choice as belief_choice
@@ -17,7 +17,6 @@ from mdm.beliefs.rows import Rows
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
 from mdm.models import POMDP
 from mdm.models.compilation import can_compile
-from mdm.models.detection import Unnoticed
 
 needs_numba = pytest.mark.skipif(not can_compile(), reason="numba is not there, or MDM_COMPILE is 0")
 
@@ -37,8 +36,8 @@ COMPILED = {
         CompiledSupportFilter(Rows(model)), GroupedFilter(Rows(model)), 2, 2
     ),
 }
-UNNOTICED = {"folded": FoldedFilter, "compressed": CompressedFilter}
-UNNOTICED_COMPILED = {"compiled folded": CompiledFoldedFilter, "grouped": GroupedFilter}
+MISSING = {"folded": FoldedFilter, "compressed": CompressedFilter}
+MISSING_COMPILED = {"compiled folded": CompiledFoldedFilter, "grouped": GroupedFilter}
 
 
 def params(*groups):
@@ -109,25 +108,22 @@ def test_agrees_with_sums_over_all_states(name, make, model, data):
             belief = found
 
 
-@pytest.mark.parametrize(("name", "make"), params(UNNOTICED, UNNOTICED_COMPILED))
+@pytest.mark.parametrize(("name", "make"), params(MISSING, MISSING_COMPILED))
 @settings(max_examples=30)
 @given(model=flat_models(kinds=("POMDP",), events=True, finer=False), data=st.data())
 def test_false_negatives_are_solved_for(name, make, model, data):
     joint = joint_array(model)
     size, count = joint.shape[-1], joint.shape[1]
+    assume(count > 1)
     symbol = data.draw(st.integers(0, count - 1))
-    silent = joint[:, symbol].copy()
-    for rows in silent:  # states from which nothing else can follow add nothing: as if they ended all
-        heard = rows.sum(axis=1) < 1 - 1e-9
+    missed = joint[:, symbol].copy()
+    for rows in missed:  # states from which nothing else can follow add nothing: as if they ended all
+        leads = rows.sum(axis=1) < 1 - 1e-9
         for _ in range(size):
-            heard = heard | (rows @ heard > 0)
-        rows[~heard] = 0
-    unnoticed = [Unnoticed(model.joint_matrix(a, symbol)) for a in range(len(joint))]
-    if name.endswith("folded"):
-        unnoticed = [Unnoticed(each[symbol]) for each in joint]
-        filter_ = make(model, unnoticed, symbol)
-    else:
-        filter_ = make(Rows(model, unnoticed, symbol))
+            leads = leads | (rows @ leads > 0)
+        rows[~leads] = 0
+    model = model.with_false_negatives(symbol)
+    filter_ = make(model if name.endswith("folded") else Rows(model))
     belief = model.initial_belief
     loaded(filter_, belief)
     for _ in range(data.draw(st.integers(1, 4))):
@@ -135,7 +131,7 @@ def test_false_negatives_are_solved_for(name, make, model, data):
         observation = data.draw(st.integers(0, count - 1))
         reached = belief
         if observation != symbol:
-            reached = np.linalg.solve((np.eye(size) - silent[action]).T, belief)
+            reached = np.linalg.solve((np.eye(size) - missed[action]).T, belief)
         expected = reached @ joint[action, observation]
         probability = filter_.step(action, observation)
         total = expected.sum()
@@ -297,9 +293,9 @@ def test_agrees_with_every_sequence_of_madp(fast, folded, monkeypatch):
 def test_false_negatives_of_a_real_model_are_solved_for(fast, folded, monkeypatch):
     """Along MADP's own episodes, against numpy's solver; MADP itself truncates the series."""
     monkeypatch.setattr(belief_choice, "_FOLDED", folded)
-    found = figures.model("patrol")
+    found = figures.model("patrol").with_false_negatives(0)
     joint = joint_array(found)
-    filter_ = chosen_filter(found, 0, fast=fast)
+    filter_ = chosen_filter(found, fast=fast)
     identity = np.eye(len(found.state_space))
     compared = 0
     for steps in figures.of("patrol")["episodes_false_negatives"]:

@@ -7,7 +7,7 @@ from fractions import Fraction
 import figures
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import assume, given, strategies as st
 from random_models import dense, flat_models
 
 from mdm import load_model
@@ -343,26 +343,27 @@ def solved(matrix, right):
 @pytest.mark.parametrize("folded", [4_000_000, 0])
 @given(model=flat_models(kinds=("POMDP",), events=True), data=st.data())
 def test_false_negatives_are_what_the_equations_say(folded, model, data):
-    """b (I - H)^-1 H_o, over states from which something may be heard; also where observations tell of states."""
+    """b (I - H)^-1 H_o, over states from which something may be detected; also where observations tell of states."""
     size, count = len(model.state_space), len(model.observation_space)
+    assume(count > 1)
     action = data.draw(st.integers(0, len(model.action_space) - 1))
-    unnoticed = data.draw(st.integers(0, count - 1))
+    missed = data.draw(st.integers(0, count - 1))
     joints = [dense(model.joint_matrix(action, o)) for o in range(count)]
-    noticed = [o for o in range(count) if o != unnoticed]
-    # States from which something else than the unnoticed may come, or nothing at all: found by walking back.
-    heard = {s for s in range(size) if 1 - joints[unnoticed][s].sum() > 1e-9}
+    detected = [o for o in range(count) if o != missed]
+    # States from which something else than false negatives may come, or nothing at all: found by walking back.
+    leads = {s for s in range(size) if 1 - joints[missed][s].sum() > 1e-9}
     while True:
-        wider = heard | {s for s in range(size) if any(joints[unnoticed][s, t] > 0 for t in heard)}
-        if wider == heard:
+        wider = leads | {s for s in range(size) if any(joints[missed][s, t] > 0 for t in leads)}
+        if wider == leads:
             break
-        heard = wider
-    inner = [[joints[unnoticed][s, t] if s in heard else 0.0 for t in range(size)] for s in range(size)]
+        leads = wider
+    inner = [[joints[missed][s, t] if s in leads else 0.0 for t in range(size)] for s in range(size)]
     reached = np.array(solved(inner, model.initial_belief))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mdm.beliefs.choice._FOLDED", folded)
-        tracker = BeliefTracker(model, false_negative=unnoticed)
+        tracker = BeliefTracker(model.with_false_negatives(missed))
     total = 0.0
-    for o in noticed:
+    for o in detected:
         tracker.reset()
         expected = reached @ joints[o]
         assert tracker.update(action, o) == pytest.approx(expected.sum(), abs=1e-9)
@@ -371,17 +372,16 @@ def test_false_negatives_are_what_the_equations_say(folded, model, data):
         total += expected.sum()
     assert total <= 1 + 1e-9
     tracker.reset()
-    assert tracker.update(action, unnoticed) == pytest.approx((model.initial_belief @ joints[unnoticed]).sum())
-    if noticed:
-        # Which of the noticed ones it was is not known: their sum, without the unnoticed.
-        tracker.reset()
-        missing = (None,) * len(model.observation_space.factors)
-        assert tracker.update(action, missing) == pytest.approx(total, abs=1e-9)
+    assert tracker.update(action, missed) == pytest.approx((model.initial_belief @ joints[missed]).sum())
+    # Which of the detected ones it was is not known: their sum, without the missed.
+    tracker.reset()
+    missing = (None,) * len(model.observation_space.factors)
+    assert tracker.update(action, missing) == pytest.approx(total, abs=1e-9)
 
 
 @pytest.mark.parametrize("sparse", [False, True])
 def test_false_negatives_by_hand(sparse):
-    """Each step one in four is noticed, and the state moves on: P(noticed in state s) is a geometric series."""
+    """Each step one in four is detected, and the state moves on: P(detected in state s) is a geometric series."""
     moves = np.roll(np.eye(3), 1, axis=1)
     model = POMDP(
         [moves],
@@ -392,7 +392,7 @@ def test_false_negatives_by_hand(sparse):
         initial_belief=[1, 0, 0],
         sparse=sparse,
     )
-    tracker = BeliefTracker(model, false_negative="nothing")
+    tracker = BeliefTracker(model.with_false_negatives("nothing"))
     assert tracker.update(0, 1) == pytest.approx(1)
     first = 0.25 / (1 - 0.75**3)
     np.testing.assert_allclose(tracker.belief, [first * 0.75**2, first, first * 0.75], atol=1e-12)
@@ -400,8 +400,8 @@ def test_false_negatives_by_hand(sparse):
     np.testing.assert_allclose(tracker.belief, [first * 0.75, first * 0.75**2, first], atol=1e-12)
 
 
-def test_what_may_go_unnoticed_leads_nowhere_else_by_rounding():
-    """A state that cannot be reached has no weight at all, and what cannot be noticed probability 0."""
+def test_false_negatives_lead_nowhere_else_by_rounding():
+    """A state that cannot be reached has no weight at all, and what cannot be detected probability 0."""
     size = 8
     for seed in range(60):
         random = np.random.default_rng(seed)
@@ -412,11 +412,12 @@ def test_what_may_go_unnoticed_leads_nowhere_else_by_rounding():
             return array / array.sum(axis=-1, keepdims=True)
 
         moves, told = rows(size, 0.3), rows(3, 0.5)
-        tracker = BeliefTracker(POMDP(moves, told, np.zeros((size, 1)), discount=0.9), false_negative=0)
+        model = POMDP(moves, told, np.zeros((size, 1)), discount=0.9)
+        tracker = BeliefTracker(model.with_false_negatives(0))
         for start in np.eye(size):
-            before, silent = start > 0, moves[0] * told[0, :, 0] > 0
+            before, missed = start > 0, moves[0] * told[0, :, 0] > 0
             for _ in range(size):
-                before = before | (before @ silent)
+                before = before | (before @ missed)
             for symbol in (1, 2):
                 reached = before @ (moves[0] * told[0, :, symbol] > 0)
                 tracker.reset(start)
@@ -426,7 +427,7 @@ def test_what_may_go_unnoticed_leads_nowhere_else_by_rounding():
 
 
 @pytest.mark.parametrize("sparse", [False, True])
-def test_what_is_heard_of_many_unnoticed_steps_later_counts(sparse):
+def test_what_is_detected_many_false_negatives_later_counts(sparse):
     """Five states in a row, of which only the step out of the last makes a sound; it leads back to the first."""
     told = np.zeros((1, 2, 5, 5))
     told[0, 0] = 1
@@ -439,6 +440,6 @@ def test_what_is_heard_of_many_unnoticed_steps_later_counts(sparse):
         event_observations=True,
         sparse=sparse,
     )
-    tracker = BeliefTracker(model, false_negative=0)
+    tracker = BeliefTracker(model.with_false_negatives(0))
     assert tracker.update(0, 1) == pytest.approx(1)
     np.testing.assert_allclose(tracker.belief, [1, 0, 0, 0, 0], atol=1e-12)

@@ -215,14 +215,14 @@ def test_output_that_cannot_be_written_is_told(arguments):
 
 
 def test_simulate_of_events_with_false_negatives(mdm):
-    """Ends are told; what nobody notices leads to no decision, and to no end of the loop."""
+    """Ends are told; a false negative leads to no decision, and to no end of the loop."""
     data = DATA
     arguments = ["--model", data / "models" / "guard.pgmx", "--policy", data / "policies" / "guard.vf"]
     status, output, _ = mdm("simulate", *arguments, "--episodes", "3", "--discount", "0.5", "--seed", "1", "--json")
     assert status == 0
     assert json.loads(output[0])["steps"] == 14
-    silent = ["--false-negative", "nothing", "--discount", "0.5", "--seed", "1", "--json"]
-    status, output, _ = mdm("simulate", *arguments, "--episodes", "3", *silent)
+    missing = ["--false-negative", "nothing", "--discount", "0.5", "--seed", "1", "--json"]
+    status, output, _ = mdm("simulate", *arguments, "--episodes", "3", *missing)
     assert status == 0
     assert json.loads(output[0])["mean"] < 0
     status, _, errors = mdm("simulate", EXAMPLES / "tiger.toml", "--discount", "0.5")

@@ -119,7 +119,6 @@ def test_no_limit_is_a_limit_without_end(mdm):
     [
         (["--solver", "magic"], "there are value-iteration"),
         (["--solver", "sarsop", "--horizon", "3"], "takes no --horizon"),
-        (["--solver", "sarsop", "--false-negative", "hear-left"], "takes no --false-negative"),
         (["--iterations", "0"], "1 or more"),
         (["--gap", "-1"], "--gap: a number of 0 or more"),
         (["--memory", "nan"], "--memory: a number of 0 or more"),

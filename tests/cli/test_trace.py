@@ -190,7 +190,7 @@ def test_trace_gives_the_original_s_decisions(mdm, original):
 
 
 def test_trace_takes_false_negatives_into_account(mdm):
-    """Any number of unnoticed events may come before the one that is heard."""
+    """Any number of false negatives may come before the event that is detected."""
     guard = DATA / "models" / "guard.pgmx"
     status, lines, errors = traced(
         mdm,
@@ -206,11 +206,11 @@ def test_trace_takes_false_negatives_into_account(mdm):
     model = load_model(guard)
     belief = model.initial_belief
     for before, line in itertools.pairwise(lines):
-        unnoticed, heard = (model.joint_matrix(before["action"], o) for o in ("nothing", "bang"))
+        missed, detected = (model.joint_matrix(before["action"], o) for o in ("nothing", "bang"))
         after = np.zeros(2)
-        for _ in range(1000):  # none, one, two, ... events that nobody noticed
-            after += belief @ heard
-            belief = belief @ unnoticed
+        for _ in range(1000):  # none, one, two, ... false negatives
+            after += belief @ detected
+            belief = belief @ missed
         belief = after / after.sum()
         np.testing.assert_allclose(line["belief"], belief, atol=1e-12)
     status, _, errors = traced(

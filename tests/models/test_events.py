@@ -54,15 +54,15 @@ def test_numbers_are_kept_as_they_are_given(described):
             np.testing.assert_array_equal(model.observation(a, t, state=s), told[a, :, s, t])
 
 
-def series(joint, belief, unnoticed, symbols, terms=4000):
-    """Return the sum over 0, 1, 2, ... unnoticed events before one of some others, term by term."""
-    heard = sum(joint[symbol] for symbol in symbols)
-    if unnoticed is None or list(symbols) == [unnoticed]:
-        return belief @ heard
+def series(joint, belief, missed, symbols, terms=4000):
+    """Return the sum over 0, 1, 2, ... false negatives before one of some other events, term by term."""
+    detected = sum(joint[symbol] for symbol in symbols)
+    if missed is None or list(symbols) == [missed]:
+        return belief @ detected
     total = np.zeros(len(belief))
     for _ in range(terms):
-        total = total + belief @ heard
-        belief = belief @ joint[unnoticed]
+        total = total + belief @ detected
+        belief = belief @ joint[missed]
     return total
 
 
@@ -71,10 +71,10 @@ def series(joint, belief, unnoticed, symbols, terms=4000):
 def test_beliefs_are_what_bayes_rule_says(folded, described, data):
     model, transitions, told = described
     count, width = told.shape[:2]
-    unnoticed = data.draw(st.none() | st.integers(0, width - 1))
+    missed = data.draw(st.none() | st.integers(0, width - 1)) if width > 1 else None
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mdm.beliefs.choice._FOLDED", folded)
-        tracker = BeliefTracker(model, false_negative=unnoticed)
+        tracker = BeliefTracker(model.with_false_negatives(missed))
     belief = model.initial_belief
     shape = model.observation_space.shape
     for _ in range(data.draw(st.integers(1, 4))):
@@ -93,8 +93,8 @@ def test_beliefs_are_what_bayes_rule_says(folded, described, data):
                 else [i for i, o in enumerate(every) if all(c in (None, x) for c, x in zip(seen, o, strict=True))]
             )
             if len(symbols) > 1:
-                symbols = [symbol for symbol in symbols if symbol != unnoticed]
-            expected = series(joint, belief, unnoticed, symbols)
+                symbols = [symbol for symbol in symbols if symbol != missed]
+            expected = series(joint, belief, missed, symbols)
         total = expected.sum()
         probability = tracker.update(action, seen)
         assert probability == pytest.approx(total, abs=1e-7)
@@ -106,8 +106,8 @@ def test_beliefs_are_what_bayes_rule_says(folded, described, data):
         assert tracker.belief.sum() == pytest.approx(1, abs=1e-9)
 
 
-def test_states_that_are_never_heard_of_add_nothing():
-    """From the second state nothing but unnoticed events follow, for ever: I - H would be singular."""
+def test_states_from_which_nothing_is_detected_add_nothing():
+    """From the second state nothing but false negatives follow, for ever: I - H would be singular."""
     transitions = [[[0.5, 0.5], [0.0, 1.0]]]
     told = np.array([[[[0.5, 1.0], [0.0, 1.0]], [[0.5, 0.0], [0.0, 0.0]]]])
     for sparse in (False, True):
@@ -120,8 +120,8 @@ def test_states_that_are_never_heard_of_add_nothing():
             sparse=sparse,
             initial_belief=[1, 0],
         )
-        tracker = BeliefTracker(model, false_negative=0)
-        # heard at once 1/4, after one unnoticed step in the first state 1/4 * 1/4, ...: 1/3 in all
+        tracker = BeliefTracker(model.with_false_negatives(0))
+        # detected at once 1/4, after one false negative in the first state 1/4 * 1/4, ...: 1/3 in all
         assert tracker.update(0, 1) == pytest.approx(1 / 3)
         np.testing.assert_allclose(tracker.belief, [1, 0])
         tracker.reset([0, 1])
@@ -144,8 +144,6 @@ def test_what_cannot_be_is_refused():
         model.observation_matrix(0)
     with pytest.raises(ModelError, match="name the state before"):
         model.observation(0, 0)
-    with pytest.raises(ModelError, match="no symbol 7"):
-        BeliefTracker(model, false_negative=7)
 
 
 @pytest.mark.parametrize("key", ["episodes", "episodes_event_driven"])
@@ -167,16 +165,16 @@ def test_agrees_with_madp_s_truncated_series_of_false_negatives():
     So its probabilities are those of the truncated series; its beliefs are near the exact ones all the same.
     """
     model = patrol()
-    tracker = BeliefTracker(model, false_negative="False Negative")
+    tracker = BeliefTracker(model.with_false_negatives("False Negative"))
     for steps in figures.of("patrol")["episodes_false_negatives"]:
         before = model.initial_belief
         for step in steps:
             tracker.reset(before)
-            unnoticed, heard = (dense(model.joint_matrix(step["a"], o)) for o in (0, step["o"]))
+            missed, detected = (dense(model.joint_matrix(step["a"], o)) for o in (0, step["o"]))
             total = np.zeros(126)
             for count in range(10):
-                term = before @ heard
-                total, before = total + term, before @ unnoticed
+                term = before @ detected
+                total, before = total + term, before @ missed
                 if count and term.sum() < 0.01:
                     break
             theirs = figures.belief(step["b"], 126)

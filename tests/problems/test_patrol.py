@@ -53,7 +53,7 @@ def test_rewards():
 def test_false_negatives_make_a_difference():
     """What a robot sees next, it may see after events that it has missed."""
     model = patrol(2)
-    tracker = BeliefTracker(model, false_negative="False Negative")
+    tracker = BeliefTracker(model.with_false_negatives("False Negative"))
     state = model.state_space.index(["Room 1", 0, "No Goose"])
     tracker.reset(np.eye(len(model.state_space))[state])
     action = model.action_space.index("Move Right")

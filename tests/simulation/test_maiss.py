@@ -108,8 +108,8 @@ def test_beliefs_are_what_the_observations_lead_to(models):
     belief, action = top_model.initial_belief, None
     for decision in (decision for decision in decisions if decision.ensemble == "top"):
         if decision.observation is not None and action is not None:
-            unnoticed = spsolve(identity - top_model.joint_matrix(action, 0).T.tocsc(), belief)
-            belief = unnoticed @ top_model.joint_matrix(action, decision.observation)
+            reached = spsolve(identity - top_model.joint_matrix(action, 0).T.tocsc(), belief)
+            belief = reached @ top_model.joint_matrix(action, decision.observation)
             belief /= belief.sum()
         np.testing.assert_allclose(decision.belief, belief, atol=1e-9)
         action = decision.action
@@ -118,7 +118,7 @@ def test_beliefs_are_what_the_observations_lead_to(models):
 def test_patrol_takes_false_negatives_into_account(models):
     """Some of the geese that are there are not seen; what is seen later tells of them."""
     _, _, model, _ = models
-    aware, unaware = BeliefTracker(model, false_negative="False Negative"), BeliefTracker(model)
+    aware, unaware = BeliefTracker(model.with_false_negatives("False Negative")), BeliefTracker(model)
     spaces = model.action_space, model.observation_space
     action, seen = spaces[0].index("Move Right"), spaces[1].index("Corridor-South Clear")
     for tracker in (aware, unaware):
@@ -137,4 +137,5 @@ def test_the_patrol_s_policy_is_worth_what_madp_says(models):
     result = simulate(model, policy, episodes=400, seed=1)
     assert abs(result.mean - worth) < 4 * result.standard_error
     # What is missed costs steps in which nothing is decided.
-    assert simulate(model, policy, episodes=400, seed=1, false_negative=0).mean < worth + 4 * result.standard_error
+    missing = simulate(model.with_false_negatives(0), policy, episodes=400, seed=1)
+    assert missing.mean < worth + 4 * result.standard_error

@@ -121,17 +121,17 @@ def test_steps_and_mistakes():
         World(Ensemble("robot", policy=policy, actions={0: print, 1: print}))
 
 
-def test_an_episode_in_which_nothing_is_noticed_any_more_ends_with_a_fault():
-    """Each second state is reached and left unheard; the first is heard of once."""
-    silent, told = np.eye(2), np.zeros((1, 2, 2, 2))
+def test_an_episode_in_which_nothing_is_observed_any_more_ends_with_a_fault():
+    """Every step is a false negative."""
+    told = np.zeros((1, 2, 2, 2))
     told[0, 0] = 1
-    model = POMDP([silent], told, [[1.0], [1.0]], discount=0.5, event_observations=True)
-    policy = AlphaVectors([[0.0, 0.0]], [0], 1)
-    result = simulate(model, policy, episodes=3, seed=1, steps=5, false_negative=0)
+    model = POMDP([np.eye(2)], told, [[1.0], [1.0]], discount=0.5, event_observations=True)
+    model, policy = model.with_false_negatives(0), AlphaVectors([[0.0, 0.0]], [0], 1)
+    result = simulate(model, policy, episodes=3, seed=1, steps=5)
     assert result.returns == pytest.approx((2.0, 2.0, 2.0))  # 1 + 0.5 + 0.25 + ..., with no second decision
 
     async def main(runtime):
-        ensemble = Ensemble("robot", policy=policy, model=model, actions={"0": lambda: None}, false_negative=0)
+        ensemble = Ensemble("robot", policy=policy, model=model, actions={"0": lambda: None})
         faults = []
         runtime.faults.subscribe(faults.append)
         await runtime.start(World(ensemble, seed=1))
@@ -141,7 +141,7 @@ def test_an_episode_in_which_nothing_is_noticed_any_more_ends_with_a_fault():
         return faults, decisions
 
     faults, decisions = run_virtual(main)
-    assert {fault.kind for fault in faults} == {"silence"}
+    assert {fault.kind for fault in faults} == {"no_observation"}
     assert "nothing is observed any more in state" in faults[0].detail
     assert [decision.cause for decision in decisions] == ["start", "reset", "reset", "reset"]
 

@@ -35,19 +35,19 @@ def random_controller(random, nodes, actions, observations, *, ends=False):
     return FiniteStateController(random.integers(actions, size=nodes).tolist(), after, actions)
 
 
-def by_recursion(model, controller, steps, unnoticed=None):
+def by_recursion(model, controller, steps, false_negative=None):
     """Return the worth of each node from each state after so many decisions, event by event."""
     size, width = len(model.state_space), len(model.observation_space)
-    noticed = [o for o in range(width) if o != unnoticed]
+    detected = [o for o in range(width) if o != false_negative]
     last = [model.rewards[:, action] for action in controller.actions]
     values = last
     for _ in range(steps - 1):
         now = []
         for node, action in enumerate(controller.actions):
-            joints = {o: dense(model.joint_matrix(action, o)) for o in noticed}
+            joints = {o: dense(model.joint_matrix(action, o)) for o in detected}
             silent = dense(model.transition_matrix(action)) - sum(joints.values())
             total = model.rewards[:, action].copy()
-            for o in noticed:
+            for o in detected:
                 after = controller.successors[node][o]
                 if after is not None:
                     total += model.discount * joints[o] @ values[after]
@@ -111,12 +111,13 @@ def events_model(seed, *, sparse=False):
 def test_controllers_with_false_negatives(sparse):
     model = events_model(3, sparse=sparse)
     controller = random_controller(np.random.default_rng(5), 3, 2, 3)
+    missing = model.with_false_negatives(1)
     for steps in (1, 4):
-        values = controller_values(model, controller, steps=steps, false_negative=1)
+        values = controller_values(missing, controller, steps=steps)
         np.testing.assert_allclose(values, by_recursion(model, controller, steps, 1), atol=1e-9)
-    endless = exact_values(model, controller, false_negative=1)
+    endless = exact_values(missing, controller)
     np.testing.assert_allclose(endless, by_recursion(model, controller, 400, 1)[controller.start], atol=1e-8)
-    result = evaluate(model, controller, seed=1, false_negative=1)
+    result = evaluate(missing, controller, seed=1)
     assert abs(result.mean - model.initial_belief @ endless) < 4 * result.standard_error
 
 

@@ -43,6 +43,7 @@ class _Header(msgspec.Struct):
     observed: list[str] = []
     events: list[str] = []
     network: Network | None = None
+    false_negative: int | None = None
     format: Literal["mdm model 1"] = "mdm model 1"
 
 
@@ -65,7 +66,7 @@ def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
     written, arrays = npz.read(Path(path), mapped=True)
     try:
         header = msgspec.json.decode(written, type=_Header)
-        return _model(header, arrays, sparse)
+        return _model(header, arrays, sparse).with_false_negatives(header.false_negative)
     except KeyError as error:
         raise FormatError(f"the archive is damaged: it has no {error}", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError, IndexError, OverflowError) as error:
@@ -84,6 +85,7 @@ def write(model: MDP, path: str | Path) -> None:
     header = _Header(model.discount, names_of(model.state_space), names_of(model.action_space))
     if isinstance(model, POMDP):
         header.observations = names_of(model.observation_space)
+        header.false_negative = model.false_negative
     arrays: dict[str, Any] = {}
     if isinstance(model, FactoredMDP | FactoredPOMDP):
         header.network = pack_network(model.network, arrays)

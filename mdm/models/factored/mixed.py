@@ -42,7 +42,7 @@ class MixedPOMDP(FactoredPOMDP):
         observed: The places of the state factors that are seen.
 
     Raises:
-        ModelError: If there is no such factor, or the observations are events.
+        ModelError: If there is no such factor, the observations are events, or one of them is a false negative.
     """
 
     def __init__(self, model: FactoredPOMDP, observed: Sequence[int]) -> None:
@@ -55,6 +55,11 @@ class MixedPOMDP(FactoredPOMDP):
             raise ModelError(f"the observed factors {list(observed)} have one twice")
         if model.event_observations:
             raise ModelError("observed factors and observations that are events do not go together")
+        if model.false_negative is not None:
+            raise ModelError(
+                "observed factors are seen at every step, so the model's own observation alone cannot be a false "
+                "negative: name a joint one of the model as it is seen, revealed().with_false_negatives(...)"
+            )
         super().__init__(_network(model.network, observed), discount=model.discount, sparse=True)
         self.observed = tuple(observed)
         self._model = model

@@ -144,7 +144,10 @@ class FactoredPOMDP(_Factored, POMDP):
 
     def flatten(self) -> POMDP:
         """Return the same model as matrices; they are made once and kept."""
-        return _with_discount(self._flat, self.discount)
+        flat = _with_discount(self._flat, self.discount)
+        if self.false_negative is None:
+            return flat
+        return flat._with_resolvents(self.false_negative, self._resolvents)  # noqa: SLF001 - a model of the same kind
 
     def revealed(self) -> POMDP:
         """Return the model as its agent sees it, a `MixedPOMDP`, where factors of the state are fully observed."""

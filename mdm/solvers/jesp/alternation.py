@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ConfigError
+from mdm.models.detection import check_no_false_negatives
 from mdm.solvers.jesp.joint_plan import as_controller, plan_size, plan_value, random_plan
 from mdm.solvers.jesp.response import best_response, solve_as_one
 from mdm.solvers.jesp.search import PlanSearch
@@ -59,8 +60,10 @@ def jesp(
 
     Raises:
         ConfigError: If there is nothing to do.
-        ModelError: If observations are not one per agent, an event may go unobserved, or the horizon is too long.
+        ModelError: If observations are not one per agent, an event may go unobserved or is a false negative, or the
+            horizon is too long.
     """
+    check_no_false_negatives(model, "JESP")
     if restarts < 1:
         raise ConfigError(f"at least 1 random plan is needed to begin with, not {restarts}", key="restarts")
     team = Team(model)

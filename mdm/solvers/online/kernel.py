@@ -2,7 +2,7 @@
 
 A node is a belief: a list of states with weights, with bounds of its value for each action that may come next. The
 children of a node by an action lie side by side, one for each observation that is possible; where it may be that
-nothing is noticed, one of them stands for that, and only the action that went on may come next in it. Uncompiled the
+no event is detected, one of them stands for that, and only the action that went on may come next in it. Uncompiled the
 same code gives the same numbers, some 50 times slower.
 """
 
@@ -43,8 +43,8 @@ class SearchTree(NamedTuple):
         least: For each node what its best action is worth at least.
         errors: For each node the widest bounds of a leaf below it, by the leaf's weight in it.
         place: Room for a number for each state; -1 all over between uses.
-        tally: Room for a number for each observation and for nothing noticed; 0 all over between uses.
-        heard: Room for the observations that are possible.
+        tally: Room for a number for each observation and for no detection; 0 all over between uses.
+        possible: Room for the observations that are possible.
     """
 
     sizes: Whole
@@ -63,7 +63,7 @@ class SearchTree(NamedTuple):
     errors: Real
     place: Whole
     tally: Whole
-    heard: Whole
+    possible: Whole
 
 
 def search_tree(tables: SearchTables, nodes: int, entries: int) -> SearchTree:
@@ -86,7 +86,7 @@ def search_tree(tables: SearchTables, nodes: int, entries: int) -> SearchTree:
         errors=np.zeros(nodes),
         place=np.full(size, -1),
         tally=np.zeros(tables.num_observations + 1, dtype=np.int64),
-        heard=np.zeros(tables.num_observations + 1, dtype=np.int64),
+        possible=np.zeros(tables.num_observations + 1, dtype=np.int64),
     )
 
 
@@ -201,20 +201,20 @@ def _expand(
     """Add a node's children by an action; return whether there was room."""
     observations = tables.observations
     after, mass, rows = _following(tables, tree, node, action)
-    heard = entries = 0
+    count = entries = 0
     for row in rows:
         for place in range(observations.starts[row], observations.starts[row + 1]):
             seen = observations.symbols[place]
             if tree.tally[seen] == 0:
-                tree.heard[heard] = seen
-                heard += 1
+                tree.possible[count] = seen
+                count += 1
             tree.tally[seen] += 1
             entries += 1
     start = tree.sizes[1]
-    fits = start + entries <= len(tree.states) and tree.sizes[0] + heard <= len(tree.chances)
-    lengths = np.empty(heard, dtype=np.int64)
-    for index in range(heard):
-        seen = tree.heard[index]
+    fits = start + entries <= len(tree.states) and tree.sizes[0] + count <= len(tree.chances)
+    lengths = np.empty(count, dtype=np.int64)
+    for index in range(count):
+        seen = tree.possible[index]
         lengths[index] = tree.tally[seen]
         tree.tally[seen] = start if fits else 0  # where the next is to go from now on
         start += lengths[index]
@@ -228,13 +228,13 @@ def _expand(
             tree.tally[seen] += 1
     start = tree.sizes[1]
     tree.children[node, action, 0] = tree.sizes[0]
-    for index in range(heard):
-        seen = tree.heard[index]
+    for index in range(count):
+        seen = tree.possible[index]
         tree.tally[seen] = 0
         length, chance = _gathered(tree, start, lengths[index], generator, particles)
         start += lengths[index]
         if length > 0:
-            # What nobody notices changes no action.
+            # What is not detected changes no action.
             _add(tables, tree, length, node, action, chance, action if seen == tables.num_observations else -1)
     tree.children[node, action, 1] = tree.sizes[0] - tree.children[node, action, 0]
     return True

@@ -56,7 +56,8 @@ class SearchTables(NamedTuple):
     Attributes:
         transitions: P(s' | s, a): a row for each action and state.
         observations: A row for each action and next state; for events a row for each entry of ``transitions``. An
-            MDP's observation is the next state. One more than there are stands for nothing noticed.
+            MDP's observation is the next state. One more than there are stands for no detection: for the false
+            negative, and for events without an observation.
         by_entry: Whether the observations are events.
         num_observations: How many there are.
         rewards: R(s, a), S x A.
@@ -77,14 +78,11 @@ class SearchTables(NamedTuple):
     actions: Whole
 
 
-def search_tables(
-    model: MDP, *, unnoticed: int | None, upper: Real | None, lower: tuple[Real, Sequence[int]] | None
-) -> SearchTables:
+def search_tables(model: MDP, *, upper: Real | None, lower: tuple[Real, Sequence[int]] | None) -> SearchTables:
     """Return a model as arrays.
 
     Args:
         model: The model.
-        unnoticed: The observation that nobody notices, if there is one.
         upper: See `SearchTables`; None computes it.
         lower: N x S values of plans, and the first action of each; those of blind policies are there in any case.
 
@@ -106,8 +104,8 @@ def search_tables(
     else:
         states = np.arange(len(flat.state_space) + 1)
         observations = Rows(np.zeros(count, dtype=np.int64), states, np.ones(len(states) - 1), states[:-1])
-    if unnoticed is not None and isinstance(flat, POMDP):
-        observations.symbols[observations.symbols == unnoticed] = len(flat.observation_space)
+    if isinstance(flat, POMDP) and flat.false_negative is not None:
+        observations.symbols[observations.symbols == flat.false_negative] = len(flat.observation_space)
     values = blind_values(np.ascontiguousarray(flat.rewards.T), matrices, flat.discount, _CLOSE)
     actions = list(range(count))
     if lower is not None:

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.models import MDP
-    from mdm.models.space import Symbol
     from mdm.policies.alpha_vectors import AlphaVectors
     from mdm.policies.policy import Policy
     from mdm.policies.table import QTable
@@ -162,8 +161,8 @@ class TreeSearch:
     """Chooses by looking ahead from the present belief, anew at each decision.
 
     In an ensemble the search runs in a process of its own, beside the loop: see `Planner`. Called directly,
-    ``action`` searches before it returns. Where nothing is noticed after an action, the search takes it to go on, as
-    it does in an ensemble that is driven by events.
+    ``action`` searches before it returns. Where an action is followed by the model's false negative, or by no
+    observation, the search takes it to go on, as it does in an ensemble that is driven by events.
 
     Args:
         model: The model; its discount is below 1.
@@ -176,7 +175,6 @@ class TreeSearch:
         bound: Q-values that are never too small, S x A, such as those of a fast informed bound; by default those of
             acting with the state known.
         particles: How many states a belief in the tree may have, before it is drawn from.
-        false_negative: The observation, by name or index, that nobody notices; see `BeliefTracker`.
         memory: How many bytes the tree may take.
 
     Raises:
@@ -195,7 +193,6 @@ class TreeSearch:
         plans: AlphaVectors | None = None,
         bound: QTable | None = None,
         particles: int = 1000,
-        false_negative: Symbol | None = None,
         memory: int = 256_000_000,
     ) -> None:
         if seconds is None and expansions is None:
@@ -220,16 +217,11 @@ class TreeSearch:
             raise ModelError("the fallback of a tree search is to decide at once: give it a policy of another kind")
         if fallback is not None and fallback.input != self.input:
             raise ModelError(f"the fallback chooses by {fallback.input}, but the search by {self.input}")
-        self.unnoticed: int | None = None
-        """The index of the observation that nobody notices, if there is one."""
-        if false_negative is not None:
-            if not isinstance(model, POMDP):
-                raise ModelError("an MDP has no observations, and so none that nobody notices")
-            self.unnoticed = model.observation_space.index(false_negative)
+        self.false_negative = model.false_negative
+        """The index of the observation that is the model's false negative, if there is one."""
         self._options = limits
         self._tables = search_tables(
             model,
-            unnoticed=self.unnoticed,
             upper=None if bound is None else bound.values,
             lower=None if plans is None else (plans.vectors, plans.actions),
         )

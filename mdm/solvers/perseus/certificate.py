@@ -7,8 +7,8 @@ controller earns is the solution of linear equations (E. A. Hansen, *Solving POM
 1998, section 3), approached by sweeps and then lowered until no vector is above what its backup says. So a backup
 improves them at every belief, and whoever chooses by them earns at least what they say.
 
-Where events go unnoticed this is said of the controller, which goes along its edges. Who chooses by the vectors at the
-belief of a tracker may earn a little less: in a tracker's belief what took long is not discounted.
+Where there are false negatives this holds for the controller, which goes along its edges. An agent that chooses by the
+vectors at the belief of a tracker may earn a little less: a tracker's belief does not discount what took long.
 
 A sweep costs P(s', o | s, a) times the vectors of each action.
 """

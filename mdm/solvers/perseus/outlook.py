@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from mdm.errors import ModelError
 from mdm.models.compressed import csr, is_compressed
-from mdm.solvers.perseus.silence import Silence
+from mdm.solvers.perseus.resolvent import discounted_resolvent
 
 if TYPE_CHECKING:
+    from mdm.models.detection import Resolvent
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.pomdp import POMDP
 
@@ -39,26 +39,23 @@ _TOGETHER = 8_000_000
 class Outlook:
     """The dynamics and rewards of a flat model.
 
-    Observations that are left out, and those that events have no name for, are not noticed: the action goes on.
+    The model's false negative is left out. After it, and after an event without an observation, the action goes on.
 
     Args:
         model: The POMDP, flat.
-        without: An observation that nobody notices.
 
     Raises:
-        ModelError: If rewards are too large, or an action may go on unnoticed for ever.
+        ModelError: If rewards are too large, or an action may go on for ever without a detection.
     """
 
-    def __init__(self, model: POMDP, without: int | None = None) -> None:
+    def __init__(self, model: POMDP) -> None:
         self.num_actions = len(model.action_space)
         self.size = len(model.state_space)
         self.discount = model.discount
         self.rewards: Vector = np.ascontiguousarray(model.rewards.T)
         """R(s, a): A x S."""
-        self.observations = [o for o in range(len(model.observation_space)) if o != without]
+        self.observations = [o for o in range(len(model.observation_space)) if o != model.false_negative]
         self.width = len(self.observations)
-        if not self.width:
-            raise ModelError("nothing is ever noticed: the model's only observation is its false negative")
         joints = [[model.joint_matrix(a, o) for o in self.observations] for a in range(self.num_actions)]
         self._compressed = _is_sparse(joints, self.size)
         self.ahead: list[Matrix] = []
@@ -73,12 +70,12 @@ class Outlook:
             self._symbols.append(symbols)
             self._successors.append(successors)
         self.transitions = [self._own(model.transition_matrix(action)) for action in range(self.num_actions)]
-        self._silences: list[Silence | None] = [None] * self.num_actions
-        if without is not None or model.event_observations:
+        self._resolvents: list[Resolvent | None] = [None] * self.num_actions
+        if model.false_negative is not None or model.event_observations:
             for action, each in enumerate(joints):
-                noticed = [self._own(matrix) for matrix in each]
+                detected = [self._own(matrix) for matrix in each]
                 name = model.action_space.names[action]
-                self._silences[action] = Silence.of(self.transitions[action], noticed, self.discount, name)
+                self._resolvents[action] = discounted_resolvent(self.transitions[action], detected, self.discount, name)
 
     def _own(self, matrix: Matrix) -> Matrix:
         """Return a matrix as this model's are."""
@@ -100,9 +97,9 @@ class Outlook:
         return np.ascontiguousarray(beliefs)
 
     def during(self, action: int, points: Matrix) -> Matrix:
-        """Return points weighed by all that may go on unnoticed, with its discount, before something is noticed."""
-        silence = self._silences[action]
-        return points if silence is None else silence.weights(points)
+        """Return points weighed by all the steps that may come, discounted, before something is detected."""
+        resolvent = self._resolvents[action]
+        return points if resolvent is None else resolvent.weights(points)
 
     def after(self, action: int, belief: Vector) -> tuple[Indices, Indices, Vector]:
         """Return what a belief may become: places of observations, states, and their joint probabilities."""
@@ -199,9 +196,9 @@ class Outlook:
         return np.ascontiguousarray(self.earned(action, earned).T)
 
     def earned(self, action: int, values: Vector) -> Vector:
-        """Return what an action earns until something is noticed and, with it, then: of what it earns in a step."""
-        silence = self._silences[action]
-        return values if silence is None else silence.values(values)
+        """Return what an action earns until something is detected and, with it, then: of what it earns in a step."""
+        resolvent = self._resolvents[action]
+        return values if resolvent is None else resolvent.values(values)
 
 
 def _is_sparse(joints: list[list[Matrix]], size: int) -> bool:

@@ -1,7 +1,7 @@
 """Plans of a few decisions, as graphs: point-based backups from the last decision to the first.
 
 A vector of each stage is a node: its action, and for each observation the vector of the next stage that follows. What
-the graph earns is computed along with it, and exact; what goes unnoticed leaves it at its node. Each stage backs up all
+the graph earns is computed along with it, and exact; a false negative leaves it at its node. Each stage backs up all
 points and keeps what is different (J. Pineau, G. Gordon and S. Thrun, *Point-based value iteration: an anytime
 algorithm for POMDPs*, IJCAI 2003), at most one node for each.
 """
@@ -48,15 +48,14 @@ def plan(
     beliefs: int | npt.ArrayLike,
     random: np.random.Generator,
     horizon: int,
-    unnoticed: int | None = None,
 ) -> Solution:
     """Return a plan of so many decisions, as a controller. See `mdm.solvers.perseus.perseus`.
 
     Where it has to stop early, what is missing is planned for the initial belief alone.
     """
-    outlook = Outlook(model, without=unnoticed)
+    outlook = Outlook(model)
     upper = upper_bound(outlook, first, limits, horizon)
-    points = outlook.points(sampled(model, outlook, model.initial_belief[None], beliefs, random, limits, unnoticed))
+    points = outlook.points(sampled(model, outlook, model.initial_belief[None], beliefs, random, limits))
     stages: list[_Stage] = []
     values = np.zeros((1, outlook.size))
     stopped = False

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ConfigError
-from mdm.models.detection import Unnoticed
 from mdm.models.factored.mixed import MixedPOMDP
 from mdm.models.matrices import distribution
 
@@ -51,19 +50,16 @@ def sampled(
     beliefs: int | npt.ArrayLike,
     random: np.random.Generator,
     limits: Limits,
-    unnoticed: int | None = None,
 ) -> Vector:
     """Return different beliefs as an n x S array, those at the start first.
 
     Args:
-        model: The model.
+        model: The model; its false negatives are taken into account as a tracker does.
         outlook: What its actions lead to.
         first: Its `starts`.
         beliefs: How many to find, fewer where no more are met or there is no room for them; or an n x S array of them.
         random: Draws actions and observations.
         limits: Ends the search.
-        unnoticed: The observation that stands for an event that nobody noticed; what goes unnoticed is taken into
-            account as a tracker does.
 
     Raises:
         ConfigError: If there is to be none.
@@ -77,7 +73,7 @@ def sampled(
         raise ConfigError(f"Perseus needs at least 1 belief, not {beliefs}", key="beliefs")
     found: list[Vector] = []
     beliefs = max(1, min(int(beliefs), limits.room // (_COPIES * outlook.size)))
-    walks = _walks(_Step(model, outlook, unnoticed), first, model.discount, _TRIES * beliefs, random)
+    walks = _walks(_Step(model, outlook), first, model.discount, _TRIES * beliefs, random)
     for belief in _each_once(walks):
         found.append(belief)
         if len(found) == beliefs or limits.remaining < 0:
@@ -101,19 +97,18 @@ def _walks(step: _Step, first: Vector, discount: float, steps: int, random: np.r
 class _Step:
     """Takes a belief to one that a random action and what is then observed lead to."""
 
-    def __init__(self, model: POMDP, outlook: Outlook, unnoticed: int | None) -> None:
+    def __init__(self, model: POMDP, outlook: Outlook) -> None:
+        self._model = model
         self._outlook = outlook
-        self._noticed = np.array([o != unnoticed for o in outlook.observations])
-        self._silent: list[Unnoticed] | None = None
-        if unnoticed is not None:
-            self._silent = [Unnoticed(model.joint_matrix(a, unnoticed)) for a in range(outlook.num_actions)]
+        self._detected = np.array([o != model.false_negative for o in outlook.observations])
 
     def __call__(self, belief: Vector, random: np.random.Generator) -> Vector | None:
-        """Return the next belief; None where nothing is ever noticed."""
+        """Return the next belief; None where nothing is ever detected."""
         action = int(random.integers(self._outlook.num_actions))
-        before = belief if self._silent is None else self._silent[action](belief)
+        misses = self._model.false_negative is not None
+        before = self._model.resolvent(action).weights(belief) if misses else belief
         symbols, states, weights = self._outlook.after(action, np.maximum(before, 0.0))
-        chances = np.bincount(symbols, weights, minlength=len(self._noticed)) * self._noticed
+        chances = np.bincount(symbols, weights, minlength=len(self._detected)) * self._detected
         total = chances.sum()
         if not total > 0:
             return None

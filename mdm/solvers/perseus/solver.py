@@ -12,7 +12,8 @@ Cost of a backup: P(s', o | s, a) once, and A O S N for N vectors, as products o
 SARSOP keeps to the beliefs that good policies meet, and proves more; choose Perseus for observations that are events,
 for false negatives, and for plans of a few decisions.
 
-With ``false_negative`` see `mdm.solvers.perseus.unnoticed`, with a ``horizon`` `mdm.solvers.perseus.plan`.
+Where the model has false negatives see `mdm.solvers.perseus.false_negatives`, with a ``horizon``
+`mdm.solvers.perseus.plan`.
 """
 
 from __future__ import annotations
@@ -29,17 +30,16 @@ from mdm.solvers.limits import Limits
 from mdm.solvers.perseus.backup import Vectors, best, improve, needed
 from mdm.solvers.perseus.bounds import upper_bound
 from mdm.solvers.perseus.certificate import certified
+from mdm.solvers.perseus.false_negatives import Constrained
 from mdm.solvers.perseus.outlook import Outlook
 from mdm.solvers.perseus.plan import plan
 from mdm.solvers.perseus.points import sampled, starts
-from mdm.solvers.perseus.unnoticed import Constrained
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.models import POMDP
     from mdm.models.matrices import Matrix, Vector
-    from mdm.models.space import Symbol
     from mdm.solvers.solution import Solution
 
 __all__ = ["perseus"]
@@ -65,12 +65,13 @@ def perseus(
     limits: Limits | None = None,
     beliefs: int | npt.ArrayLike = 1000,
     seed: int | None = 0,
-    false_negative: Symbol | None = None,
     horizon: int | None = None,
 ) -> Solution:
     """Solve a POMDP at the beliefs that random exploration meets.
 
-    Where factors of the state are observed from the start (`POMDP.revealed`), the bounds are for who sees them.
+    Where factors of the state are observed from the start (`POMDP.revealed`), the bounds are for who sees them. After
+    a false negative of the model the action goes on. The lower bound is then what the vectors earn as a plan, each
+    followed by the one that suits what is detected next, however many false negatives came before.
 
     It has ``converged`` when no belief is improved so far that more rounds could add more than the gap of the limits.
 
@@ -79,32 +80,28 @@ def perseus(
         limits: When to stop, and where to report; its iterations are rounds.
         beliefs: How many beliefs to find, or an array of them, n x S. The initial one is always among them.
         seed: Of the exploration and the order of backups; the same seed gives the same policy.
-        false_negative: The observation that stands for an event that nobody noticed: the action goes on. The lower
-            bound is then what the vectors earn as a plan, each followed by the one that suits what is noticed next,
-            whatever was missed before.
         horizon: How many decisions there are. The policy is then a `FiniteStateController`, a plan from the initial
             belief.
 
     Raises:
-        ModelError: If the discount is 1 and there is no horizon, or there is no such observation.
+        ModelError: If the discount is 1 and there is no horizon.
         ConfigError: If the number of beliefs or the horizon is not positive.
     """
     if horizon is not None and horizon < 1:
         raise ConfigError(f"a horizon is a number of decisions from 1 on, not {horizon}", key="horizon")
     if model.discount >= 1 and horizon is None:
         raise ModelError("Perseus needs a discount below 1, or a horizon: give one (--discount)")
-    unnoticed = None if false_negative is None else model.observation_space.index(false_negative)
     random = np.random.default_rng(seed)
     with Limits() if limits is None else limits as run:
         flat, first = model.flatten(), starts(model)
         if horizon is not None:
-            return plan(flat, first, run, beliefs, random, horizon, unnoticed)
-        outlook = Outlook(flat)
-        # As it is for an agent that does not know what went unnoticed: bounds are for that one.
-        actual = outlook if unnoticed is None else Outlook(flat, without=unnoticed)
+            return plan(flat, first, run, beliefs, random, horizon)
+        outlook = Outlook(flat.with_false_negatives(None))
+        # As it is for an agent that does not know how many false negatives there were: bounds are for that one.
+        actual = outlook if flat.false_negative is None else Outlook(flat)
         upper = upper_bound(actual, first, run)
-        points = outlook.points(sampled(flat, outlook, first, beliefs, random, run, unnoticed))
-        search = _Search(first, outlook, actual, points, unnoticed, run)
+        points = outlook.points(sampled(flat, outlook, first, beliefs, random, run))
+        search = _Search(first, outlook, actual, points, flat.false_negative, run)
         search.run(upper, random)
         policy = AlphaVectors(search.sure.values, search.sure.actions.tolist(), outlook.num_actions)
         size = len(search.sure.actions)
@@ -115,7 +112,13 @@ class _Search:
     """The state of a run: the vectors that rounds improve, and the best ones that are certified."""
 
     def __init__(
-        self, first: Vector, outlook: Outlook, actual: Outlook, points: Matrix, unnoticed: int | None, limits: Limits
+        self,
+        first: Vector,
+        outlook: Outlook,
+        actual: Outlook,
+        points: Matrix,
+        false_negative: int | None,
+        limits: Limits,
     ) -> None:
         self._starts = first
         self._points = points
@@ -128,8 +131,8 @@ class _Search:
         self.sure = Vectors(blind, np.arange(count), np.zeros(count, dtype=np.intp))
         self._function: _ValueFunction = (
             _Plain(outlook, points, self.sure)
-            if unnoticed is None
-            else Constrained(outlook, points, self.sure, outlook.observations.index(unnoticed))
+            if false_negative is None
+            else Constrained(outlook, points, self.sure, false_negative)
         )
         self.lower = self._value(self.sure)
         self.rounds = 0

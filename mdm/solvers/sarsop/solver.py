@@ -22,6 +22,7 @@ import numpy as np
 from mdm.errors import ModelError, ModelWarning
 from mdm.models import POMDP
 from mdm.models.compilation import can_compile
+from mdm.models.detection import check_no_false_negatives
 from mdm.models.factored.mixed import MixedPOMDP
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 from mdm.solvers.limits import Limits
@@ -62,8 +63,9 @@ def sarsop(model: POMDP, *, limits: Limits | None = None) -> Solution:
         limits: When to stop, and where to report.
 
     Raises:
-        ModelError: If the discount is 1, or observations are events.
+        ModelError: If the discount is 1, observations are events, or one is a false negative.
     """
+    check_no_false_negatives(model, "SARSOP")
     model = model.revealed()
     if model.event_observations:
         raise ModelError("SARSOP is for observations of states, P(o | a, s'); these are events: take perseus")

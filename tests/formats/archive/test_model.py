@@ -14,9 +14,10 @@ from hypothesis import given, strategies as st
 from random_models import NAMES, assert_same, dense, factored_models, flat_models
 from scipy import sparse
 
-from mdm import FormatError, load_model, load_policy
+from mdm import FormatError, ModelError, load_model, load_policy
 from mdm.errors import ModelWarning
 from mdm.formats.archive import model as archive, npz
+from mdm.formats.models import save_model
 from mdm.formats.policies import save_policy
 from mdm.models import MDP, POMDP, FactoredPOMDP
 from mdm.policies import AlphaVectors
@@ -183,3 +184,12 @@ def test_a_large_factored_model_comes_back(tmp_path):
     assert again.network.fully_observed == model.network.fully_observed
     assert abs(model.transition_matrix(5) - again.transition_matrix(5)).max() == 0
     np.testing.assert_array_equal(model.rewards, again.rewards)
+
+
+def test_the_false_negative_is_kept(tmp_path):
+    model = POMDP([np.eye(2)], [np.eye(2)], np.eye(2)[:, :1], discount=0.5).with_false_negatives(1)
+    archive.write(model, tmp_path / "m.npz")
+    assert load_model(tmp_path / "m.npz").false_negative == 1
+    with pytest.raises(ModelError, match=r"\.pomdp files cannot say which observation is a false negative"):
+        save_model(model, tmp_path / "m.pomdp")
+    save_model(model.with_false_negatives(None), tmp_path / "m.pomdp")

@@ -18,21 +18,21 @@ from mdm.problems import tiger
 from mdm.solvers import Limits, controller_values, solve
 from mdm.solvers.perseus import outlook as outlooks, perseus
 from mdm.solvers.perseus.backup import Vectors
+from mdm.solvers.perseus.false_negatives import Constrained
 from mdm.solvers.perseus.outlook import Outlook
 from mdm.solvers.perseus.points import sampled, starts
-from mdm.solvers.perseus.unnoticed import Constrained
 
 SEEDS = st.integers(0, 2**32 - 1)
 SMALL = flat_models(kinds=("POMDP",), joint=False, events=True, finer=False)
 
 
-def parts(model, unnoticed=None):
+def parts(model, false_negative=None):
     """Return for each action what is earned until something is noticed, and what then follows each observation."""
     size = len(model.state_space)
     result = []
     for action in range(len(model.action_space)):
         joints = {
-            o: dense(model.joint_matrix(action, o)) for o in range(len(model.observation_space)) if o != unnoticed
+            o: dense(model.joint_matrix(action, o)) for o in range(len(model.observation_space)) if o != false_negative
         }
         silent = dense(model.transition_matrix(action)) - sum(joints.values())
         silent[np.abs(silent) < 1e-9] = 0
@@ -96,19 +96,20 @@ def test_bounds_enclose_the_optimum_and_policies_keep_their_promise(model, seed)
 @settings(max_examples=30)
 def test_plans_are_optimal_at_all_beliefs_that_can_be_reached(model, seed, horizon, misses):
     del seed
-    unnoticed = 0 if misses and len(model.observation_space) > 1 else None
-    if unnoticed is not None or model.event_observations:
+    missed = 0 if misses and len(model.observation_space) > 1 else None
+    if missed is not None or model.event_observations:
         model = model.with_discount(min(model.discount, 0.9))
-    each = parts(model, unnoticed)
+    model = model.with_false_negatives(missed)
+    each = parts(model, missed)
     beliefs = reachable(each, model.initial_belief, horizon - 1)
-    solution = perseus(model, beliefs=beliefs, horizon=horizon, false_negative=unnoticed, limits=Limits(gap=0))
+    solution = perseus(model, beliefs=beliefs, horizon=horizon, limits=Limits(gap=0))
     best = recursion(each, model.discount, model.initial_belief, horizon)
     slack = 1e-9 * (1 + abs(best))
     assert solution.lower == pytest.approx(best, abs=slack)
     assert solution.upper >= best - slack
     plan = solution.policy
     assert plan.horizon == horizon
-    worth = controller_values(model, plan, false_negative=unnoticed)[plan.start] @ model.initial_belief
+    worth = controller_values(model, plan)[plan.start] @ model.initial_belief
     assert worth == pytest.approx(solution.lower, abs=slack)
 
 
@@ -179,26 +180,27 @@ def test_backups_with_false_negatives_are_what_recursion_says(rounds):
 
 
 @pytest.mark.parametrize("sparse", [False, True])
-def test_what_is_never_noticed_goes_on(monkeypatch, sparse):
+def test_what_is_never_detected_goes_on(monkeypatch, sparse):
     monkeypatch.setattr(outlooks, "_SMALL", 0 if sparse else 10**9)
     monkeypatch.setattr(outlooks, "_DENSE", 2.0)
     model = POMDP([np.eye(2)] * 2, [np.array([[1, 0], [1, 0]])] * 2, [[1, 2], [3, 1]], discount=0.5, sparse=sparse)
+    model = model.with_false_negatives(0)
     for horizon in (None, 1, 2):
-        solution = perseus(model, beliefs=20, horizon=horizon, false_negative=0, limits=Limits(gap=0))
+        solution = perseus(model, beliefs=20, horizon=horizon, limits=Limits(gap=0))
         assert solution.lower == pytest.approx(4, abs=1e-5)  # the first for ever, 2 a step
         assert solution.upper == pytest.approx(4, abs=1e-5)
 
 
 @pytest.mark.parametrize("told", [1.0, 0.9])
-def test_what_goes_unnoticed_is_part_of_the_bound(told):
-    model = events(5, told=told)
-    solution = perseus(model, beliefs=100, false_negative=1, limits=Limits(iterations=40))
+def test_false_negatives_are_part_of_the_bound(told):
+    model = events(5, told=told).with_false_negatives(1)
+    solution = perseus(model, beliefs=100, limits=Limits(iterations=40))
     assert set(solution.policy.actions) <= {0, 1}
     each = parts(model, 1)
     high = recursion(each, 0.85, model.initial_belief, 5, float(model.rewards.max()) / 0.15)
     assert solution.lower <= high
     # Two actions' vectors of a plan, at random: what a plan earns is no more than the best one at each belief.
-    result = evaluate(model, solution.policy, episodes=4000, seed=2, false_negative=1)
+    result = evaluate(model, solution.policy, episodes=4000, seed=2)
     assert abs(result.mean - solution.lower) < 4 * result.standard_error + 0.02
 
 
@@ -212,7 +214,7 @@ def test_sparse_and_dense_find_the_same(monkeypatch):
         monkeypatch.setattr(outlooks, "_NARROW", 2.0)
         for missed in (None, 2):
             limits = Limits(iterations=5, gap=0)
-            found.append(perseus(model, beliefs=40, false_negative=missed, limits=limits).lower)
+            found.append(perseus(model.with_false_negatives(missed), beliefs=40, limits=limits).lower)
     np.testing.assert_allclose(found[2:4], found[:2], atol=1e-9)
     np.testing.assert_allclose(found[4:], found[:2], atol=1e-9)
 
@@ -231,11 +233,9 @@ def test_policies_are_certified_to_be_worth_what_madp_says_of_its_own(problem, d
 
 
 def test_patrol_with_false_negatives_earns_more_than_without_regard_to_them():
-    patrol, theirs = figures.model("patrol"), figures.vectors("patrol", 0.9)
-    solution = perseus(patrol, beliefs=300, false_negative="False Negative", limits=Limits(iterations=12))
-    ours, others = (
-        evaluate(patrol, policy, episodes=3000, seed=1, false_negative=0) for policy in (solution.policy, theirs)
-    )
+    patrol, theirs = figures.model("patrol").with_false_negatives("False Negative"), figures.vectors("patrol", 0.9)
+    solution = perseus(patrol, beliefs=300, limits=Limits(iterations=12))
+    ours, others = (evaluate(patrol, policy, episodes=3000, seed=1) for policy in (solution.policy, theirs))
     assert solution.lower - 4 * ours.standard_error < ours.mean
     difference = ours.returns - others.returns
     assert difference.mean() > -2 * difference.std() / np.sqrt(len(difference))
@@ -246,7 +246,7 @@ def test_the_top_level_with_false_negatives(corpus):
         warnings.simplefilter("ignore", ModelWarning)
         model = load_model(corpus / "models" / "madp" / "MAISS_TopLevel.pgmx").with_discount(0.9)
         model.flatten()
-    solution = perseus(model, beliefs=40, false_negative="False Negative", limits=Limits(iterations=2))
+    solution = perseus(model.with_false_negatives("False Negative"), beliefs=40, limits=Limits(iterations=2))
     assert solution.history[0].lower < solution.lower < solution.upper < 0
 
 
@@ -291,8 +291,6 @@ def test_refusals():
     model = tiger()
     with pytest.raises(ModelError, match="discount below 1, or a horizon"):
         perseus(model.with_discount(1))
-    with pytest.raises(ModelError, match="no symbol 'nothing'"):
-        perseus(model, false_negative="nothing")
     with pytest.raises(ConfigError, match="at least 1 belief, not 0"):
         perseus(model, beliefs=0)
     with pytest.raises(ConfigError, match="from 1 on, not 0"):
@@ -301,11 +299,9 @@ def test_refusals():
         perseus(model, beliefs=[[0.5, 0.5], [1, 1]])
     with pytest.raises(ModelError, match="too much for numbers"):
         perseus(POMDP([np.eye(2)], [np.eye(2)], [[1e308], [0]], discount=0.9))
-    with pytest.raises(ModelError, match="only observation is its false negative"):
-        perseus(POMDP([np.eye(2)], [np.ones((2, 1))], [[1], [0]], discount=0.9), horizon=2, false_negative=0)
     never = POMDP([np.eye(2)], [[[1, 0], [0, 1]]], [[1], [0]], discount=1.0)
-    with pytest.raises(ModelError, match="may go on for ever without anything being noticed"):
-        perseus(never, horizon=2, false_negative=0)
+    with pytest.raises(ModelError, match="may go on for ever without anything being detected"):
+        perseus(never.with_false_negatives(0), horizon=2)
 
 
 def test_fewer_beliefs_are_sampled_where_there_is_no_room_for_all():

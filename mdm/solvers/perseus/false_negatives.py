@@ -1,4 +1,4 @@
-"""Value functions for agents who do not notice every event: vectors are kept for each action.
+"""Value functions for models with false negatives: vectors are kept for each action.
 
 After a false negative the agent goes on with what it does, since it does not know of it. In a backup for action a, the
 false negative may be followed by vectors of action a alone; they are therefore improved for each action by itself, so
@@ -7,8 +7,8 @@ that none is ever without one, at all beliefs: Q(b, a) in place of V(b). This is
 partially-observable events*, MSDM 2013). It costs A times as many backups.
 
 What follows the false negative may be another vector of the same action, one whose later choices suit the belief after
-one more event that was missed. So the value is that of an agent who knows, when it notices the next event, how many it
-missed, as one with a clock may. What one that does not know earns is told by the certificate, where each vector is
+one more missed event. So the value is that of an agent who knows, when it detects the next event, how many it
+missed, as one with a clock may. The certificate tells what an agent without that knowledge earns: there each vector is
 followed by itself.
 """
 
@@ -35,13 +35,13 @@ class Constrained:
         outlook: The model.
         points: The beliefs, n x S.
         start: A vector for each action, at least.
-        unnoticed: The place of the false negative among the outlook's observations.
+        false_negative: Its place among the outlook's observations.
     """
 
-    def __init__(self, outlook: Outlook, points: Matrix, start: Vectors, unnoticed: int) -> None:
+    def __init__(self, outlook: Outlook, points: Matrix, start: Vectors, false_negative: int) -> None:
         self._outlook = outlook
         self._points = points
-        self._unnoticed = unnoticed
+        self._false_negative = false_negative
         self.vectors = start
 
     def round(self, random: np.random.Generator, limits: Limits, *, every: bool) -> float:
@@ -52,7 +52,7 @@ class Constrained:
             before = old.taken(own)
 
             def backup(points: Matrix, action: int = action, own: Indices = own) -> tuple[Vector, Indices]:
-                chosen = choose(self._outlook, action, points, old.values, only=(self._unnoticed, own))
+                chosen = choose(self._outlook, action, points, old.values, only=(self._false_negative, own))
                 values = self._outlook.vectors(action, old.values, chosen.following)
                 return values, np.full(len(values), action)
 

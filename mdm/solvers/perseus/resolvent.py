@@ -1,0 +1,57 @@
+"""The resolvents of Perseus: all that an action earns, and leads to, before the next event is detected.
+
+With S(s, s') the probability of a step of which nothing is detected, an action that earns r in a step earns
+(I - g S)^-1 r until something is, g being the discount, and what is detected at last is weighed by the same matrix
+(J. V. Messias, M. T. J. Spaan and P. U. Lima, *Asynchronous execution in multiagent POMDPs: reasoning over
+partially-observable events*, MSDM 2013).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.models.compressed import csr, is_compressed
+from mdm.models.detection import Resolvent
+
+if TYPE_CHECKING:
+    from mdm.models.matrices import Matrix
+
+__all__ = ["discounted_resolvent"]
+
+_ROUNDING = 1e-5
+"""What is missing to 1 of a step's probabilities by rounding alone: files give them with six digits."""
+_ENDLESS = 1e9
+
+
+def discounted_resolvent(transition: Matrix, detected: list[Matrix], discount: float, name: str) -> Resolvent | None:
+    """Return the resolvent of an action's steps without a detection; None where every event is detected.
+
+    Args:
+        transition: T of the action, S x S', dense or CSR.
+        detected: P(s', o | s, a) of each observation but the false negative, of the same kind.
+        discount: What a step is discounted by.
+        name: The action's.
+
+    Raises:
+        ModelError: If the discount is 1 and nothing may ever be detected.
+    """
+    steps = transition - sum(detected[1:], start=detected[0])
+    if is_compressed(steps):
+        steps = csr(steps)
+        steps.data = np.maximum(steps.data, 0.0)
+        steps.eliminate_zeros()
+    else:
+        steps = np.maximum(steps, 0.0)
+    if np.asarray(steps.sum(axis=1)).max() <= _ROUNDING:
+        return None
+    endless = f"the discount is 1, and action {name!r} may go on for ever without anything being detected"
+    try:
+        resolvent = Resolvent(discount * steps)
+    except (np.linalg.LinAlgError, RuntimeError):
+        raise ModelError(endless) from None
+    if not np.abs(resolvent.values(np.ones(steps.shape[0]))).max() < _ENDLESS / max(1 - discount, 1e-6):
+        raise ModelError(endless)
+    return resolvent

@@ -11,7 +11,7 @@ import anyio
 from mdm.errors import Error
 from mdm.messages import Fault, StateChange, Tick
 from mdm.runtime.channel import Channel, Subscription
-from mdm.runtime.handler import check_plain
+from mdm.runtime.handler import check_plain, kind_of
 from mdm.runtime.scheduler import Ticker
 from mdm.runtime.start import Start
 from mdm.runtime.statistics import ActorStatistics
@@ -30,14 +30,28 @@ __all__ = ["Actor"]
 
 T = TypeVar("T")
 Request = Literal["none", "stop", "restart", "fail"]
+_OVERRIDABLE = frozenset({"on_start", "on_running", "on_stopping", "on_stop", "statistics"})
 Life = Literal["created", "starting", "running", "restarting", "stopping", "stopped", "failed"]
+
+
+if TYPE_CHECKING:
+    own = property
+else:
+
+    class own(property):  # noqa: N801 - a property but for one thing
+        """A property that is the actor's own: one that a subclass sets by accident says so."""
+
+        def __set__(self, actor: Actor, value: object) -> None:
+            raise Error(_hidden(type(actor), self.fget.__name__))
 
 
 class Actor:
     """A unit that handles messages, one at a time and to completion.
 
     Subclass it and override the hooks. Handlers are plain functions that must neither block nor await; what takes
-    time goes to `spawn`, and its end comes back as a turn of its own.
+    time goes to `spawn`, and its end comes back as a turn of its own. Its own attributes that are not for subclasses
+    begin with two underscores, so that a subclass may call its own as it likes; a subclass that hides a public one is
+    refused.
 
     Args:
         name: Its name among its siblings.
@@ -51,23 +65,36 @@ class Actor:
         self.name = name
         self.supervision = supervision
         self.grace = grace
-        self.parent: Actor | None = None
-        self.children: list[Actor] = []
-        self.life: Life = "created"
-        self._runtime: Runtime | None = None
-        self._subscriptions: list[Subscription[Any]] = []
-        self._timers: WeakSet[Timer | Ticker] = WeakSet()
-        self._work: dict[Work, None] = {}
-        self._works = False
-        self._received = 0
-        self._failures = 0
-        self._restarts = 0
-        self._request: Request = "none"
-        self._requested: anyio.Event | None = None
-        self._ended: anyio.Event | None = None
-        self._group: TaskGroup | None = None
-        self._backoff = 0.0
-        self._budget = RestartBudget(supervision) if isinstance(supervision, Restart) else None
+        self.__parent: Actor | None = None
+        self.__children: list[Actor] = []
+        self.__life: Life = "created"
+        self.__runtime: Runtime | None = None
+        self.__subscriptions: list[Subscription[Any]] = []
+        self.__timers: WeakSet[Timer | Ticker] = WeakSet()
+        self.__work: dict[Work, None] = {}
+        self.__works = False
+        self.__received = 0
+        self.__failures = 0
+        self.__restarts = 0
+        self.__request: Request = "none"
+        self.__requested: anyio.Event | None = None
+        self.__ended: anyio.Event | None = None
+        self.__group: TaskGroup | None = None
+        self.__backoff = 0.0
+        self.__budget = RestartBudget(supervision) if isinstance(supervision, Restart) else None
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Refuse a subclass that hides what every actor has of its own, or whose hooks could not be called."""
+        super().__init_subclass__(**options)
+        for name in ("name", "supervision", "grace", *vars(Actor)):
+            found = inspect.getattr_static(cls, name, None)
+            ours = name.startswith("_") or name in _OVERRIDABLE or found is vars(Actor).get(name)
+            if not ours and not (name == "path" and isinstance(found, property)):
+                raise Error(_hidden(cls, name))
+        for name in ("on_start", "on_running", "on_stop"):
+            check_plain(getattr(cls, name), f"{cls.__qualname__}.{name}")
+        if kind_of(inspect.unwrap(cls.on_stopping)) != "an async function":
+            raise Error(f"{cls.__qualname__}.on_stopping is awaited: define it with `async def`")
 
     # -- Hooks ---------------------------------------------------------------------------------------------------
 
@@ -85,43 +112,60 @@ class Actor:
 
     # -- Place in the tree ---------------------------------------------------------------------------------------
 
-    @property
+    @own
     def path(self) -> str:
         """Names from the root down, joined by ``/``."""
-        if self.parent is None or not self.parent.path:
-            return self.name
-        return f"{self.parent.path}/{self.name}"
+        above = "" if self.__parent is None else self.__parent.path
+        return f"{above}/{self.name}" if above else self.name
 
-    @property
+    @own
+    def parent(self) -> Actor | None:
+        """The actor whose child it is, if any."""
+        return self.__parent
+
+    @own
+    def children(self) -> tuple[Actor, ...]:
+        """Its children, in the order of their starts."""
+        return tuple(self.__children)
+
+    @own
+    def life(self) -> Life:
+        """Where it stands in its life."""
+        return self.__life
+
+    @own
     def failing(self) -> bool:
         """Whether it has failed: it is about to stop or to start anew, or has stopped for good."""
-        return self.life in {"failed", "restarting"} or self._request in {"restart", "fail"}
+        return self.life in {"failed", "restarting"} or self.__request in {"restart", "fail"}
 
-    @property
+    @own
     def runtime(self) -> Runtime:
         """The runtime in which it lives.
 
         Raises:
             Error: If it has not been started.
         """
-        if self._runtime is None:
+        if self.__runtime is None:
             raise Error(f"actor {self.path!r} has not been started")
-        return self._runtime
+        return self.__runtime
 
     def add(self, child: Actor, *, first: bool = False) -> None:
         """Make another actor a child: started after those added before, or ahead of them; stopped in reverse."""
+        for name in vars(child).keys() & vars(Actor).keys():
+            if name not in _OVERRIDABLE:
+                raise Error(_hidden(type(child), name))
         if child.parent is not None:
             raise Error(f"actor {child.name!r} is already a child of {child.parent.path!r}")
         if any(sibling.name == child.name for sibling in self.children):
             raise Error(f"actor {self.path!r} has two children named {child.name!r}")
-        child.parent = self
-        self.children.insert(0 if first else len(self.children), child)
+        child.__parent = self
+        self.__children.insert(0 if first else len(self.__children), child)
 
     async def start_child(self, child: Actor) -> None:
         """Add a child to an actor that already runs, and wait until it has started."""
         self.add(child)
         try:
-            await self._start(child)
+            await self.__start(child)
         except BaseException:
             # Whoever waited for the start may have been cancelled: what has started by then ends in good order.
             await self.stop_child(child)
@@ -129,15 +173,15 @@ class Actor:
 
     async def stop_child(self, child: Actor) -> None:
         """Stop a child, wait for its end, and forget it."""
-        await child._stop()
+        await child.__stop()
         if child in self.children:
-            self.children.remove(child)
-            child.parent = None
+            self.__children.remove(child)
+            child.__parent = None
 
-    @property
+    @own
     def subscriptions(self) -> tuple[Subscription[Any], ...]:
         """Its subscriptions, in the order of their making."""
-        return tuple(self._subscriptions)
+        return tuple(self.__subscriptions)
 
     # -- Services ------------------------------------------------------------------------------------------------
 
@@ -151,7 +195,7 @@ class Actor:
     ) -> Subscription[T]:
         """Handle each message of a channel, or those on some topics alone, until this actor stops."""
         subscription = channel.subscribe(handler, self, topics=topics)
-        self._subscriptions.append(subscription)
+        self.__subscriptions.append(subscription)
         return subscription
 
     def call_later(self, seconds: float, function: Callable[[], object]) -> Timer:
@@ -164,7 +208,7 @@ class Actor:
         check_plain(function, "what a timer calls")
         turn: Subscription[None] = Subscription(None, self, lambda _: function())
         timer = self.runtime.clock.call_at(when, lambda: self.runtime.dispatcher.deliver(turn, None))
-        self._timers.add(timer)
+        self.__timers.add(timer)
         return timer
 
     def every(
@@ -175,7 +219,7 @@ class Actor:
         turn = Subscription(None, self, handler)
         runtime = self.runtime
         ticker = Ticker(runtime.clock, rate, lambda tick: runtime.dispatcher.deliver(turn, tick), overrun=overrun)
-        self._timers.add(ticker)
+        self.__timers.add(ticker)
         return ticker
 
     def spawn(
@@ -193,7 +237,7 @@ class Actor:
                 cannot be awaited, or ``ended`` is no plain function.
         """
         try:
-            if not self._works:
+            if not self.__works:
                 raise Error(f"actor {self.path!r} does not run, so it cannot begin work {name!r}")
             if not inspect.isawaitable(awaitable):
                 raise Error(f"work is an awaitable, such as what an async function returns, not {awaitable!r}")
@@ -203,26 +247,26 @@ class Actor:
             if inspect.iscoroutine(awaitable):
                 awaitable.close()
             raise
-        turn = Subscription(None, self, ended if ended is not None else self._judge)
+        turn = Subscription(None, self, ended if ended is not None else self.__judge)
         dispatcher = self.runtime.dispatcher
 
         def done(work: Work) -> None:
-            self._work.pop(work, None)
+            self.__work.pop(work, None)
             if not work.abandoned:
                 dispatcher.deliver(turn, work)
 
         work = Work(awaitable, f"mdm:{self.path}/{name or 'work'}", done)
-        self._work[work] = None
+        self.__work[work] = None
         return work
 
     def abandon(self, work: Work) -> None:
         """Own a piece of work no longer: it did not end when it was asked to."""
         work.abandoned = True
-        self._work.pop(work, None)
+        self.__work.pop(work, None)
         self.runtime.abandoned.append(work)
 
     @staticmethod
-    def _judge(work: Work) -> None:
+    def __judge(work: Work) -> None:
         error = work.error
         if isinstance(error, Exception):
             raise error
@@ -236,28 +280,28 @@ class Actor:
 
     def fail(self, error: BaseException) -> None:
         """Take an error as this actor's failure, and do what its supervision says."""
-        if self.life in {"created", "stopped", "failed"} or self._request in {"restart", "fail"}:
-            if self._runtime is not None:
+        if self.life in {"created", "stopped", "failed"} or self.__request in {"restart", "fail"}:
+            if self.__runtime is not None:
                 self.report("exception", describe(error))
             return
-        self._failures += 1
+        self.__failures += 1
         self.report("exception", describe(error))
         if self.life == "stopping":
             return
-        delay = self._budget.delay(self.runtime.clock.now()) if self._budget is not None else None
+        delay = self.__budget.delay(self.runtime.clock.now()) if self.__budget is not None else None
         if delay is not None:
-            self._backoff = delay
+            self.__backoff = delay
             if self.life != "restarting":  # else it waits to start anew already
-                self._ask("restart")
+                self.__ask("restart")
         elif self.supervision == "stop":
-            self._ask("fail")
+            self.__ask("fail")
         else:
-            self._escalate(error)
+            self.__escalate(error)
 
-    def _escalate(self, error: BaseException) -> None:
+    def __escalate(self, error: BaseException) -> None:
         # It handles nothing more, but is stopped only in its turn, by those above.
-        self._request = "fail"
-        self._release()
+        self.__request = "fail"
+        self.__release()
         if self.parent is None:
             self.runtime.abort(error)
         else:
@@ -265,114 +309,114 @@ class Actor:
             failure.__cause__ = error
             self.parent.fail(failure)
 
-    def _ask(self, request: Request) -> None:
-        if self._request == "none":
-            self._request = request
-        self._release()
-        if self._requested is not None:
-            self._requested.set()
+    def __ask(self, request: Request) -> None:
+        if self.__request == "none":
+            self.__request = request
+        self.__release()
+        if self.__requested is not None:
+            self.__requested.set()
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
-    async def _start(self, child: Actor) -> None:
-        if self._group is None:
+    async def __start(self, child: Actor) -> None:
+        if self.__group is None:
             raise Error(f"actor {self.path!r} does not run, so it cannot start {child.name!r}")
-        await child.live_in(self._group, self.runtime)
+        await child.live_in(self.__group, self.runtime)
 
     async def live_in(self, group: TaskGroup, runtime: Runtime) -> None:
         """Live as a task of a group, and wait until it runs; the runtime and parents call this."""
-        self._ended = anyio.Event()
-        self._request = "none"
+        self.__ended = anyio.Event()
+        self.__request = "none"
         start = Start()
-        group.start_soon(self._run, runtime, start)
+        group.start_soon(self.__run, runtime, start)
         await start.wait()
 
-    async def _stop(self) -> None:
-        if self._ended is None:
+    async def __stop(self) -> None:
+        if self.__ended is None:
             return
         self.end()
         with anyio.CancelScope(shield=True):
-            await self._ended.wait()
+            await self.__ended.wait()
 
     def end(self) -> None:
         """Ask this actor to stop, its children before it; returns at once."""
-        if self._request != "fail":
-            self._request = "stop"
-        if self._requested is not None:
-            self._requested.set()
+        if self.__request != "fail":
+            self.__request = "stop"
+        if self.__requested is not None:
+            self.__requested.set()
 
-    async def _run(self, runtime: Runtime, start: Start) -> None:
-        self._runtime = runtime
+    async def __run(self, runtime: Runtime, start: Start) -> None:
+        self.__runtime = runtime
         started = False
         error: BaseException | None = None
         try:
             while True:
-                self._requested = anyio.Event()
-                if not self._asked("none"):
-                    self._requested.set()
-                error = await self._live(None if started else start)
+                self.__requested = anyio.Event()
+                if not self.__asked("none"):
+                    self.__requested.set()
+                error = await self.__live(None if started else start)
                 started = True
-                if error is not None or not await self._restarting():
+                if error is not None or not await self.__restarting():
                     break
         finally:
-            self._change("failed" if self._asked("fail") or error is not None else "stopped")
+            self.__change("failed" if self.__asked("fail") or error is not None else "stopped")
             start.failed(error)
-            if self._ended is not None:
-                self._ended.set()
+            if self.__ended is not None:
+                self.__ended.set()
 
-    def _asked(self, request: Request) -> bool:
-        return self._request == request
+    def __asked(self, request: Request) -> bool:
+        return self.__request == request
 
-    async def _restarting(self) -> bool:
+    async def __restarting(self) -> bool:
         """Return whether to live once more, after the back-off that supervision asks for."""
-        if not self._asked("restart"):
+        if not self.__asked("restart"):
             return False
-        self._restarts += 1
-        self._request = "none"
-        self._requested = anyio.Event()
-        self._change("restarting")
-        with anyio.move_on_after(self._backoff):
-            await self._requested.wait()
-        return not (self._asked("stop") or self._asked("fail"))
+        self.__restarts += 1
+        self.__request = "none"
+        self.__requested = anyio.Event()
+        self.__change("restarting")
+        with anyio.move_on_after(self.__backoff):
+            await self.__requested.wait()
+        return not (self.__asked("stop") or self.__asked("fail"))
 
-    async def _live(self, start: Start | None) -> BaseException | None:
+    async def __live(self, start: Start | None) -> BaseException | None:
         """Live once, from start to stop; return what a first start raised."""
         failed: BaseException | None = None
         async with anyio.create_task_group() as group:
-            self._group = group
-            self._works = True
-            self._change("starting")
+            self.__group = group
+            self.__works = True
+            self.__change("starting")
             permanent = tuple(self.children)
             try:
                 try:
-                    await self._begin()
+                    await self.__begin()
                     for child in tuple(self.children):
-                        if not self._asked("stop"):
-                            await self._start(child)
+                        if not self.__asked("stop"):
+                            await self.__start(child)
                 except Exception as error:
                     failed = error
                 if failed is None:
-                    self._change("running")
-                    self.runtime.dispatcher.deliver(Subscription(None, self, self._run_on), None)
+                    self.__change("running")
+                    self.runtime.dispatcher.deliver(Subscription(None, self, self.__run_on), None)
                     if start is not None:
                         start.done()
-                    if self._requested is not None:
-                        await self._requested.wait()
+                    if self.__requested is not None:
+                        await self.__requested.wait()
                 elif start is None:
-                    self.life = "running"
+                    self.__life = "running"
                     self.fail(failed)
                     failed = None
-                await self._end()
+                await self.__end()
             finally:
-                await self._let_go()
+                await self.__let_go()
             # A further start adds anew what on_start adds.
             for child in self.children:
                 if child not in permanent:
-                    child.parent = None
-            self.children[:] = (child for child in permanent if child.parent is self)
+                    child.__parent = None  # noqa: SLF001 - the tree is actors' own affair
+            self.__children[:] = (child for child in permanent if child.parent is self)
         return failed
 
-    async def _begin(self) -> None:
+    async def __begin(self) -> None:
         # A turn of its own, so that what on_start publishes is delivered in order before anything else happens.
         done = anyio.Event()
         errors: list[Exception] = []
@@ -390,76 +434,80 @@ class Actor:
         if errors:
             raise errors[0]
 
-    def _run_on(self, _: None) -> None:
-        if self._asked("none"):
+    def __run_on(self, _: None) -> None:
+        if self.__asked("none"):
             self.on_running()
 
-    async def _end(self) -> None:
-        self._group = None  # children that are started from now on would outlive this actor's end
-        if self._request != "restart":
-            self._change("stopping")
+    async def __end(self) -> None:
+        self.__group = None  # children that are started from now on would outlive this actor's end
+        if self.__request != "restart":
+            self.__change("stopping")
         try:
             await self.on_stopping()
         except Exception as error:
             self.report("exception", describe(error))
         for child in reversed(self.children):
-            await child._stop()  # noqa: SLF001 - the tree is actors' own affair
+            await child.__stop()  # noqa: SLF001 - the tree is actors' own affair
 
-    async def _let_go(self) -> None:
+    async def __let_go(self) -> None:
         """Let go of everything; when cancelled, at once."""
-        self._group = None
-        self._release()
+        self.__group = None
+        self.__release()
         try:
-            await self._end_work()
+            await self.__end_work()
         finally:
-            self._works = False
-            self._release()  # what ending work has subscribed to or set
+            self.__works = False
+            self.__release()  # what ending work has subscribed to or set
             try:
                 self.on_stop()
             except Exception as error:
                 self.report("exception", describe(error))
 
-    async def _end_work(self) -> None:
+    async def __end_work(self) -> None:
         clock = self.runtime.clock
         began = clock.now()
         asked: set[Work] = set()
         try:
-            while self._work:
-                for work in self._work:  # the end of one may have begun another
+            while self.__work:
+                for work in self.__work:  # the end of one may have begun another
                     if work not in asked:
                         asked.add(work)
                         work.cancel()
                 remaining = self.grace - (clock.now() - began) / 1e9
                 if remaining <= 0:
                     break
-                await wait_all(self._work, remaining)
+                await wait_all(self.__work, remaining)
         finally:
             waited = (clock.now() - began) / 1e9
-            for work in tuple(self._work):
+            for work in tuple(self.__work):
                 self.abandon(work)
                 self.report("abandoned", f"{work.name} did not end within {waited:.3g} s of being cancelled")
 
-    def _release(self) -> None:
-        for subscription in self._subscriptions:
+    def __release(self) -> None:
+        for subscription in self.__subscriptions:
             subscription.cancel()
-            self._received += subscription.received
-        self._subscriptions.clear()
-        for timer in self._timers:
+            self.__received += subscription.received
+        self.__subscriptions.clear()
+        for timer in self.__timers:
             timer.cancel()
-        self._timers.clear()
+        self.__timers.clear()
 
-    def _change(self, life: Literal["starting", "running", "restarting", "stopping", "stopped", "failed"]) -> None:
-        self.life = life
-        if self._runtime is not None:
-            self._runtime.lives.publish(StateChange(self._runtime.clock.now(), self.path, life))
+    def __change(self, life: Literal["starting", "running", "restarting", "stopping", "stopped", "failed"]) -> None:
+        self.__life = life
+        if self.__runtime is not None:
+            self.__runtime.lives.publish(StateChange(self.__runtime.clock.now(), self.path, life))
 
     def statistics(self) -> ActorStatistics:
         """Return what the actor has done so far."""
         return ActorStatistics(
             path=self.path,
             state=self.life,
-            received=self._received + sum(subscription.received for subscription in self._subscriptions),
-            failures=self._failures,
-            restarts=self._restarts,
-            work=len(self._work),
+            received=self.__received + sum(subscription.received for subscription in self.__subscriptions),
+            failures=self.__failures,
+            restarts=self.__restarts,
+            work=len(self.__work),
         )
+
+
+def _hidden(kind: type[Actor], name: str) -> str:
+    return f"{kind.__qualname__}.{name} would hide what every actor has of its own under that name: call it otherwise"

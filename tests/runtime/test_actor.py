@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 
 import pytest
 from hypothesis import given, strategies as st
@@ -122,3 +123,96 @@ def test_random_trees_that_fail_at_random_leave_nothing_behind(data):
 
     run(main, virtual=True)
     assert sum(what == "start" for what, _ in log) == sum(what == "stop" for what, _ in log)
+
+
+PUBLIC = sorted(name for name in vars(Actor) if not name.startswith("_"))
+HOOKS = ("on_start", "on_running", "on_stop")
+FREE = {*HOOKS, "on_stopping", "statistics"}
+
+
+@pytest.mark.parametrize("name", [*sorted(set(PUBLIC) - FREE), "name", "supervision", "grace"])
+@pytest.mark.parametrize("value", [7, lambda self: None], ids=["value", "method"])
+def test_a_subclass_that_hides_what_an_actor_has_is_refused(name, value):
+    with pytest.raises(Error, match=rf"Robot\.{name} would hide what every actor has"):
+        type("Robot", (Actor,), {name: value})
+
+    class Mixin:
+        pass
+
+    setattr(Mixin, name, value)
+    with pytest.raises(Error, match=rf"Robot\.{name} would hide"):
+        type("Robot", (Mixin, Actor), {})
+
+
+@pytest.mark.parametrize("name", sorted(set(PUBLIC) - FREE))
+@pytest.mark.parametrize("early", [False, True])
+def test_an_attribute_that_hides_what_an_actor_has_is_refused(name, early):
+    class Robot(Actor):
+        def __init__(self):
+            if early:
+                setattr(self, name, "mine")
+            super().__init__("robot")
+            setattr(self, name, "mine")
+
+    with pytest.raises(Error, match=rf"Robot\.{name} would hide what every actor has"):
+        Actor("parent").add(Robot())
+
+
+def test_a_subclass_may_call_its_own_as_it_likes():
+    hidden = {*vars(Actor), *vars(Actor("actor"))}
+    names = sorted(name.removeprefix("_Actor__") for name in hidden if name.startswith("_Actor__"))
+    assert "request" in names
+    calls = []
+
+    class Robot(Actor):
+        def __init__(self):
+            super().__init__("robot", supervision=Restart(backoff=0.5))
+            for name in names[::2]:
+                setattr(self, f"_{name}", f"my {name}")
+
+        @property
+        def path(self):
+            return super().path
+
+        def on_start(self):
+            self.call_later(1.0, lambda: calls.append(self.runtime.clock.now() // 10**9))
+            self.spawn(asyncio.sleep(0.1))
+
+    for name in names[1::2]:
+        setattr(Robot, f"_{name}", lambda self, *_, name=name: calls.append(name))
+
+    async def main(runtime):
+        robot = Robot()
+        await runtime.start(robot)
+        await asyncio.sleep(2)
+        crash(robot)
+        await asyncio.sleep(2)
+        await runtime.stop(robot)
+        assert (calls, robot.life, robot.statistics().restarts) == ([1, 3], "stopped", 1)
+
+    run_virtual(main)
+
+
+async def later(self):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("name", "hook", "words"),
+    [
+        *((name, later, f"Robot.{name} is a plain function, but later is an async") for name in HOOKS),
+        ("on_stopping", lambda self: None, "Robot.on_stopping is awaited"),
+        ("on_start", None, "Robot.on_start is a function, not None"),
+    ],
+)
+def test_a_hook_that_could_not_be_called_is_refused(name, hook, words):
+    with pytest.raises(Error, match=words):
+        type("Robot", (Actor,), {name: hook})
+
+
+def test_a_deep_path_costs_as_much_as_it_is_long():
+    """Read twice at each level, it took 2 to the power of its depth."""
+    actors = [Actor(f"a{depth}") for depth in range(100)]
+    for parent, child in itertools.pairwise(actors):
+        parent.add(child)
+    assert actors[-1].path == "/".join(actor.name for actor in actors)

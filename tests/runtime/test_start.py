@@ -24,7 +24,7 @@ def test_what_a_start_raises_is_raised_to_the_starter_and_stops_those_before():
         parent.add(Broken("second"))
         with pytest.raises(LookupError, match="no device"):
             await runtime.start(parent)
-        assert runtime.root.children == []
+        assert runtime.root.children == ()
         await runtime.start(Recorded("other", log))
 
     run_virtual(main)
@@ -53,7 +53,7 @@ def test_a_cancelled_start_ends_what_has_started_in_good_order():
         starting.cancel()
         await asyncio.wait([starting])
         assert starting.cancelled()
-        assert runtime.root.children == []
+        assert runtime.root.children == ()
 
     run_virtual(main)
     assert log[0] == ("start", "parent")

@@ -17,11 +17,11 @@ def test_entries():
     assert model.initial_belief.tolist() == [0.5, 0.5]
 
 
-def test_published_value():
-    solution = solve(tiger(), gap=1e-3)
-    assert solution.lower <= 19.3722
-    assert solution.upper >= 19.3711
-    assert solution.lower == pytest.approx(19.3713, abs=2e-3)
+@pytest.mark.parametrize(("discount", "value"), [(0.95, 19.3713), (0.75, 1.9334)])
+def test_published_values(discount, value):
+    solution = solve(tiger(discount=discount), gap=1e-3)
+    assert solution.lower - 1e-4 <= value <= solution.upper + 1e-4
+    assert solution.upper - solution.lower <= 1e-3
 
 
 @pytest.mark.parametrize(

@@ -1,29 +1,14 @@
+"""Formulas: three-valued connectives, their text, and Python's operators."""
+
 from __future__ import annotations
 
 from itertools import product
 
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given
+from random_formulas import VALUES, formulas
 
 from mdm.logic import Formula, P, parse
-from mdm.logic.formula import Constant
-
-VALUES = (True, False, None)
-
-names = st.sampled_from(
-    ["a", "b", "IsMoving", "robot2/IsMoving", "Patrol.succeeded", "and", "person is waiting", 'say "x"']
-)
-formulas = st.recursive(
-    st.builds(P, names) | st.builds(Constant, st.booleans()),
-    lambda inner: st.one_of(
-        inner.map(lambda f: ~f),
-        st.tuples(inner, inner).map(lambda pair: pair[0] & pair[1]),
-        st.tuples(inner, inner).map(lambda pair: pair[0] | pair[1]),
-        st.tuples(inner, inner).map(lambda pair: pair[0] ^ pair[1]),
-        st.tuples(inner, inner).map(lambda pair: pair[0] >> pair[1]),
-    ),
-    max_leaves=12,
-)
 
 
 def possible(value: bool | None) -> tuple[bool, ...]:

@@ -1,3 +1,5 @@
+"""Networks of predicates, against a plain recomputation."""
+
 from __future__ import annotations
 
 import pytest
@@ -196,32 +198,6 @@ def test_nothing_changes_where_the_value_is_the_same():
     network.compile()
     assert network.update([("a", True)]) is None
     assert network.update([("a", False)]).falling == ("a",)
-
-
-def test_other_agents_predicates_are_unknown_inputs():
-    network = Network()
-    network.define("both", "robot2/IsMoving and robot3/IsMoving")
-    network.compile()
-    assert network.remote == ("robot2/IsMoving", "robot3/IsMoving")
-    assert network.update([("robot2/IsMoving", False)]).falling == ("robot2/IsMoving", "both")
-
-
-@pytest.mark.parametrize(
-    ("declare", "message"),
-    [
-        (lambda n: (n.define("a", "b"), n.define("b", "c"), n.define("c", "a")), r"circle: (a -> b|b -> c|c -> a)"),
-        (lambda n: n.define("a", "a"), "circle: a -> a"),
-        (lambda n: (n.add_input("IsMoving"), n.define("b", "IsMovng")), r"'IsMovng'.*did you mean 'IsMoving'"),
-        (lambda n: (n.add_input("a"), n.add_event("a")), "'a' is declared twice"),
-        (lambda n: (n.add_event("e"), n.define("b", "e")), "an event .* latch"),
-        (lambda n: n.define("b", "not"), "formula of 'b'"),
-    ],
-)
-def test_wrong_declarations_are_refused(declare, message):
-    network = Network()
-    with pytest.raises(Error, match=message):
-        declare(network)
-        network.compile()
 
 
 @pytest.mark.parametrize(

@@ -1,3 +1,5 @@
+"""The grammar of formulas, and where a text leaves it."""
+
 from __future__ import annotations
 
 import pytest

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import gzip
 import json
-import warnings
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from loading import load
 from places import CORPUS
+from random_models import dense
 
 from mdm import FormatError, load_model
-from mdm.errors import ModelWarning
 from mdm.models import MDP, POMDP
 
 SUFFIXES = (".pomdp", ".mdp", ".dpomdp")
@@ -32,16 +32,6 @@ EDGE = {file: entry["expect"] for file, entry in expectations("edge/expected.jso
 MALFORMED = {
     file: entry for file, entry in expectations("malformed/expected.json").get("cases", {}).items() if ours(file)
 }
-
-
-def load(path, **options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        return load_model(path, **options)
-
-
-def dense(matrix):
-    return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
 @pytest.mark.parametrize("file", sorted(MODELS))

@@ -5,19 +5,16 @@ from __future__ import annotations
 import contextlib
 import json
 import random
-import warnings
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from loading import load
 from mutation import mutated
 from places import CORPUS, DATA
-from random_models import NAMES, assert_same, dense, factored_models, flat_models
+from random_models import dense
 
-from mdm import FormatError, ModelError, load_model
-from mdm.errors import ModelWarning
-from mdm.formats.pgmx import reader as pgmx
-from mdm.models import MDP, FactoredMDP, Node, Space, Table, Tree, TwoSliceNetwork
+from mdm import FormatError
 
 SIZES = {
     "MAISS_TopLevel": (1584, 16, 13),
@@ -43,14 +40,6 @@ EDGE = {file: entry for file, entry in entries("edge/expected.json").items() if 
 MALFORMED = {
     file: entry for file, entry in entries("malformed/expected.json").get("cases", {}).items() if file.endswith(".pgmx")
 }
-
-
-def load(path, **options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        model = load_model(path, **options)
-        model.flatten()
-        return model
 
 
 def weights(*shape):
@@ -183,79 +172,6 @@ def test_broken_files_are_refused_where_they_break(corpus, file):
         assert caught.value.line == expected["line"]
     for words in expected["message_mentions"]:
         assert words in str(caught.value)
-
-
-@given(model=factored_models(events=True, smallest=2))
-def test_factored_models_come_back(model, tmp_path_factory):
-    path = tmp_path_factory.mktemp("round") / "model.pgmx"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        pgmx.write(model, path)
-    again = load(path)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        assert_same(model, again)
-    assert [f.name for f in again.state_space.factors] == [f.name for f in model.state_space.factors]
-
-
-@given(model=flat_models(events=True, smallest=2))
-def test_flat_models_come_back(model, tmp_path_factory):
-    path = tmp_path_factory.mktemp("round") / "model.pgmx"
-    pgmx.write(model, path)
-    assert_same(model, load(path), finer=True)
-
-
-@given(model=flat_models(names=NAMES, finer=False, smallest=2))
-def test_odd_names_are_written_so_that_they_can_be_read(model, tmp_path_factory):
-    path = tmp_path_factory.mktemp("round") / "model.pgmx"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        pgmx.write(model, path)
-    spellable = all(
-        name and name == name.strip() and name.isprintable()
-        for space in (model.state_space, model.action_space)
-        for factor in space.factors
-        for name in factor.names
-    )
-    assert_same(model, load(path), named=spellable and model.kind == "MDP")
-
-
-def test_a_factor_of_one_value_has_no_place_in_it(tmp_path):
-    model = MDP([np.eye(1)], [[1.0]], discount=0.9)
-    with pytest.raises(ModelError, match="'state' has one value.* write .pomdpx"):
-        pgmx.write(model, tmp_path / "m.pgmx")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_deep_trees_become_tables(tmp_path):
-    tree = Table([Node("action", 0)], [1.0, 2.0])
-    for _ in range(40):
-        tree = Tree(Node("state", 0), [0, 1], [tree, Table([], 3.0)])
-    network = TwoSliceNetwork(
-        Space.single("light", ["red", "green"]),
-        Space.single("robot", ["go", "stop"]),
-        initial=[Table([Node("state", 0)], [0.5, 0.5])],
-        transitions=[Table([Node("state", 0), Node("next_state", 0)], np.eye(2))],
-        utilities=[tree],
-    )
-    model = FactoredMDP(network, discount=0.9)
-    pgmx.write(model, tmp_path / "m.pgmx")
-    assert_same(model, load(tmp_path / "m.pgmx"))
-
-
-@pytest.mark.parametrize("name", ["Access_Synch", "MAISS_Patrol_Single", "FFG343", "MAISS_TopLevel"])
-def test_real_models_come_back(corpus, tmp_path, name):
-    model = load(corpus / "models" / "madp" / f"{name}.pgmx")
-    pgmx.write(model, tmp_path / "again.pgmx")
-    again = load(tmp_path / "again.pgmx")
-    assert again.state_space == model.state_space
-    assert again.action_space == model.action_space
-    assert again.observation_space == model.observation_space
-    np.testing.assert_allclose(again.rewards, model.rewards, atol=1e-12)
-    for action in range(len(model.action_space)):
-        assert abs(model.transition_matrix(action) - again.transition_matrix(action)).max() <= 1e-12
-        for o in range(len(model.observation_space)):
-            assert abs(model.joint_matrix(action, o) - again.joint_matrix(action, o)).max() <= 1e-12
 
 
 @given(seed=st.integers(0, 2**32 - 1))

@@ -5,19 +5,18 @@ from __future__ import annotations
 import contextlib
 import json
 import random
-import warnings
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from loading import load
 from mutation import mutated
 from places import CORPUS, DATA
-from random_models import NAMES, assert_same, dense, factored_models, flat_models
+from random_models import dense
 
-from mdm import FormatError, ModelError, load_model
+from mdm import FormatError, load_model
 from mdm.errors import ModelWarning
-from mdm.formats.pomdpx import reader as pomdpx
-from mdm.models import POMDP, FactoredPOMDP
+from mdm.models import FactoredPOMDP
 
 
 def entries(path):
@@ -32,14 +31,6 @@ def ours(expected):
 MODELS = entries("expected.json")
 EDGE = entries("edge/expected.json")
 MALFORMED = entries("malformed/expected.json").get("cases", {})
-
-
-def load(path, **options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        model = load_model(path, **options)
-        model.flatten()
-        return model
 
 
 @pytest.mark.parametrize("file", ours(MODELS))
@@ -70,7 +61,7 @@ def test_agrees_with_the_flat_file_of_the_same_model(corpus, name):
     flat = next((file for file in folder.iterdir() if file.name.lower() == f"{name}.pomdp".lower()), None)
     if flat is None:
         pytest.skip(f"the corpus has no {name}.pomdp beside it")
-    model, plain = load(folder / f"{name}.pomdpx"), load_quietly(flat)
+    model, plain = load(folder / f"{name}.pomdpx"), load(flat)
     assert len(model.action_space) == len(plain.action_space)
     if len(model.state_space) != len(plain.state_space):
         pytest.skip("the two files number their states in other ways")
@@ -78,12 +69,6 @@ def test_agrees_with_the_flat_file_of_the_same_model(corpus, name):
     for action in range(len(plain.action_space)):
         for of in ("transition_matrix", "observation_matrix"):
             np.testing.assert_allclose(dense(getattr(model, of)(action)), dense(getattr(plain, of)(action)), atol=1e-5)
-
-
-def load_quietly(path):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        return load_model(path)
 
 
 @pytest.mark.parametrize("file", ours(EDGE))
@@ -188,49 +173,6 @@ def test_a_missing_start_is_uniform_with_a_warning(tmp_path):
     np.testing.assert_allclose(model.initial_belief, np.full(6, 1 / 6))
 
 
-@given(model=factored_models())
-def test_factored_models_come_back(model, tmp_path_factory):
-    path = tmp_path_factory.mktemp("round") / "model.pomdpx"
-    pomdpx.write(model, path)
-    again = load(path)
-    assert_same(model, again)
-    if model.kind == "POMDP":
-        assert again.network.fully_observed == model.network.fully_observed
-    assert [f.name for f in again.state_space.factors] == [f.name for f in model.state_space.factors]
-
-
-@given(model=flat_models())
-def test_flat_models_come_back(model, tmp_path_factory):
-    path = tmp_path_factory.mktemp("round") / "model.pomdpx"
-    pomdpx.write(model, path)
-    again = load(path)
-    assert_same(model, again, finer=True)
-
-
-@given(model=flat_models(names=NAMES, finer=False))
-def test_odd_names_are_written_so_that_they_can_be_read(model, tmp_path_factory):
-    path = tmp_path_factory.mktemp("round") / "model.pomdpx"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        pomdpx.write(model, path)
-    assert_same(model, load(path), named=False)
-
-
-def test_changed_names_are_told(tmp_path):
-    model = POMDP([np.eye(2)], [np.eye(2)], np.zeros((2, 1)), discount=0.9, states=["a b", "c"], actions=["*"])
-    with pytest.warns(ModelWarning, match="2 names that POMDPX cannot hold .* 'a b' as 'a_b', '\\*' as '_\\*'"):
-        pomdpx.write(model, tmp_path / "m.pomdpx")
-    assert load(tmp_path / "m.pomdpx").state_space.names == ("a_b", "c")
-
-
-def test_events_have_no_place_in_it(tmp_path):
-    told = np.full((1, 2, 2, 2), 0.5)
-    model = POMDP([np.eye(2)], told, np.zeros((2, 1)), discount=0.9, event_observations=True)
-    with pytest.raises(ModelError, match="no observations of events"):
-        pomdpx.write(model, tmp_path / "m.pomdpx")
-    assert list(tmp_path.iterdir()) == []
-
-
 @given(seed=st.integers(0, 2**32 - 1))
 def test_mutated_files_make_a_model_or_an_error(seed, tmp_path_factory):
     pieces = ["<", "-", "*", "1e999", "nan", "&x;", "é", '"', "</Node>"]
@@ -239,18 +181,3 @@ def test_mutated_files_make_a_model_or_an_error(seed, tmp_path_factory):
     path.write_text(text)
     with contextlib.suppress(FormatError):
         load(path)
-
-
-@pytest.mark.parametrize("name", ["TagAvoid", "RockSample_7_8", "Hallway"])
-def test_real_models_come_back(corpus, tmp_path, name):
-    """Large tables, most of them zero, are written by their entries."""
-    model = load(corpus / "models" / "sarsop" / f"{name}.pomdpx")
-    pomdpx.write(model, tmp_path / "again.pomdpx.gz")
-    again = load(tmp_path / "again.pomdpx.gz")
-    assert again.network.fully_observed == model.network.fully_observed
-    for action in range(len(model.action_space)):
-        difference = model.transition_matrix(action) - again.transition_matrix(action)
-        assert abs(difference).max() <= 1e-12
-        difference = model.observation_matrix(action) - again.observation_matrix(action)
-        assert abs(difference).max() <= 1e-12
-    np.testing.assert_allclose(model.rewards, again.rewards)

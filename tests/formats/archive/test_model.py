@@ -11,7 +11,7 @@ import zipfile
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_models import NAMES, assert_same, dense, factored_models, flat_models
+from random_models import NAMES, assert_same, dense, flat_models
 from scipy import sparse
 
 from mdm import FormatError, ModelError, load_model, load_policy
@@ -19,9 +19,8 @@ from mdm.errors import ModelWarning
 from mdm.formats.archive import model as archive, npz
 from mdm.formats.models import save_model
 from mdm.formats.policies import save_policy
-from mdm.models import MDP, POMDP, FactoredPOMDP
+from mdm.models import MDP, POMDP
 from mdm.policies import AlphaVectors
-from mdm.problems import rock_sample
 
 
 @given(model=flat_models(names=NAMES, events=True), kind=st.sampled_from([None, True, False]))
@@ -36,19 +35,6 @@ def test_flat_models_come_back_bit_for_bit(model, kind, tmp_path_factory):
     assert again.action_space == model.action_space
     assert_same(model, again, within=0 if kind is None else 1e-15, finer=True)
     again.with_discount(0.5)
-
-
-@given(model=factored_models(names=NAMES, events=True))
-def test_factored_models_stay_factored(model, tmp_path_factory):
-    path = tmp_path_factory.mktemp("round") / "model.npz"
-    archive.write(model, path)
-    again = load_model(path)
-    assert type(again) is type(model)
-    assert again.state_space == model.state_space
-    assert again.network.fully_observed == model.network.fully_observed
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        assert_same(model, again, within=0)
 
 
 def large(states=300):
@@ -107,18 +93,6 @@ def test_policies_and_models_are_told_apart(tmp_path):
         load_policy(tmp_path / "model.npz")
 
 
-def test_compressed_and_pickled_archives_are_refused(tmp_path):
-    np.savez_compressed(tmp_path / "c.npz", header=np.zeros(3))
-    with pytest.raises(FormatError, match="compressed"):
-        load_model(tmp_path / "c.npz")
-    np.savez(tmp_path / "p.npz", header=np.array([{}], dtype=object), allow_pickle=True)
-    with pytest.raises(FormatError, match="damaged|none of"):
-        load_model(tmp_path / "p.npz")
-    np.savez(tmp_path / "n.npz", numbers=np.zeros(3))
-    with pytest.raises(FormatError, match="no header"):
-        load_model(tmp_path / "n.npz")
-
-
 def rewritten(path, change):
     """Write an archive anew with other arrays."""
     header, arrays = npz.read(path)
@@ -174,16 +148,6 @@ def test_damaged_files_make_a_model_or_an_error(seed, tmp_path_factory):
         model = load_model(folder / "m.npz")
         for action in range(len(model.action_space)):
             np.testing.assert_allclose(dense(model.transition_matrix(action)).sum(axis=1), 1)
-
-
-def test_a_large_factored_model_comes_back(tmp_path):
-    model = rock_sample(7, 8)
-    archive.write(model, tmp_path / "m.npz")
-    again = load_model(tmp_path / "m.npz")
-    assert isinstance(again, FactoredPOMDP)
-    assert again.network.fully_observed == model.network.fully_observed
-    assert abs(model.transition_matrix(5) - again.transition_matrix(5)).max() == 0
-    np.testing.assert_array_equal(model.rewards, again.rewards)
 
 
 def test_the_false_negative_is_kept(tmp_path):

@@ -1,0 +1,57 @@
+"""Q-tables of plain rows, and what tells them from other columns of numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from policy_files import POLICIES, assert_refused
+from random_policies import q_values
+
+from mdm import FormatError
+from mdm.formats import policies
+from mdm.formats.tables import q_table
+from mdm.policies import (
+    AlphaVectors,
+    QTable,
+)
+
+
+def test_a_q_table_of_plain_rows():
+    policy = policies.load_policy(POLICIES / "q_table.txt")
+    assert isinstance(policy, QTable)
+    assert policy.values.tolist() == [[0, 1.5, -2], [3, 0.5, 1]]
+
+
+def test_two_columns_without_blank_lines_are_a_table(tmp_path):
+    (tmp_path / "q").write_text("0 1\n2 3\n4 5\n")
+    assert policies.load_policy(tmp_path / "q").values.tolist() == [[0, 1], [2, 3], [4, 5]]
+    (tmp_path / "q").write_text("0 -1\n2 3\n")
+    assert isinstance(policies.load_policy(tmp_path / "q"), AlphaVectors)
+    assert policies.load_policy(tmp_path / "q", kind="q").values.tolist() == [[0, -1], [2, 3]]
+
+
+def test_a_kind_that_plain_rows_are_not(tmp_path):
+    with pytest.raises(FormatError, match="a matrix, but kind='table'"):
+        policies.load_policy(POLICIES / "q_table.txt", kind="table")
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("0 1 2\n0 1 x\n", 2, "'x'"),
+        ("0 1 2\n0 1\n", 2, "3 values were expected, but 2"),
+        ("0 1 2\n0 1 nan\n", None, "action 2 in state 1 is NaN"),
+        ("0 1 2\n", None, "1 states and 3 actions"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(tmp_path, text, line, words):
+    assert_refused(tmp_path / "q.txt", text, line, words)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4))
+def test_what_is_written_is_read(tmp_path_factory, seed, count):
+    table = q_values(np.random.default_rng(seed), count)
+    path = tmp_path_factory.mktemp("round") / "q"
+    q_table.write(table, path)
+    np.testing.assert_array_equal(q_table.read(path), table.values)

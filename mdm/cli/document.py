@@ -140,6 +140,9 @@ def describe_model(model: MDP) -> dict[str, Any]:
         "state_factors": [{"name": factor.name, "size": len(factor)} for factor in model.state_space.factors],
         "fully_observed": [f.name for f, s in zip(model.state_space.factors, seen, strict=False) if s],
         "event_observations": isinstance(model, POMDP) and model.event_observations,
+        "false_negative": None
+        if observations is None or model.false_negative is None
+        else observations.names[model.false_negative],
         "discount": model.discount,
         "factored": factored,
         # Of a factored model this would be known only after it is flattened.

@@ -146,6 +146,15 @@ def test_check_of_policies(mdm, tmp_path):
     assert "holds a model itself" in errors
 
 
+def test_info_tells_the_false_negative(mdm, tmp_path):
+    save_model(load_model(TIGER).with_false_negatives("hear-right"), tmp_path / "tiger.npz")
+    told = [json.loads(mdm("info", file, "--json")[1][0])["false_negative"] for file in (TIGER, tmp_path / "tiger.npz")]
+    assert told == [None, "hear-right"]
+    status, _, errors = mdm("convert", tmp_path / "tiger.npz", tmp_path / "tiger.pomdp")
+    assert (status, len(errors.splitlines())) == (1, 1)
+    assert ".pomdp files cannot say which observation is a false negative" in errors
+
+
 @pytest.mark.parametrize("suffix", ["pomdp", "pomdp.gz", "dpomdp", "pgmx", "pomdpx", "npz"])
 def test_convert_and_info_on_every_format(mdm, tmp_path, suffix):
     target = tmp_path / f"tiger.{suffix}"

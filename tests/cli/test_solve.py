@@ -114,6 +114,19 @@ def test_no_limit_is_a_limit_without_end(mdm):
     assert mdm("solve", TIGER, "--memory", "inf", "--time", "inf")[0] == 0
 
 
+def test_false_negatives_choose_a_solver_that_plans_for_them(mdm, tmp_path):
+    given = (TIGER, "--false-negative", "hear-left", "--iterations", "1")
+    status, output, _ = mdm("solve", *given, "--json")
+    assert (status, json.loads(output[0])["solver"]) == (0, "perseus")
+    status, _, errors = mdm("solve", *given, "--solver", "sarsop")
+    assert (status, len(errors.splitlines())) == (1, 1)
+    assert "SARSOP takes every event to be detected" in errors
+    chain = tmp_path / "chain.mdp"
+    chain.write_text(CHAIN)
+    status, _, errors = mdm("solve", chain, "--false-negative", "0")
+    assert (status, errors) == (1, "mdm solve: an MDP has no observations, and so no false negatives\n")
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

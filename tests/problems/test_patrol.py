@@ -22,7 +22,7 @@ def test_moves_take_one_event_or_three():
     assert chance("Catch Goose", ["LRM", 2, "LRM"], ["LRM", 0, "No Goose"]) == pytest.approx(1 / 7)
 
 
-def test_what_is_noticed():
+def test_what_is_detected():
     model = patrol()
     assert model.event_observations
     seen = {

@@ -45,13 +45,13 @@ def by_recursion(model, controller, steps, false_negative=None):
         now = []
         for node, action in enumerate(controller.actions):
             joints = {o: dense(model.joint_matrix(action, o)) for o in detected}
-            silent = dense(model.transition_matrix(action)) - sum(joints.values())
+            missed = dense(model.transition_matrix(action)) - sum(joints.values())
             total = model.rewards[:, action].copy()
             for o in detected:
                 after = controller.successors[node][o]
                 if after is not None:
                     total += model.discount * joints[o] @ values[after]
-            now.append(np.linalg.solve(np.eye(size) - model.discount * silent, total))
+            now.append(np.linalg.solve(np.eye(size) - model.discount * missed, total))
         values = now
     return np.stack(values)
 

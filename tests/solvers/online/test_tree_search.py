@@ -27,7 +27,7 @@ def tiger():
 
 
 def joint(model, action, missed):
-    """Return P(s', o | s, a) for each o that is noticed, and for nothing."""
+    """Return P(s', o | s, a) for each o that is detected, and for no detection."""
     transition = dense(model.transition_matrix(action))
     if model.kind == "MDP":
         return [transition * np.eye(len(transition))[s] for s in range(len(transition))], np.zeros_like(transition)

@@ -27,16 +27,16 @@ SMALL = flat_models(kinds=("POMDP",), joint=False, events=True, finer=False)
 
 
 def parts(model, false_negative=None):
-    """Return for each action what is earned until something is noticed, and what then follows each observation."""
+    """Return for each action what is earned until something is detected, and what then follows each observation."""
     size = len(model.state_space)
     result = []
     for action in range(len(model.action_space)):
         joints = {
             o: dense(model.joint_matrix(action, o)) for o in range(len(model.observation_space)) if o != false_negative
         }
-        silent = dense(model.transition_matrix(action)) - sum(joints.values())
-        silent[np.abs(silent) < 1e-9] = 0
-        during = np.linalg.inv(np.eye(size) - model.discount * silent)
+        missed = dense(model.transition_matrix(action)) - sum(joints.values())
+        missed[np.abs(missed) < 1e-9] = 0
+        during = np.linalg.inv(np.eye(size) - model.discount * missed)
         result.append((during @ model.rewards[:, action], [during @ joint for joint in joints.values()]))
     return result
 

@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any, Literal
 
 from mdm.errors import ConfigError
+from mdm.runtime.clock import check_seconds
 from mdm.runtime.handler import kind_of
 
 if TYPE_CHECKING:
@@ -56,8 +57,8 @@ class Binding:
         concurrent: bool = False,
     ) -> None:
         for name, seconds in (("timeout", timeout), ("grace", grace)):
-            if seconds is not None and not seconds > 0:
-                raise ConfigError(f"{name} is a number of seconds above 0, not {seconds}", key=name)
+            if seconds is not None or name == "grace":
+                check_seconds(seconds, name, key=name)
         if on_repeat not in {"continue", "restart"}:
             raise ConfigError(f"on_repeat is 'continue' or 'restart', not {on_repeat!r}", key="on_repeat")
         self.target = target

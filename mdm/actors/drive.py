@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from mdm.errors import ConfigError
+from mdm.runtime.scheduler import check_rate
 
 __all__ = ["Drive", "FixedRate", "OnEvent"]
 
@@ -19,8 +19,7 @@ class FixedRate(msgspec.Struct, frozen=True):
     rate: float
 
     def __post_init__(self) -> None:
-        if not 0 < self.rate <= 1e6:
-            raise ConfigError(f"a rate is more than 0 and at most 1,000,000 decisions a second, not {self.rate}")
+        check_rate(self.rate)
 
 
 Drive = OnEvent | FixedRate

@@ -34,7 +34,10 @@ if TYPE_CHECKING:
     from mdm.policies import Controller, Policy
     from mdm.runtime import Supervision
 
-__all__ = ["Ensemble"]
+__all__ = ["MOST_LEVELS", "Ensemble"]
+
+MOST_LEVELS = 100
+"""Levels of a hierarchy."""
 
 
 class Ensemble(Layer):
@@ -134,6 +137,11 @@ class Ensemble(Layer):
         self.subensembles = tuple(
             {id(b.ensemble): b.ensemble for b in self.action.bindings if b.ensemble is not None}.values()
         )
+        self.levels: int = 1 + max((below.levels for below in self.subensembles), default=0)
+        if self.levels > MOST_LEVELS:
+            raise ConfigError(
+                f"ensemble {name!r} is the top of more than {MOST_LEVELS} levels", key=f"ensembles.{name}.actions"
+            )
         for child in (*self.subensembles, self.action, self.control, self.observation, self.state):
             if child is not None:
                 self.add(child)
@@ -168,6 +176,16 @@ class Ensemble(Layer):
                     f"the state factors of {self.name!r} make {product} states, but the policy is for {expected}",
                     key=f"ensembles.{self.name}.states",
                 )
+
+    def notes(self) -> Iterator[str]:
+        """Yield what is allowed, but odd: input that nothing here gives, or nothing takes; of this ensemble alone."""
+        over_states = self.control.policy.input == "state"
+        wanted, other = ("states", "observations") if over_states else ("observations", "states")
+        given = {"states": self.state, "observations": self.observation}
+        if given[wanted] is None:
+            yield f"ensemble {self.name!r} has no {wanted}: it waits for code that publishes what it decides on"
+        if given[other] is not None:
+            yield f"ensemble {self.name!r} has {other}, but its policy decides on {wanted}"
 
     def tree(self) -> str:
         """Return the ensemble and those below it, a line each, indented, with the action that each is bound to."""

@@ -17,6 +17,7 @@ from mdm.errors import ConfigError, Error
 from mdm.logic import Formula, Network, parse, similar
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdate
 from mdm.runtime import Actor
+from mdm.runtime.clock import check_seconds
 from mdm.runtime.handler import check_plain
 
 if TYPE_CHECKING:
@@ -90,8 +91,8 @@ class PredicateManager(Actor):
         """
         if (channel is None) != (when is None):
             raise ConfigError(f"predicate {name!r} needs a channel and a 'when' function, or neither", key=name)
-        if max_age is not None and not max_age > 0:
-            raise ConfigError(f"max_age is a number of seconds above 0, not {max_age}", key=name)
+        if max_age is not None:
+            check_seconds(max_age, f"max_age of {name!r}", key=name)
         initial = truth(name, initial)
         if when is not None:
             check_plain(when, f"the 'when' of predicate {name!r}")
@@ -115,8 +116,7 @@ class PredicateManager(Actor):
         if held_for is None:
             self._declare(name, "predicate", lambda network: network.define(name, tree), tree)
         else:
-            if not held_for > 0:
-                raise ConfigError(f"held_for is a number of seconds above 0, not {held_for}", key=name)
+            check_seconds(held_for, f"held_for of {name!r}", key=name)
             self._held_for[name] = round(held_for * 1e9)
             self._declare(name, "predicate", lambda network: network.hold(name, tree), tree)
 

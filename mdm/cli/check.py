@@ -57,15 +57,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _examine(file: str, model: str | None, normalize: bool) -> tuple[str | None, list[str], list[str]]:
     """Return what a file holds, what is wrong with it, and what is odd."""
-    from mdm.cli.document import Document, load  # noqa: PLC0415
+    from mdm.cli.document import Document  # noqa: PLC0415
     from mdm.cli.usage import UsageError  # noqa: PLC0415
+    from mdm.config import load_system  # noqa: PLC0415
     from mdm.errors import ConfigError, FormatError  # noqa: PLC0415
     from mdm.formats import load_model, load_policy  # noqa: PLC0415
     from mdm.formats.source import suffixes  # noqa: PLC0415
 
     try:
         if suffixes(file) == ".toml":
-            return load(file).kind, [], []
+            system = load_system(file)
+            return "ensembles", [], [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
         if _holds_policy(file):
             policy = load_policy(file, None if model is None else load_model(model))
             return Document(policy).kind, [], _policy_notes(policy)

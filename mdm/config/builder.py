@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 import msgspec
 
 from mdm.actors import Binding, Ensemble, FixedRate, ObservationFactor, OnEvent, PredicateManager, StateFactor
+from mdm.actors.ensemble import MOST_LEVELS
 from mdm.actors.predicate_manager import ACTION_END
 from mdm.config.functions import find_function, nothing
 from mdm.config.problems import Problems
@@ -335,6 +336,8 @@ class _Builder:
         below = str(entry.ensemble)
         if below not in self._tables:
             raise ConfigError(f"there is no ensemble {below!r} in this file{similar(below, self._tables)}")
+        if len(above) >= MOST_LEVELS:
+            raise ConfigError(f"ensembles start each other on more than {MOST_LEVELS} levels")
         if below in above:
             circle = " -> ".join((*above[above.index(below) :], below))
             raise ConfigError(f"ensembles start each other in a circle: {circle}")

@@ -15,17 +15,28 @@ from itertools import count
 from time import monotonic_ns
 from typing import TYPE_CHECKING
 
+from mdm.errors import ConfigError
 from mdm.runtime import timerfd
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["Clock", "Timer", "WallClock"]
+__all__ = ["Clock", "Timer", "WallClock", "check_seconds"]
 
 _SWEEP = 1024
 
 _STEP = 4_000
 _LONGEST_LEAD = 400_000
+
+
+def check_seconds(seconds: object, what: str, *, key: str | None = None) -> None:
+    """Refuse what is no length of time.
+
+    Raises:
+        ConfigError: If it is no number above 0, or above 10^9 (which are 31 years).
+    """
+    if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0 < seconds <= 1e9:
+        raise ConfigError(f"{what} is a number of seconds above 0 and at most 10^9, not {seconds!r}", key=key)
 
 
 class Timer:

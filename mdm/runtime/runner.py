@@ -12,6 +12,7 @@ import anyio
 
 from mdm.errors import Error
 from mdm.runtime.actor import Actor
+from mdm.runtime.clock import check_seconds
 from mdm.runtime.runtime import Runtime
 from mdm.runtime.supervision import ActorFailure
 from mdm.runtime.virtual import DeadlockError, VirtualEventLoop
@@ -133,8 +134,8 @@ def _misuse(program: object, seconds: float | None) -> str | None:
             return f"a program is an ensemble, a system, another actor or an async function, not {program!r}"
         if seconds is not None:
             return "seconds is for an actor: a function ends by itself, or by asyncio.timeout"
-    elif seconds is not None and not seconds > 0:
-        return f"seconds is a number above 0, not {seconds!r}"
+    elif seconds is not None:
+        check_seconds(seconds, "seconds")
     return None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING, Literal
 
-from mdm.errors import Error
+from mdm.errors import ConfigError
 from mdm.messages import Tick
 
 if TYPE_CHECKING:
@@ -13,7 +13,17 @@ if TYPE_CHECKING:
 
     from mdm.runtime.clock import Clock, Timer
 
-__all__ = ["Ticker"]
+__all__ = ["Ticker", "check_rate"]
+
+
+def check_rate(rate: float) -> None:
+    """Refuse a rate, in ticks per second, that no clock could serve.
+
+    Raises:
+        ConfigError: If it is below a millionth, or above a million.
+    """
+    if not 1e-6 <= rate <= 1e6:
+        raise ConfigError(f"a rate is at least 0.000001 and at most 1,000,000 a second, not {rate}")
 
 
 class Ticker:
@@ -50,8 +60,7 @@ class Ticker:
         *,
         overrun: Literal["skip", "burst"] = "skip",
     ) -> None:
-        if not 1e-6 <= rate <= 1e6:
-            raise Error(f"a rate is at least 0.000001 and at most 1,000,000 ticks a second, not {rate}")
+        check_rate(rate)
         self._clock = clock
         period = 1_000_000_000 / Fraction(rate).limit_denominator(1_000_000)
         self._numerator, self._denominator = period.numerator, period.denominator

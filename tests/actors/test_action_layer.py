@@ -283,6 +283,16 @@ def test_a_generator_is_no_action(make):
     run_virtual(main)
 
 
+@pytest.mark.parametrize("option", ["timeout", "grace"])
+@pytest.mark.parametrize("seconds", [0, -1, float("inf"), float("nan"), "5", True])
+def test_times_that_make_no_sense_are_refused(option, seconds):
+    with pytest.raises(ConfigError, match=f"{option} is a number of seconds above 0 and at most 10.9, not {seconds!r}"):
+        bind(lambda: None, **{option: seconds})
+    if option == "grace":
+        with pytest.raises(ConfigError, match="grace is a number of seconds"):
+            bind(lambda: None, grace=None)
+
+
 class Panic(BaseException):
     """What native code may raise."""
 

@@ -343,6 +343,29 @@ def test_state_factors_must_make_the_policy_s_states():
     run_virtual(main)
 
 
+def test_what_nothing_gives_and_what_nothing_takes_is_noted():
+    manager = PredicateManager()
+    for name in "AB":
+        manager.sensor(name)
+        manager.event(f"{name}Seen")
+    states = [StateFactor("a", ["A"])]
+    observations = [ObservationFactor("seen", ["ASeen", "BSeen"])]
+    assert list(leaf("leaf", predicates=manager, states=states).notes()) == []
+    both = leaf("leaf", predicates=manager, states=states, observations=observations)
+    assert list(both.notes()) == ["ensemble 'leaf' has observations, but its policy decides on states"]
+    assert list(leaf("leaf").notes()) == [
+        "ensemble 'leaf' has no states: it waits for code that publishes what it decides on"
+    ]
+
+
+def test_a_hierarchy_of_too_many_levels_is_refused():
+    top = leaf("e")
+    for level in range(99):
+        top = above(f"e{level}", top)
+    with pytest.raises(ConfigError, match="ensembles.top.actions: .* more than 100 levels"):
+        above("top", top)
+
+
 def test_the_tree_can_be_printed():
     tree = above("top", above("middle", leaf("bottom"))).tree()
     assert tree.splitlines() == [

@@ -236,6 +236,12 @@ def test_other_agents_predicates_are_followed_and_resynchronised():
     [
         (lambda m: (m.sensor("A"), m.define("A", "true")), "'A' is declared twice"),
         (lambda m: m.sensor("A", max_age=0), "max_age"),
+        (
+            lambda m: m.sensor("A", max_age=float("inf")),
+            "max_age of 'A' is a number of seconds above 0 and at most 10.9",
+        ),
+        (lambda m: m.sensor("A", max_age="5"), "max_age"),
+        (lambda m: m.define("A", "B", held_for=float("nan")), "held_for"),
         (lambda m: m.define("A", "B", held_for=-1), "held_for"),
         (lambda m: m.sensor("A", when=bool), "a channel and a 'when'"),
     ],

@@ -37,6 +37,16 @@ def test_version(mdm):
     assert mdm("--version")[1][0].startswith("mdm ")
 
 
+def test_check_notes_what_an_ensemble_waits_for(mdm, tmp_path):
+    (tmp_path / "robot.toml").write_text(
+        "[ensembles.robot]\npolicy = [0, 1]\n[ensembles.robot.actions]\nX = 'builtins:print'\nY = 'builtins:print'\n"
+    )
+    status, lines, _ = mdm("check", tmp_path / "robot.toml")
+    assert status == 0
+    assert "note: ensemble 'robot' has no states: it waits for code that publishes what it decides on" in lines[0]
+    assert mdm("check", EXAMPLES / "patrol" / "patrol.toml")[1][0].endswith("no problems found")
+
+
 @pytest.mark.parametrize("verb", ["run", "check", "info", "simulate", "trace"])
 @pytest.mark.parametrize(
     ("name", "content"),

@@ -196,6 +196,8 @@ WRONG = [
     ('policy = "below.policy"', 'policy = "three.policy"', "ensembles.below.states", "the policy is for 3"),
     ('policy = "below.policy"', 'model = "no.mdp"\npolicy = "below.policy"', "ensembles.below.model", "no such file"),
     ("drive = 2.0", "drive = -2.0", "ensembles.below.drive", "rate"),
+    ("drive = 2.0", "drive = 1e-9", "ensembles.below.drive", "a rate is at least 0.000001"),
+    ("drive = 2.0", "drive = nan", "ensembles.below.drive", "a rate is at least 0.000001"),
     ("drive = 2.0", "drive = inf", "ensembles.below.drive", "rate"),
     ("drive = 2.0", "deadline = 0.0", "ensembles.below.deadline", "> 0.0"),
     ("drive = 2.0", "deadline = inf", "ensembles.below.deadline", "1000000000"),
@@ -394,3 +396,26 @@ def test_what_is_no_configuration(tmp_path, make, words):
     make(path)
     with pytest.raises(ConfigError, match=words):
         load_system(path)
+
+
+def chain(levels):
+    text = ""
+    for level in range(levels):
+        below = f"{{ ensemble = 'e{level + 1}' }}" if level < levels - 1 else "'robot_code:rest'"
+        text += f"[ensembles.e{level}]\npolicy = [0]\n[ensembles.e{level}.actions]\ngo = {below}\n"
+    return text
+
+
+def test_a_hierarchy_of_a_hundred_levels_runs_and_deeper_ones_are_refused(folder):
+    system = load_system(write(folder, chain(100)))
+
+    async def main(runtime):
+        await runtime.start(system)
+        for ensemble in system.ensembles.values():
+            ensemble.publish_state(0)
+        assert system.ensembles["e99"].action.ended == {"succeeded": 1}
+
+    run_virtual(main)
+    for levels in (101, 121, 1200):
+        with pytest.raises(ConfigError, match="start each other on more than 100 levels"):
+            load_system(write(folder, chain(levels)))

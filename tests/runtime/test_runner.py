@@ -123,7 +123,7 @@ async def coroutine():
         (lambda: 7, {}, "not 7|returned 7 in place of a coroutine: define it with `async def`"),
         (7, {}, "a program is an ensemble, a system, another actor or an async function, not 7"),
         (coroutine, {"seconds": 1}, "seconds is for an actor"),
-        (Actor("a"), {"seconds": 0}, "a number above 0, not 0"),
+        (Actor("a"), {"seconds": 0}, "seconds is a number of seconds above 0 .* not 0"),
     ],
 )
 def test_what_cannot_be_run(program, options, words):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mdm.errors import ModelError
 from mdm.models import POMDP
 from mdm.problems.agents import agents
 
@@ -32,7 +33,12 @@ def broadcast_channel(
         arrivals: For each node the probability of a new message.
         accuracy: The probability that a node hears rightly whether there was a collision.
         discount: In (0, 1].
+
+    Raises:
+        ModelError: If there are not two probabilities of a message.
     """
+    if len(arrivals) != 2:
+        raise ModelError(f"two nodes share the channel: give a probability of a message for each, not {len(arrivals)}")
     send, full = 0, 1
     # Per node: its actions x (no message, a message) x the same at the next step.
     filled = [

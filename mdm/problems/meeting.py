@@ -11,7 +11,7 @@ from mdm.models import POMDP, Factor, Space
 from mdm.problems.agents import agents
 
 if TYPE_CHECKING:
-    from mdm.models.matrices import Vector
+    from mdm.models.matrices import Matrix, Vector
 
 __all__ = ["grid_small", "meeting"]
 
@@ -60,10 +60,10 @@ def meeting(size: int = 3, *, success: float = 0.6, discount: float = 1.0) -> PO
     or together in the lower right one. They begin in the two other corners.
 
     size^4 states, 5 x 5 actions, size^2 x size^2 observations. Optimal values of decentralised plans in the grid of 3 x
-    3 cells: 0 for 2 decisions, 0.133 for 3, 0.433 for 4, 0.896 for 5.
+    3 cells: 0 for 2 decisions, 0.1332 for 3.
 
     Source: C. Amato, J. S. Dibangoye and S. Zilberstein, *Incremental policy generation for finite-horizon
-    DEC-POMDPs*, ICAPS 2009, which has the values as well.
+    DEC-POMDPs*, ICAPS 2009.
 
     Args:
         size: Rows and columns of the grid.
@@ -75,12 +75,14 @@ def meeting(size: int = 3, *, success: float = 0.6, discount: float = 1.0) -> PO
     """
     if size < 2:
         raise ModelError(f"a grid to meet in has at least 2 rows and columns, not {size}")
+    from scipy import sparse  # noqa: PLC0415 - as long to import as all the rest
+
     cells = size * size
     corners = np.zeros((cells, cells))
     corners[0, 0] = corners[-1, -1] = 1
     return POMDP(
         _transitions(size, success),
-        [np.eye(cells * cells)] * 25,
+        [sparse.eye_array(cells * cells, format="csr")] * 25,
         np.tile(corners.reshape(-1, 1), 25),
         discount=discount,
         states=_positions(size),
@@ -90,8 +92,10 @@ def meeting(size: int = 3, *, success: float = 0.6, discount: float = 1.0) -> PO
     )
 
 
-def _transitions(size: int, success: float) -> list[Vector]:
-    """Return T of every joint action: the robots move independently, and may share a cell."""
+def _transitions(size: int, success: float) -> list[Matrix]:
+    """Return T of every joint action, as CSR: the robots move independently, and may share a cell."""
+    from scipy import sparse  # noqa: PLC0415 - as long to import as all the rest
+
     cells = size * size
     steps = np.zeros((4, cells, cells))  # where each step leads, were it certain
     for number, (down, right) in enumerate(_STEPS.values()):
@@ -103,7 +107,8 @@ def _transitions(size: int, success: float) -> list[Vector]:
     other = (1 - success) / 4
     astray = other * (np.eye(cells) + steps.sum(axis=0))
     moves = [*(astray + (success - other) * steps), np.eye(cells)]
-    return [np.kron(first, second) for first in moves for second in moves]
+    few = [sparse.csr_array(move) for move in moves]
+    return [sparse.kron(first, second, format="csr") for first in few for second in few]
 
 
 def _positions(size: int) -> Space:

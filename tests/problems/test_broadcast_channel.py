@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from mdm import solve
+from mdm import ModelError, solve
 from mdm.problems import broadcast_channel
 
 
@@ -18,6 +18,11 @@ def test_entries():
     assert [model.reward("wait send", state) for state in model.state_space.names] == [0, 1, 0, 1]
     assert model.reward("send send", "S11") == 0
     assert model.initial_belief.tolist() == [0, 0, 0, 1]
+
+
+def test_a_third_node_is_refused():
+    with pytest.raises(ModelError, match="a probability of a message for each, not 3"):
+        broadcast_channel((0.9, 0.1, 0.5))
 
 
 @pytest.mark.parametrize(("horizon", "optimum"), [(2, 2), (3, 2.99), (4, 3.89)])

@@ -50,7 +50,9 @@ def test_published_values(model, horizon, optimum):
 
 
 def test_sizes():
-    model = meeting(4)
-    assert (len(model.state_space), len(model.observation_space)) == (256, 256)
+    model = meeting(8)
+    assert (len(model.state_space), len(model.observation_space)) == (4096, 4096)
+    assert model.is_sparse
+    assert model.transition("down right", "cell7 cell56", "cell15 cell57") == pytest.approx(0.36)
     with pytest.raises(ModelError, match="at least 2 rows and columns, not 1"):
         meeting(1)

@@ -1,4 +1,4 @@
-"""Shared settings of the tests: hypothesis profiles, signals, and the corpus, where it is present."""
+"""Shared settings of the tests: hypothesis profiles, signals, and files of other projects, where they are."""
 
 from __future__ import annotations
 
@@ -30,9 +30,10 @@ def pytest_configure() -> None:
             signal.signal(number, handler)
 
 
-@pytest.fixture(scope="session")
-def corpus() -> Path:
-    """The folder of real model and policy files that may stand beside a checkout."""
+@pytest.fixture
+def corpus(request: pytest.FixtureRequest) -> Path:
+    """The folder of public files that may stand beside a checkout; `foreign` marks which of them a test needs."""
+    (needed,) = request.node.get_closest_marker("foreign").args
     if not CORPUS.is_dir():
-        pytest.skip("the corpus of real models is not beside this checkout (../shared/corpus)")
+        pytest.skip(f"needs {needed}; not part of this repository")
     return CORPUS

@@ -109,6 +109,7 @@ def follow(model, episodes, exactness):
     assert compared >= 3
 
 
+@pytest.mark.foreign("Access_Synch.pgmx, DTPGMX.pgmx and fireFighting_2_3_3.dpomdp of MADPToolbox/MADP")
 def test_agrees_with_madp_on_files_of_other_problems(corpus):
     for file in FILES:
         oracle = json.loads((corpus / "oracles" / f"{file.removesuffix('.gz')}.json").read_text())
@@ -273,6 +274,7 @@ def test_symbols_may_be_numbers_of_numpy_or_names():
         np.testing.assert_allclose(tracker.belief, same.belief, atol=1e-15)
 
 
+@pytest.mark.foreign("a collection of model files with one quirk each")
 def test_agrees_with_the_traces_of_quirky_files(corpus):
     """P(o), and the belief by the sum of (i + 1) b[i], from the initial belief on."""
     compared = []

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from loading import load
-from places import CORPUS
+from places import CORPUS, each
 from random_models import dense
 
 from mdm import FormatError, load_model
@@ -34,7 +34,8 @@ MALFORMED = {
 }
 
 
-@pytest.mark.parametrize("file", sorted(MODELS))
+@pytest.mark.foreign("models of cassandra/pomdp-solve, trey0/zmdp, AdaCompNUS/sarsop and others")
+@pytest.mark.parametrize("file", each(sorted(MODELS)))
 def test_real_models(corpus, file):
     expected = MODELS[file]
     model = load(corpus / file)
@@ -55,7 +56,8 @@ def test_real_models(corpus, file):
             assert list(getattr(model, space).names) == expected[key]
 
 
-@pytest.mark.parametrize("file", sorted(EDGE))
+@pytest.mark.foreign("a collection of model files with one quirk each")
+@pytest.mark.parametrize("file", each(sorted(EDGE)))
 def test_quirks(corpus, file):
     expected = EDGE[file]
     model = load(corpus / "edge" / file)
@@ -76,7 +78,8 @@ def test_quirks(corpus, file):
         assert [list(factor.names) for factor in model.observation_space.factors] == expected["observation_names"]
 
 
-@pytest.mark.parametrize("file", sorted(MALFORMED))
+@pytest.mark.foreign("a collection of broken model files")
+@pytest.mark.parametrize("file", each(sorted(MALFORMED)))
 def test_broken_files_are_refused_where_they_break(corpus, file):
     expected = MALFORMED[file]
     with pytest.raises(FormatError) as caught:
@@ -88,7 +91,8 @@ def test_broken_files_are_refused_where_they_break(corpus, file):
         assert words in str(caught.value)
 
 
-@pytest.mark.parametrize("file", ["GridSmall", "dectiger", "recycling", "relay4", "broadcastChannel"])
+@pytest.mark.foreign(".dpomdp models of MADPToolbox/MADP")
+@pytest.mark.parametrize("file", each(["GridSmall", "dectiger", "recycling", "relay4", "broadcastChannel"]))
 def test_dec_pomdps_agree_with_madp(corpus, file):
     oracle = json.loads((corpus / "oracles" / f"{file}.dpomdp.json").read_text())
     model = load(corpus / "models" / "madp" / f"{file}.dpomdp")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from places import CORPUS
+from places import each, foreign
 
 from mdm import FormatError, load_model
 from mdm.formats import policies
@@ -24,20 +24,10 @@ from mdm.policies import (
 SUFFIXES = {".alpha", ".policy", ".pg", ".txt"}
 
 
-def listed(folder, *patterns):
-    """Return the names of files, where the corpus is there; a name that skips the test where it is not."""
-    names = sorted(
-        str(path.relative_to(CORPUS / folder))
-        for pattern in patterns
-        for path in (CORPUS / folder).glob(pattern)
-        if path.is_file()
-    )
-    return names or ["none"]
-
-
-@pytest.mark.parametrize("name", listed("policies", "**/*"))
+@pytest.mark.foreign("policies of cassandra/pomdp-solve, AdaCompNUS/sarsop, JuliaPOMDP and others")
+@pytest.mark.parametrize("name", foreign("policies/**/*"))
 def test_every_policy_is_read_and_written_back(corpus, tmp_path, name):
-    path = corpus / "policies" / name
+    path = corpus / name
     policy = policies.load_policy(path)
     assert policy.num_actions > 0
     copies = [tmp_path / "copy.npz"]
@@ -56,10 +46,11 @@ def test_every_policy_is_read_and_written_back(corpus, tmp_path, name):
             assert (again.actions, again.successors) == (policy.actions, policy.successors)
 
 
-@pytest.mark.parametrize("name", listed("edge/policy", "*"))
+@pytest.mark.foreign("a collection of policy files with one quirk each")
+@pytest.mark.parametrize("name", foreign("edge/policy/*"))
 def test_files_with_quirks(corpus, name):
-    path = corpus / "edge" / "policy" / name
-    expected = json.loads((corpus / "edge" / "expected.json").read_text())[f"policy/{name}"]["expect"]
+    path = corpus / name
+    expected = json.loads((corpus / "edge" / "expected.json").read_text())[f"policy/{path.name}"]["expect"]
     policy = policies.load_policy(path)
     if path.suffix == ".alpha":
         vectors = expected["vectors"], expected["length"]
@@ -103,11 +94,12 @@ def test_files_with_quirks(corpus, name):
         assert [(a, v.tolist()) for a, v in zip(policy.actions, policy.vectors, strict=True)] == sorted(known)
 
 
-@pytest.mark.parametrize("name", [name for name in listed("malformed", "*") if Path(name).suffix in SUFFIXES])
+@pytest.mark.foreign("a collection of broken policy files")
+@pytest.mark.parametrize("name", [name for name in foreign("malformed/*") if Path(name or "x.pg").suffix in SUFFIXES])
 def test_broken_files_are_refused(corpus, name):
-    path = corpus / "malformed" / name
-    expected = json.loads((corpus / "malformed" / "expected.json").read_text())["cases"][name]
-    model = load_model(corpus / "models" / "pomdp-solve" / "tiger.95.POMDP") if name.startswith("u11") else None
+    path = corpus / name
+    expected = json.loads((corpus / "malformed" / "expected.json").read_text())["cases"][path.name]
+    model = load_model(corpus / "models" / "pomdp-solve" / "tiger.95.POMDP") if path.name.startswith("u11") else None
     with pytest.raises(FormatError) as caught:
         policies.load_policy(path, model)
     assert str(path) in str(caught.value)
@@ -122,7 +114,8 @@ SOLVED = ["1d", "cheese.95", "parr95.95", "tiger.95", "tiger.aaai"]
 
 
 @pytest.mark.filterwarnings("ignore::mdm.ModelWarning")
-@pytest.mark.parametrize("name", SOLVED)
+@pytest.mark.foreign("models and policies of cassandra/pomdp-solve")
+@pytest.mark.parametrize("name", each(SOLVED))
 def test_following_a_graph_earns_what_its_vectors_say(corpus, name):
     """Nodes, observations and vectors are matched rightly: alpha_n(s) = R(s, a) + discount sum T O alpha_next(s')."""
     model = load_model(corpus / "models" / "pomdp-solve" / f"{name}.POMDP")
@@ -143,7 +136,8 @@ def test_following_a_graph_earns_what_its_vectors_say(corpus, name):
 
 
 @pytest.mark.filterwarnings("ignore::mdm.ModelWarning")
-@pytest.mark.parametrize("name", ["1d", "4x3.95", "cheese.95", "shuttle.95", "tiger.95"])
+@pytest.mark.foreign("models of cassandra/pomdp-solve and policies of AdaCompNUS/sarsop")
+@pytest.mark.parametrize("name", each(["1d", "4x3.95", "cheese.95", "shuttle.95", "tiger.95"]))
 def test_the_policies_of_sarsop_fit_their_models(corpus, name):
     model = load_model(corpus / "models" / "pomdp-solve" / f"{name}.POMDP")
     policy = policies.load_policy(corpus / "policies" / "sarsop" / f"{name}.policy", model)
@@ -153,6 +147,7 @@ def test_the_policies_of_sarsop_fit_their_models(corpus, name):
         assert policy.value(model.initial_belief) == pytest.approx(exact, rel=1e-2)
 
 
+@pytest.mark.foreign("momdp.policy of JuliaPOMDP/POMDPXFiles.jl")
 def test_mixed_observability_of_a_real_policy(corpus):
     policy = policies.load_policy(corpus / "policies" / "pomdpxfiles-momdp.policy")
     belief = np.zeros(policy.num_states)

@@ -2,16 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from same_model import assert_same_model
 
-from mdm import ModelError, load_model
+from mdm import ModelError
 from mdm.problems import hallway, hallway2
-
-
-@pytest.mark.parametrize(("problem", "file"), [(hallway, "Hallway.pomdp"), (hallway2, "Hallway2.pomdp")])
-@pytest.mark.filterwarnings("ignore::mdm.ModelWarning")  # six digits do not quite sum to 1
-def test_corpus(corpus, problem, file):
-    assert_same_model(problem(), load_model(corpus / "models" / "sarsop" / file), atol=6e-5)
 
 
 def test_sizes():

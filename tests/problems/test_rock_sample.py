@@ -9,13 +9,8 @@ from mdm.models import MixedPOMDP, Node
 from mdm.problems import field_vision_rock_sample, rock_sample
 
 
-def test_corpus(corpus):
-    # The file rounds the accuracy of a check to six digits.
-    file = corpus / "models" / "sarsop" / "RockSample_7_8.pomdpx"
-    assert_same_model(rock_sample(7, 8), load_model(file), atol=1e-6)
-
-
-def test_the_larger_instance_of_the_corpus(corpus):
+@pytest.mark.foreign("RockSample_11_11.pomdpx of AdaCompNUS/sarsop")
+def test_the_larger_published_instance(corpus):
     # Too large for matrices: the networks are compared, factor by factor, at some states.
     mine = rock_sample(11, 11)
     theirs = load_model(corpus / "models" / "sarsop" / "RockSample_11_11.pomdpx")

@@ -2,15 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from same_model import assert_same_model
 
-from mdm import ModelError, load_model
+from mdm import ModelError
 from mdm.problems import tag
-
-
-@pytest.mark.filterwarnings("ignore::mdm.ModelWarning")  # thirteen digits do not quite sum to 1
-def test_corpus(corpus):
-    assert_same_model(tag(), load_model(corpus / "models" / "sarsop" / "TagAvoid.pomdpx"))
 
 
 def test_published_sizes():

@@ -1,9 +1,8 @@
 from __future__ import annotations
 
 import pytest
-from same_model import assert_same_model
 
-from mdm import ModelError, load_model, solve
+from mdm import ModelError, solve
 from mdm.problems import tiger
 
 
@@ -22,13 +21,6 @@ def test_published_values(discount, value):
     solution = solve(tiger(discount=discount), gap=1e-3)
     assert solution.lower - 1e-4 <= value <= solution.upper + 1e-4
     assert solution.upper - solution.lower <= 1e-3
-
-
-@pytest.mark.parametrize(
-    ("path", "discount"), [("pomdp-solve/tiger.95.POMDP", 0.95), ("pomdp-solve/tiger.aaai.POMDP", 0.75)]
-)
-def test_corpus(corpus, path, discount):
-    assert_same_model(tiger(discount=discount), load_model(corpus / "models" / path))
 
 
 def test_the_accuracy_is_a_probability():

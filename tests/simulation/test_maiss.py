@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-import json
 import warnings
+from functools import cache
 
+import figures
 import numpy as np
 import pytest
-from places import CORPUS
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from mdm import BeliefTracker, Ensemble, Runtime, VirtualClock, World, load_model, load_policy, run, simulate
+from mdm import BeliefTracker, Ensemble, Runtime, VirtualClock, World, load_model, run, simulate
 from mdm.errors import ModelWarning
 from mdm.messages import ActionLife
 from mdm.policies import AlphaVectors
-from mdm.testing import capture_decisions, probe
+from mdm.testing import capture_decisions, probe, run_virtual
 
 ROBOT = ("Patrol", "Assist Person", "Uncommon Incident Response", "Emergency Response")
 
 
-def load(name):
+@cache
+def load(path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        model = load_model(CORPUS / "models" / "madp" / f"{name}.pgmx").with_discount(0.9)
+        model = load_model(path).with_discount(0.9)
         return model, model.flatten()
 
 
@@ -37,15 +38,13 @@ def q_mdp(model):
     return AlphaVectors(q, list(actions), len(model.action_space))
 
 
-@pytest.fixture(scope="module")
-def models():
-    if not CORPUS.is_dir():
-        pytest.skip("the corpus of real models is not beside this checkout (../shared/corpus)")
-    (top, flat), (patrol, _) = load("MAISS_TopLevel"), load("MAISS_Patrol_Single")
-    return top, q_mdp(flat), patrol, load_policy(CORPUS / "values" / "MAISS_Patrol_Single.pgmx_0.9.vf", patrol)
+@pytest.fixture
+def models(corpus):
+    top, flat = load(corpus / "models" / "madp" / "MAISS_TopLevel.pgmx")
+    return top, q_mdp(flat), figures.model("patrol"), figures.vectors("patrol", 0.9)
 
 
-def episode(models, seed, *, seconds=300.0, false_negative=None):
+def episode(models, seed, *, seconds=300.0):
     """Run the hierarchy in worlds of its models; return decisions, the lives of top actions, and calls."""
     top_model, top_policy, patrol_model, patrol_policy = models
     calls = []
@@ -54,7 +53,6 @@ def episode(models, seed, *, seconds=300.0, false_negative=None):
         policy=patrol_policy,
         model=patrol_model,
         actions={name: lambda name=name: calls.append(name) for name in patrol_model.action_space.names},
-        false_negative=false_negative,
     )
     top = Ensemble(
         "top",
@@ -78,6 +76,7 @@ def episode(models, seed, *, seconds=300.0, false_negative=None):
     return *run(main, virtual=True), calls
 
 
+@pytest.mark.foreign("MAISS_TopLevel.pgmx of MADPToolbox/MADP")
 def test_patrol_decides_while_the_team_says_so(models):
     decisions, lives, calls = episode(models, 1)
     top = [decision for decision in decisions if decision.ensemble == "top"]
@@ -100,6 +99,7 @@ def test_patrol_decides_while_the_team_says_so(models):
     ]
 
 
+@pytest.mark.foreign("MAISS_TopLevel.pgmx of MADPToolbox/MADP")
 def test_beliefs_are_what_the_observations_lead_to(models):
     """Each belief of the top level, told again by a tracker with matrices of its own kind."""
     decisions, _, _ = episode(models, 7, seconds=120.0)
@@ -108,34 +108,50 @@ def test_beliefs_are_what_the_observations_lead_to(models):
     belief, action = top_model.initial_belief, None
     for decision in (decision for decision in decisions if decision.ensemble == "top"):
         if decision.observation is not None and action is not None:
-            reached = spsolve(identity - top_model.joint_matrix(action, 0).T.tocsc(), belief)
-            belief = reached @ top_model.joint_matrix(action, decision.observation)
+            unnoticed = spsolve(identity - top_model.joint_matrix(action, 0).T.tocsc(), belief)
+            belief = unnoticed @ top_model.joint_matrix(action, decision.observation)
             belief /= belief.sum()
         np.testing.assert_allclose(decision.belief, belief, atol=1e-9)
         action = decision.action
 
 
-def test_patrol_takes_false_negatives_into_account(models):
+def test_patrol_takes_false_negatives_into_account():
     """Some of the geese that are there are not seen; what is seen later tells of them."""
-    _, _, model, _ = models
+    model, policy = figures.model("patrol"), figures.vectors("patrol", 0.9)
     aware, unaware = BeliefTracker(model.with_false_negatives("False Negative")), BeliefTracker(model)
-    spaces = model.action_space, model.observation_space
-    action, seen = spaces[0].index("Move Right"), spaces[1].index("Corridor-South Clear")
+    action, seen = model.action_space.index("Move Right"), model.observation_space.index("Corridor-South Clear")
     for tracker in (aware, unaware):
         tracker.update(action, seen)
     assert abs(aware.belief - unaware.belief).max() > 1e-3
-    decisions, _, _ = episode(models, 3, seconds=120.0, false_negative=0)
+    robot = Ensemble(
+        "patrol",
+        policy=policy,
+        model=model,
+        actions=dict.fromkeys(model.action_space.names, lambda: None),
+        false_negative="False Negative",
+    )
+
+    async def main(runtime):
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(World(robot, seed=4, period=1.0))
+            await runtime.start(robot)
+            await runtime.clock.sleep(100.0)
+        return list(decisions)
+
+    decisions = run_virtual(main)
+    assert len(decisions) > 20
     assert all(decision.observation != 0 for decision in decisions)
     for decision in decisions:
         assert decision.belief.sum() == pytest.approx(1, abs=1e-9)
 
 
-def test_the_patrol_s_policy_is_worth_what_madp_says(models):
-    _, _, model, policy = models
-    worth = json.loads((CORPUS / "values" / "MAISS_Patrol_Single.pgmx_0.9.json").read_text())["perseus_value_at_isd"]
+def test_the_patrol_s_policy_is_worth_what_madp_says():
+    model, policy = figures.model("patrol"), figures.vectors("patrol", 0.9)
+    worth = figures.of("patrol")["values"]["0.9"]["perseus"]
     assert policy.value(model.initial_belief) == pytest.approx(worth)
     result = simulate(model, policy, episodes=400, seed=1)
     assert abs(result.mean - worth) < 4 * result.standard_error
     # What is missed costs steps in which nothing is decided.
-    missing = simulate(model.with_false_negatives(0), policy, episodes=400, seed=1)
-    assert missing.mean < worth + 4 * result.standard_error
+    assert (
+        simulate(model.with_false_negatives(0), policy, episodes=400, seed=1).mean < worth + 4 * result.standard_error
+    )

@@ -116,6 +116,7 @@ def test_tables_are_those_of_madp(solver, problem, discount):
     np.testing.assert_allclose(found.policy.values, table, atol=1e-4 * discount / (1 - discount) + 2e-6)
 
 
+@pytest.mark.foreign("Access_Synch.pgmx and fireFighting_2_3_3.dpomdp of MADPToolbox/MADP")
 def test_tables_are_those_of_madp_for_files_of_other_problems(corpus):
     for name in ("Access_Synch.pgmx", "fireFighting_2_3_3.dpomdp"):
         told = json.loads((corpus / "values" / f"{name}_0.9.json").read_text())

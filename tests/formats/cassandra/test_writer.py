@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 from hypothesis import given
-from places import CORPUS
+from places import CORPUS, each
 from random_models import NAMES, assert_same, dense, factored_models, flat_models
 
 from mdm import FormatError, ModelError, load_model
@@ -158,7 +158,8 @@ FILES = sorted(
 )
 
 
-@pytest.mark.parametrize("file", FILES)
+@pytest.mark.foreign("models of MADPToolbox/MADP, cassandra/pomdp-solve, trey0/zmdp and AdaCompNUS/sarsop")
+@pytest.mark.parametrize("file", each(FILES))
 def test_real_models_come_back(corpus, tmp_path, file):
     model = load(corpus / file)
     team = ".dpomdp" in file

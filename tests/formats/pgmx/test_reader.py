@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, strategies as st
 from loading import load
 from mutation import mutated
-from places import CORPUS, DATA
+from places import CORPUS, DATA, each
 from random_models import dense
 
 from mdm import FormatError
@@ -49,7 +49,8 @@ def weights(*shape):
     return (sum(grid) % 1000003) / 1000003
 
 
-@pytest.mark.parametrize("name", sorted(SIZES))
+@pytest.mark.foreign(".pgmx models of MADPToolbox/MADP")
+@pytest.mark.parametrize("name", each(sorted(SIZES)))
 def test_real_models_have_the_sizes_that_madp_finds(corpus, name):
     model = load(corpus / "models" / "madp" / f"{name}.pgmx")
     sizes = (len(model.state_space), len(model.action_space), len(model.observation_space))
@@ -59,9 +60,14 @@ def test_real_models_have_the_sizes_that_madp_finds(corpus, name):
     assert model.initial_belief.sum() == pytest.approx(1, abs=1e-12)
 
 
-@pytest.mark.parametrize("sparse", [None, True])
-@pytest.mark.parametrize("name", ["Access_Synch", "DTPGMX", "FFG343", "MAISS_Patrol_Single"])
-def test_agrees_with_madp(corpus, name, sparse):
+@pytest.mark.foreign(".pgmx models of MADPToolbox/MADP")
+@pytest.mark.parametrize("name", each(["Access_Synch", "DTPGMX", "FFG343", "MAISS_Patrol_Single"]))
+def test_agrees_with_madp(corpus, name):
+    for sparse in (None, True):
+        compare_with_madp(corpus, name, sparse)
+
+
+def compare_with_madp(corpus, name, sparse):
     oracle = json.loads((corpus / "oracles" / f"{name}.pgmx.json").read_text())
     model = load(corpus / "models" / "madp" / f"{name}.pgmx", sparse=sparse)
     states, actions, observations = model.state_space, model.action_space, model.observation_space
@@ -127,10 +133,15 @@ def check_events(model, transitions, oracle, sparse):
         assert weighted == pytest.approx(checksum["weighted_s_a_s1_o"], rel=1e-9)
 
 
-@pytest.mark.parametrize("file", sorted(file for file in EDGE if "expect" in EDGE[file]))
+@pytest.mark.foreign("a collection of .pgmx files with one quirk each")
+@pytest.mark.parametrize("file", each(sorted(EDGE)))
 def test_quirks(corpus, file):
-    expected = EDGE[file]["expect"]
     model = load(corpus / "edge" / file)
+    if "same_numbers_as" in EDGE[file]:
+        same_numbers(model, load(corpus / "edge" / "pgmx" / EDGE[file]["same_numbers_as"]))
+    if "expect" not in EDGE[file]:
+        return
+    expected = EDGE[file]["expect"]
     actions = model.action_space
     assert [[f.name, list(f.names)] for f in model.state_space.factors] == expected["factors"]
     assert [[f.name, list(f.names)] for f in actions.factors] == expected["decisions"]
@@ -151,18 +162,15 @@ def test_quirks(corpus, file):
         assert dense(model.observation_matrix(action))[following, symbol] == pytest.approx(value, abs=1e-9)
 
 
-def test_a_newer_layout_says_the_same(corpus):
-    for file, entry in EDGE.items():
-        if "same_numbers_as" not in entry:
-            continue
-        model, plain = (load(corpus / "edge" / name) for name in (file, f"pgmx/{entry['same_numbers_as']}"))
-        assert model.state_space == plain.state_space
-        np.testing.assert_array_equal(model.rewards, plain.rewards)
-        for action in range(len(plain.action_space)):
-            np.testing.assert_array_equal(model.transition_matrix(action), plain.transition_matrix(action))
+def same_numbers(model, plain):
+    assert model.state_space == plain.state_space
+    np.testing.assert_array_equal(model.rewards, plain.rewards)
+    for action in range(len(plain.action_space)):
+        np.testing.assert_array_equal(model.transition_matrix(action), plain.transition_matrix(action))
 
 
-@pytest.mark.parametrize("file", sorted(MALFORMED))
+@pytest.mark.foreign("a collection of broken .pgmx files")
+@pytest.mark.parametrize("file", each(sorted(MALFORMED)))
 def test_broken_files_are_refused_where_they_break(corpus, file):
     expected = MALFORMED[file]
     with pytest.raises(FormatError) as caught:

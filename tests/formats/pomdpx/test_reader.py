@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, strategies as st
 from loading import load
 from mutation import mutated
-from places import CORPUS, DATA
+from places import CORPUS, DATA, each
 from random_models import dense
 
 from mdm import FormatError, load_model
@@ -33,7 +33,8 @@ EDGE = entries("edge/expected.json")
 MALFORMED = entries("malformed/expected.json").get("cases", {})
 
 
-@pytest.mark.parametrize("file", ours(MODELS))
+@pytest.mark.foreign(".pomdpx models of AdaCompNUS/sarsop")
+@pytest.mark.parametrize("file", each(ours(MODELS)))
 def test_real_models(corpus, file):
     expected = MODELS[file]
     model = load(corpus / file)
@@ -55,7 +56,8 @@ def test_real_models(corpus, file):
         assert model.rewards[state, action] == pytest.approx(value, rel=1e-5, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["Tiger", "Hallway", "Hallway2"])
+@pytest.mark.foreign(".pomdpx and .pomdp models of AdaCompNUS/sarsop")
+@pytest.mark.parametrize("name", each(["Tiger", "Hallway", "Hallway2"]))
 def test_agrees_with_the_flat_file_of_the_same_model(corpus, name):
     folder = corpus / "models" / "sarsop"
     flat = next((file for file in folder.iterdir() if file.name.lower() == f"{name}.pomdp".lower()), None)
@@ -71,7 +73,8 @@ def test_agrees_with_the_flat_file_of_the_same_model(corpus, name):
             np.testing.assert_allclose(dense(getattr(model, of)(action)), dense(getattr(plain, of)(action)), atol=1e-5)
 
 
-@pytest.mark.parametrize("file", ours(EDGE))
+@pytest.mark.foreign("a collection of .pomdpx files with one quirk each")
+@pytest.mark.parametrize("file", each(ours(EDGE)))
 def test_quirks(corpus, file):
     expected = EDGE[file]["expect"]
     model = load(corpus / "edge" / file)
@@ -94,7 +97,8 @@ def test_quirks(corpus, file):
     )
 
 
-@pytest.mark.parametrize("file", ours(MALFORMED))
+@pytest.mark.foreign("a collection of broken .pomdpx files")
+@pytest.mark.parametrize("file", each(ours(MALFORMED)))
 def test_broken_files_are_refused(corpus, file):
     expected = MALFORMED[file]
     with pytest.raises(FormatError) as caught:

@@ -93,6 +93,7 @@ def test_what_others_depend_on_is_kept():
         small.marginalize("lamp")
 
 
+@pytest.mark.foreign("MAISS_TopLevel.pgmx of MADPToolbox/MADP")
 def test_the_original_s_factor_of_events(corpus):
     """Nothing depends on the present value of Events: so MADP drops it for the top level's controllers."""
     with warnings.catch_warnings():

@@ -11,13 +11,14 @@ import warnings
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from places import EXAMPLES
+from places import EXAMPLES, each
 from random_models import dense, distributions
 
 from mdm import ConfigError, ModelError, ModelWarning, load_model, load_policy
 from mdm.models import POMDP, Factor, FactoredPOMDP, MixedPOMDP, Space
 from mdm.models.factored.factoring import as_network
 from mdm.policies import MixedAlphaVectors
+from mdm.problems import tag
 from mdm.solvers import Limits, solve
 from mdm.solvers.sarsop import sarsop, solver
 from mdm.solvers.sarsop.graph import NODES, hashed
@@ -114,7 +115,8 @@ def test_tiger_is_solved_to_a_thousandth():
     assert found.gap <= 1e-3
 
 
-@pytest.mark.parametrize("name", ["1d", "cheese.95", "ejs1", "parr95.95", "tiger.95", "tiger.aaai"])
+@pytest.mark.foreign("models of cassandra/pomdp-solve, and its exact solutions")
+@pytest.mark.parametrize("name", each(["1d", "cheese.95", "ejs1", "parr95.95", "tiger.95", "tiger.aaai"]))
 def test_what_exact_value_iteration_found_lies_between_the_bounds(corpus, name):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
@@ -166,10 +168,9 @@ def test_mixed_observability_changes_the_layout_and_no_value(seed):
     assert ours.policy.value(model.initial_belief) == pytest.approx(ours.lower, abs=1e-9)
 
 
-def test_factors_that_are_seen_make_tag_easier(corpus):
+def test_factors_that_are_seen_make_tag_easier():
     """The bounds of C++ SARSOP after 10 s: -5.959 and -2.30; of the flat model after 60 s -6.20 and -1.95."""
-    model = load_model(corpus / "models" / "sarsop" / "TagAvoid.pomdpx")
-    found = sarsop(model, limits=Limits(iterations=3000))
+    found = sarsop(tag(), limits=Limits(iterations=3000))
     assert isinstance(found.policy, MixedAlphaVectors)
     assert -10 < found.lower < -5.5 < found.upper < 0
 

@@ -185,7 +185,9 @@ class PredicateManager(Actor):
             raise Error(f"{kind} {name!r} is derived from others: give those")
         others = [other for other, its_kind in self._kinds.items() if its_kind == kind]
         hint = f": it is an {declared}" if declared == "event" else f": it is a {declared}" if declared else ""
-        hint = hint or similar(name, others) or f"; there are {', '.join(others) or 'none'}"
+        hint = (
+            hint or similar(name, others) or f"; {'there are ' + ', '.join(others) if others else 'none is declared'}"
+        )
         raise Error(f"there is no {kind} {name!r}{hint}")
 
     def senses(self, name: str) -> bool:

@@ -53,6 +53,6 @@ def check_plain(function: Any, use: str) -> None:
     if kind is not None:
         name = getattr(function, "__qualname__", repr(function))
         raise Error(
-            f"{use} is a plain function, but {name} is {kind}, which a call would not run: turns never await, so let "
-            f"a plain function hand to Actor.spawn what takes time"
+            f"{use} must be a plain function, but {name} is {kind}, and a call would run none of it: let a plain "
+            f"function hand what takes time to Actor.spawn"
         )

@@ -200,7 +200,7 @@ async def later(self):
 @pytest.mark.parametrize(
     ("name", "hook", "words"),
     [
-        *((name, later, f"Robot.{name} is a plain function, but later is an async") for name in HOOKS),
+        *((name, later, f"Robot.{name} must be a plain function, but later is an async") for name in HOOKS),
         ("on_stopping", lambda self: None, "Robot.on_stopping is awaited"),
         ("on_start", None, "Robot.on_start is a function, not None"),
     ],

@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 from scipy import sparse
 
 from mdm.errors import ModelError, ModelWarning
-from mdm.models import MDP, POMDP
+from mdm.models import MDP
 
 IDENTITY = [np.eye(2), np.eye(2)]
 REWARDS = [[0.0, 1.0], [2.0, 3.0]]
@@ -76,14 +76,6 @@ def test_wrong_models_are_refused_with_the_culprit(change, message):
     arguments = {"transitions": IDENTITY, "rewards": REWARDS, "discount": 0.9} | change
     with pytest.raises(ModelError, match=message):
         MDP(**arguments)
-
-
-def test_pomdp_checks_its_observations():
-    with pytest.raises(ModelError, match="O of action '1': the row of '1' sums to 0.5"):
-        POMDP(IDENTITY, [np.eye(2), [[1, 0], [0, 0.5]]], REWARDS, discount=0.9)
-    model = POMDP(IDENTITY, [np.eye(2)] * 2, REWARDS, discount=0.9, observation_names=["dark", "bright"])
-    assert model.kind == "POMDP"
-    assert list(model.observation_space.names) == ["dark", "bright"]
 
 
 def test_another_discount_leaves_the_model_as_it_was():

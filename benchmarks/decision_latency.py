@@ -229,7 +229,7 @@ async def saturate(runtime: mdm.Runtime, count: int) -> list[dict[str, Any]]:
     done = asyncio.Event()
     loop = asyncio.get_running_loop()
     sensed = runtime.channel("saturated/predicates-saturated/sensed", SensorUpdate)
-    before, first = sensed.published, ensemble.control.epoch
+    before, first = sensed.published, ensemble.controller.epoch
 
     def flood() -> None:
         for index in range(count):
@@ -246,7 +246,7 @@ async def saturate(runtime: mdm.Runtime, count: int) -> list[dict[str, Any]]:
     stream.end()
     async for _ in stream:
         taken += 1
-    published, decided = sensed.published - before, ensemble.control.epoch - first
+    published, decided = sensed.published - before, ensemble.controller.epoch - first
     return [
         {
             "stimuli": count,

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     )
     from mdm.beliefs import BeliefTracker
     from mdm.config import System, load_system
+    from mdm.controller import Controller, Step
     from mdm.errors import ConfigError, Error, FormatError, ModelError, ModelWarning
     from mdm.formats import load_model, load_policy, load_rewards, save_model, save_policy
     from mdm.logic import Formula, P, parse
@@ -59,6 +60,7 @@ __all__ = [
     "Clock",
     "ConfigError",
     "ControlLayer",
+    "Controller",
     "DeadlockError",
     "Drive",
     "Ensemble",
@@ -79,6 +81,7 @@ __all__ = [
     "Sensor",
     "StateFactor",
     "StateLayer",
+    "Step",
     "System",
     "VirtualClock",
     "VirtualEventLoop",
@@ -113,6 +116,7 @@ _HOMES = {
         *("StateFactor", "StateLayer", "bind"),
     ),
     "beliefs": ("BeliefTracker",),
+    "controller": ("Controller", "Step"),
     "config": ("System", "load_system"),
     "errors": ("ConfigError", "Error", "FormatError", "ModelError", "ModelWarning"),
     "formats": ("load_model", "load_policy", "load_rewards", "save_model", "save_policy"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from mdm.formats.archive import packing
 from mdm.policies import (
     AlphaVectors,
     DeterministicPolicy,
@@ -66,8 +65,8 @@ KINDS = [deterministic, stochastic, q_values, alpha, mixed, masked, controller, 
 
 def assert_same(first, second):
     """Compare two policies, number by number."""
-    kind, sizes, arrays = packing.pack(first)
-    other_kind, other_sizes, other_arrays = packing.pack(second)
+    kind, sizes, arrays = first.kind, *first.packed()
+    other_kind, other_sizes, other_arrays = second.kind, *second.packed()
     assert (kind, sizes) == (other_kind, other_sizes)
     assert arrays.keys() == other_arrays.keys()
     for name, array in arrays.items():

@@ -63,7 +63,7 @@ class Display(mdm.Actor):
         self.decisions[name] += 1
         if decision.belief is None:
             assert decision.state is not None
-            model = self.system.ensembles[name].control.model
+            model = self.system.ensembles[name].controller.model
             assert model is not None
             values = zip(model.state_space.factors, model.state_space.unravel(decision.state), strict=True)
             troubles = [factor.name for factor, value in values if value]

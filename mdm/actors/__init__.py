@@ -2,8 +2,7 @@
 
 from mdm.actors.action_layer import ActionLayer, ActionStatistics
 from mdm.actors.binding import Binding, bind
-from mdm.actors.control_layer import ControlLayer, ControlStatistics
-from mdm.actors.deliberation import DeliberatingControlLayer
+from mdm.actors.control_layer import ControlLayer, ControlOptions, ControlStatistics
 from mdm.actors.drive import Drive, FixedRate, OnEvent
 from mdm.actors.ensemble import Ensemble
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
@@ -17,8 +16,8 @@ __all__ = [
     "ActionStatistics",
     "Binding",
     "ControlLayer",
+    "ControlOptions",
     "ControlStatistics",
-    "DeliberatingControlLayer",
     "Drive",
     "Ensemble",
     "EventSource",

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import msgspec
 
+from mdm.errors import ConfigError
 from mdm.runtime.scheduler import check_rate
 
-__all__ = ["Drive", "FixedRate", "OnEvent"]
+__all__ = ["Drive", "FixedRate", "OnEvent", "drive_of"]
 
 
 class OnEvent(msgspec.Struct, frozen=True):
@@ -23,3 +24,21 @@ class FixedRate(msgspec.Struct, frozen=True):
 
 
 Drive = OnEvent | FixedRate
+
+
+def drive_of(given: Drive | float | str | None) -> Drive:
+    """Return the drive that is given as itself, as ``"event"`` (the default), or as a rate in decisions a second.
+
+    Raises:
+        ConfigError: If it is nothing of these.
+    """
+    if given is None or given == "event":
+        return OnEvent()
+    if isinstance(given, OnEvent | FixedRate):
+        return given
+    if isinstance(given, int | float) and not isinstance(given, bool):
+        return FixedRate(float(given))
+    raise ConfigError(
+        f"a drive is 'event', a number of decisions per second, OnEvent() or FixedRate(rate), not {given!r}",
+        key="drive",
+    )

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import anyio
 import numpy as np
 
 from mdm.actors.action_layer import ActionLayer
-from mdm.actors.control_layer import ControlLayer, OnImpossible
-from mdm.actors.deliberation import DeliberatingControlLayer
+from mdm.actors.control_layer import ControlLayer, ControlOptions
 from mdm.actors.drive import FixedRate
 from mdm.actors.layer import Layer
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
-from mdm.actors.scope import agent_index
 from mdm.actors.state_layer import StateFactor, StateLayer
+from mdm.controller import agent_index
 from mdm.errors import ConfigError
 from mdm.messages import Belief, Control, Fault, Observation, PredicateUpdate, State
-from mdm.policies import FiniteStateController, JointController
-from mdm.solvers.online import TreeSearch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,12 +23,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.actors.binding import Binding, Callback
-    from mdm.actors.drive import Drive
     from mdm.actors.predicate_manager import PredicateManager
-    from mdm.beliefs import Tracker
-    from mdm.models import MDP, POMDP
+    from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.space import Symbol
-    from mdm.policies import Controller, Policy
     from mdm.runtime import Supervision
 
 __all__ = ["MOST_LEVELS", "Ensemble"]
@@ -62,9 +56,7 @@ class Ensemble(Layer):
         safe_action: What leaves the robot safe: an action's name or a function. It runs on a failure that nobody
             could help, on a missed deadline, on input that grew too old, and when the runtime ends.
         supervision: What its failure means.
-        drive: ``OnEvent()`` or ``FixedRate(rate)``.
-        horizon: See `ControlLayer`, as for ``on_impossible``, ``on_no_observation``, ``rewards``, ``deadline``,
-            ``initial_belief``, ``tracker`` and ``false_negative``.
+        options: Of its control layer, see `ControlOptions`: ``drive``, ``horizon``, ``deadline`` and others.
 
     Raises:
         ConfigError: If sizes or names do not fit each other.
@@ -74,9 +66,9 @@ class Ensemble(Layer):
         self,
         name: str,
         *,
-        policy: Policy | Controller,
+        policy: GivenPolicy,
         actions: Mapping[str, Callback | Ensemble | Binding] | Mapping[int, Callback | Ensemble | Binding],
-        model: MDP | POMDP | None = None,
+        model: GivenModel | None = None,
         predicates: PredicateManager | None = None,
         states: Sequence[StateFactor] = (),
         observations: Sequence[ObservationFactor] = (),
@@ -84,15 +76,7 @@ class Ensemble(Layer):
         local: bool = False,
         safe_action: str | Callback | None = None,
         supervision: Supervision = "escalate",
-        drive: Drive | None = None,
-        horizon: int | None = None,
-        on_impossible: OnImpossible = "predict",
-        on_no_observation: str = "predict",
-        rewards: npt.ArrayLike | None = None,
-        deadline: float | None = None,
-        initial_belief: npt.ArrayLike | None = None,
-        tracker: Tracker | None = None,
-        false_negative: Symbol | None = None,
+        **options: Unpack[ControlOptions],
     ) -> None:
         super().__init__(name, supervision=supervision)
         self.predicates = predicates
@@ -100,39 +84,28 @@ class Ensemble(Layer):
         self._idle: list[Callable[[], None]] = []
         self._safe_due = False
         try:
-            layer: type[ControlLayer] = DeliberatingControlLayer if isinstance(policy, TreeSearch) else ControlLayer
-            self.control = layer(
-                policy,
-                model,
-                drive=drive,
-                horizon=horizon,
-                on_impossible=on_impossible,
-                on_no_observation=on_no_observation,
-                rewards=rewards,
-                deadline=deadline,
-                initial_belief=initial_belief,
-                tracker=tracker,
-                false_negative=false_negative,
-                agent=agent if local else None,
-            )
+            self.control = ControlLayer(policy, model, agent=agent if local else None, **options)
+            controller = self.controller = self.control.controller
             names, component = _agent_actions(self.control, actions, 0 if local else agent)
             self.action = ActionLayer(
                 names, actions, component=component, predicates=predicates, safe_action=safe_action
             )
-            if self.control.action_space is None:
+            if controller.action_space is None:
                 self.control.action_names = names
             self.control.has_safe_action = self.action.safe is not None
-            if on_impossible == "safe_action" and self.action.safe is None:
+            if controller.on_impossible == "safe_action" and self.action.safe is None:
                 raise ConfigError("on_impossible asks for the safe action, but there is none", key="safe_action")
         except ConfigError as error:
             raise ConfigError(error.message, key=".".join(filter(None, ("ensembles", name, error.key)))) from None
         self.state: StateLayer | None = None
         self.observation: ObservationLayer | None = None
         if states:
-            self.state = StateLayer(states, self._manager("states"), space=getattr(model, "state_space", None))
+            self.state = StateLayer(
+                states, self._manager("states"), space=getattr(controller.model, "state_space", None)
+            )
         if observations:
             self.observation = ObservationLayer(
-                observations, self._manager("observations"), space=self.control.observation_space
+                observations, self._manager("observations"), space=controller.observation_space
             )
         self.subensembles = tuple(
             {id(b.ensemble): b.ensemble for b in self.action.bindings if b.ensemble is not None}.values()
@@ -161,12 +134,12 @@ class Ensemble(Layer):
         for layer in (self.state, self.observation, self.action):
             if layer is not None:
                 yield from layer.problems()
-        space = None if self.control.model is None else self.control.model.state_space
+        space = None if self.controller.model is None else self.controller.model.state_space
         if self.state is not None:
             product = 1
             for factor in self.state.factors:
                 product *= factor.size
-            expected = self.control.policy.num_states
+            expected = self.controller.num_states
             if (
                 expected is not None
                 and product != expected
@@ -179,7 +152,7 @@ class Ensemble(Layer):
 
     def notes(self) -> Iterator[str]:
         """Yield what is allowed, but odd: input that nothing here gives, or nothing takes; of this ensemble alone."""
-        over_states = self.control.policy.input == "state"
+        over_states = self.controller.takes == "state"
         wanted, other = ("states", "observations") if over_states else ("observations", "states")
         given = {"states": self.state, "observations": self.observation}
         if given[wanted] is None:
@@ -200,34 +173,57 @@ class Ensemble(Layer):
 
     def summary(self) -> str:
         """Return what kind of process it is, in a few words."""
-        policy, drive = self.control.policy, self.control.drive
-        kind = "POMDP" if policy.input == "belief" else "MDP"
+        policy, drive = self.controller.policy, self.control.drive
+        kind = {"state": "MDP", "belief": "POMDP"}.get(getattr(policy, "input", ""), getattr(policy, "form", "policy"))
+        facts = policy.facts() if hasattr(policy, "facts") else {"actions": policy.num_actions}
+        told = [f"{facts[what]} {what}" for what in ("states", "nodes", "actions") if facts.get(what) is not None]
         when = f"{drive.rate:g} Hz" if isinstance(drive, FixedRate) else "event-driven"
-        if isinstance(policy, FiniteStateController):
-            return f"controller, {policy.num_nodes} nodes, {policy.num_actions} actions, {when}"
-        if isinstance(policy, JointController):
-            return f"controllers of {policy.num_agents} agents, {policy.num_actions} actions, {when}"
-        return f"{kind}, {policy.num_states} states, {policy.num_actions} actions, {when}"
+        return ", ".join([kind, *told, when])
 
     # -- Channels that users publish on --------------------------------------------------------------------------
 
-    def publish_state(self, index: int) -> None:
-        """Say which state the process is in, where there is no state layer."""
+    def publish_state(self, state: Symbol) -> None:
+        """Say which state the process is in, by index or name, where there is no state layer.
+
+        Raises:
+            ModelError: If there is no such state.
+        """
+        index = self.controller.state_index(state)
         self.channel("state", State, retain=True).publish(State(self.runtime.clock.now(), index, (index,)))
 
-    def publish_observation(self, index: int) -> None:
-        """Say what was observed, where there is no observation layer."""
+    def publish_observation(self, observation: Symbol | Sequence[str | int | None]) -> None:
+        """Say what was observed, where there is no observation layer.
+
+        Args:
+            observation: By index or name; or a component per agent, None where one is missing.
+
+        Raises:
+            ModelError: If there is no such observation.
+        """
+        index, values = self.controller.observed(observation)
+        mask = tuple(value is not None for value in values)
         now = self.runtime.clock.now()
-        self.channel("observation", Observation).publish(Observation(now, index, (index,), (True,)))
+        self.channel("observation", Observation).publish(Observation(now, index, values, mask))
 
-    def publish_belief(self, probabilities: npt.ArrayLike) -> None:
-        """Give the control layer a belief from outside, in place of its own update."""
-        self.channel("external_belief", Belief).publish(_belief(self.runtime.clock.now(), probabilities))
+    def publish_belief(self, belief: npt.ArrayLike | str) -> None:
+        """Give the control layer a belief from outside, in place of its own update.
 
-    def publish_initial_belief(self, probabilities: npt.ArrayLike) -> None:
-        """Set the belief from which the next episode starts."""
-        channel = self.channel("initial_belief", Belief, retain=True)
-        channel.publish(_belief(self.runtime.clock.now(), probabilities))
+        Args:
+            belief: S numbers; or the index or name of a state that is certain.
+        """
+        self.channel("external_belief", Belief).publish(self._belief(belief))
+
+    def publish_initial_belief(self, belief: npt.ArrayLike | str) -> None:
+        """Set the belief from which the next episode starts.
+
+        Args:
+            belief: S numbers; or the index or name of a state that is certain.
+        """
+        self.channel("initial_belief", Belief, retain=True).publish(self._belief(belief))
+
+    def _belief(self, belief: npt.ArrayLike | str) -> Belief:
+        given = self.controller.belief_of(belief) if isinstance(belief, str | int) else belief
+        return Belief(self.runtime.clock.now(), np.array(given, dtype=np.float64))
 
     # -- Deciding ------------------------------------------------------------------------------------------------
 
@@ -248,7 +244,7 @@ class Ensemble(Layer):
 
     async def ready(self) -> None:
         """Wait until the process of a tree search is ready; at once where the policy is of another kind."""
-        if isinstance(self.control, DeliberatingControlLayer):
+        if self.control.planner is not None:
             await self.control.planner.ready()
 
     def when_idle(self, call: Callable[[], None]) -> None:
@@ -345,15 +341,11 @@ class Ensemble(Layer):
             yield from ensemble._below()  # noqa: SLF001 - one family
 
 
-def _belief(time: int, probabilities: npt.ArrayLike) -> Belief:
-    return Belief(time, np.array(probabilities, dtype=np.float64))
-
-
 def _agent_actions(
     control: ControlLayer, actions: Mapping[Any, Any], agent: int | str
 ) -> tuple[tuple[str, ...], Callable[[int], int] | None]:
     """Return the names of one agent's actions, and how to find its component of what is decided."""
-    space, count = control.action_space, control.policy.num_actions
+    space, count = control.controller.action_space, control.controller.policy.num_actions
     if space is None:
         if actions and all(isinstance(key, str) for key in actions):
             if len(actions) != count:

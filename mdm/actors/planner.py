@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import anyio
 import msgspec
 
+from mdm.actors.drive import FixedRate
 from mdm.actors.layer import Layer
 from mdm.actors.search_process import SearchProcess
 from mdm.errors import ConfigError, Error
@@ -24,8 +25,10 @@ from mdm.runtime.supervision import RestartBudget
 if TYPE_CHECKING:
     from typing import Literal
 
+    from mdm.actors.drive import Drive
+    from mdm.policies import Deliberating
+    from mdm.policies.policy import Found
     from mdm.runtime import Timer
-    from mdm.solvers.online.tree_search import SearchResult, TreeSearch
 
 __all__ = ["Planner", "PlannerStatistics"]
 
@@ -66,12 +69,19 @@ class Planner(Layer):
 
     Args:
         policy: The search, with its fallback.
+        drive: When it is asked; the time of a search is shorter than the period of a fixed rate.
         deadline: Seconds from a question's stimulus to its answer; by default, where there is a fallback and the search
             has a time, twice that time and a tenth of a second.
     """
 
-    def __init__(self, policy: TreeSearch, *, deadline: float | None = None, name: str = "planner") -> None:
+    def __init__(
+        self, policy: Deliberating, *, drive: Drive | None = None, deadline: float | None = None, name: str = "planner"
+    ) -> None:
         super().__init__(name)
+        if isinstance(drive, FixedRate) and (policy.seconds or 0.0) >= 1 / drive.rate:
+            raise ConfigError(
+                f"the search takes {policy.seconds} s, but a decision is due every {1 / drive.rate:g} s", key="policy"
+            )
         self.policy = policy
         if deadline is None and policy.fallback is not None and policy.seconds is not None:
             deadline = 2 * policy.seconds + _PATIENCE
@@ -135,7 +145,7 @@ class Planner(Layer):
     def _send(self, process: SearchProcess, question: Question) -> None:
         process.ask(question.number, *self.policy.belief_of(question.at), self._count)
 
-    def _on_found(self, found: tuple[int, SearchResult]) -> None:
+    def _on_found(self, found: tuple[int, Found]) -> None:
         number, result = found
         self._expansions += result.expansions
         if self._open is None or self._open.number != number:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import os
-import pickle
 import sys
 from typing import TYPE_CHECKING, Any
 
-from mdm.actors.search_worker import HEADER, frame
+from mdm.runtime.frames import HEADER, frame, unframed
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from mdm.solvers.online.tree_search import SearchResult, TreeSearch
+    from mdm.policies import Deliberating
+    from mdm.policies.policy import Found
 
 __all__ = ["SearchProcess"]
 
@@ -27,7 +27,7 @@ class SearchProcess:
         policy: What is searched, and how.
     """
 
-    def __init__(self, policy: TreeSearch) -> None:
+    def __init__(self, policy: Deliberating) -> None:
         self._policy = policy
         self._process: asyncio.subprocess.Process | None = None
 
@@ -45,7 +45,7 @@ class SearchProcess:
         """
         # A session of its own: Ctrl-C is for the program, which then ends it.
         self._process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-P", "-c", "from mdm.actors.search_worker import main; main()"),
+            *(sys.executable, "-P", "-c", f"from {self._policy.worker} import main; main()"),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
@@ -58,7 +58,7 @@ class SearchProcess:
         """Send a question, in place of one that is not answered yet; returns at once."""
         self._write(frame((number, states, weights, count)))
 
-    async def answer(self) -> tuple[int, SearchResult]:
+    async def answer(self) -> tuple[int, Found]:
         """Wait for the next answer: the question's number and the result.
 
         Raises:
@@ -91,6 +91,6 @@ class SearchProcess:
         read = self._process.stdout.readexactly
         try:
             length = int.from_bytes(await read(HEADER), "big")
-            return pickle.loads(await read(length))  # noqa: S301 - from the process that was started here
+            return unframed(await read(length))
         except (asyncio.IncompleteReadError, ConnectionError) as error:
             raise EOFError from error

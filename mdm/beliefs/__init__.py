@@ -1,6 +1,7 @@
-"""Beliefs over the states of a POMDP: the tracker, the filters it chooses from, and batches of beliefs."""
+"""What a policy chooses by: states, beliefs over the states of a POMDP, and how they are tracked."""
 
 from mdm.beliefs.filter import Support
-from mdm.beliefs.tracker import BeliefTracker, Tracker
+from mdm.beliefs.information import Drawn, DrawnInformation, Information, KnownState
+from mdm.beliefs.tracker import BeliefTracker
 
-__all__ = ["BeliefTracker", "Support", "Tracker"]
+__all__ = ["BeliefTracker", "Drawn", "DrawnInformation", "Information", "KnownState", "Support"]

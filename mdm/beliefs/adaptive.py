@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from mdm.beliefs.filter import Filter
 
@@ -76,6 +76,16 @@ class AdaptiveFilter:
     def support(self) -> Support:
         """Return the belief by its support, as new arrays."""
         return self._present.support()
+
+    def snapshot(self) -> Any:
+        """Return the belief as it is held, and how."""
+        return [self.is_sparse, self._present.snapshot()]
+
+    def restore(self, snapshot: Any) -> None:
+        """Go on from a snapshot."""
+        is_sparse, held = snapshot
+        self._present = self._narrow if is_sparse else self._wide
+        self._present.restore(held)
 
     def _switch(self) -> None:
         size = self._present.size

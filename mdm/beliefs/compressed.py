@@ -57,6 +57,15 @@ class _WideFilter:
         (states,) = self._before.nonzero()
         return Support(states, self._before[states] * (1 / self._total))
 
+    def snapshot(self) -> Any:
+        """Return the belief as it is held."""
+        return [self._before.tobytes(), self._total, self.size]
+
+    def restore(self, snapshot: Any) -> None:
+        """Go on from a snapshot."""
+        data, self._total, self.size = snapshot
+        self._before = np.frombuffer(data).copy()
+
     def _reached(self, action: int, observation: int) -> Vector:
         """Return the belief, moved along all the false negatives that may precede an observation."""
         rows = self._rows

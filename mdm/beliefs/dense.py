@@ -7,7 +7,7 @@ times slower, unless ``OPENBLAS_NUM_THREADS=1`` is set in the environment.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -64,6 +64,16 @@ class _DenseFilter:
         """Return the belief by its support, as new arrays."""
         (states,) = self._before.nonzero()
         return Support(states, self._before[states] * (1 / self._total))
+
+    def snapshot(self) -> Any:
+        """Return the belief as it is held."""
+        return [self._before.tobytes(), self._total]
+
+    def restore(self, snapshot: Any) -> None:
+        """Go on from a snapshot."""
+        data, self._total = snapshot
+        self._before = np.frombuffer(data).copy()
+        self._handed_out = False
 
     def _take(self, total: float) -> float:
         """Go on from the next belief, whose sum is given; return by how much it is less than that of the present."""

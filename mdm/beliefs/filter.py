@@ -6,7 +6,7 @@ no step needs a pass over the belief to divide by it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -67,4 +67,12 @@ class Filter(Protocol):
 
     def support(self) -> Support:
         """Return the belief by its support, as new arrays."""
+        ...
+
+    def snapshot(self) -> Any:
+        """Return the belief as it is held, bit by bit, of numbers, bytes and lists."""
+        ...
+
+    def restore(self, snapshot: Any) -> None:
+        """Go on from a snapshot of a filter of the same kind and model."""
         ...

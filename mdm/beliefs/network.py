@@ -75,6 +75,15 @@ class NetworkFilter:
         """Return the belief by its support, as new arrays."""
         return Support(self._states.copy(), self._values.copy())
 
+    def snapshot(self) -> Any:
+        """Return the belief as it is held."""
+        return [self._states.astype(np.int64).tobytes(), self._values.tobytes()]
+
+    def restore(self, snapshot: Any) -> None:
+        """Go on from a snapshot."""
+        states, values = snapshot
+        self._states, self._values = np.frombuffer(states, np.int64).astype(np.intp), np.frombuffer(values).copy()
+
     def _following(self, action: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Vector]:
         of, next_states, chances = following(self._network, action, self._states)
         return of, next_states, self._values[of] * chances

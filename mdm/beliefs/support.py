@@ -77,6 +77,17 @@ class SupportFilter:
         size = self.size
         return Support(self._states[:size].astype(np.intp), self._values[:size] * (1 / self._total))
 
+    def snapshot(self) -> Any:
+        """Return the belief as it is held."""
+        size = self.size
+        return [self._states[:size].astype(np.int64).tobytes(), self._values[:size].tobytes(), self._total]
+
+    def restore(self, snapshot: Any) -> None:
+        """Go on from a snapshot."""
+        states, values, total = snapshot
+        self._keep(np.frombuffer(states, np.int64), np.frombuffer(values).copy())
+        self._total = total
+
     def _summed(self, parts: list[tuple[npt.NDArray[np.intp], Any, Vector]]) -> tuple[npt.NDArray[Any], Vector]:
         """Return the states that entries of rows lead to, and the belief's weights that reach each."""
         reached = np.concatenate([targets for _, targets, _ in parts])

@@ -11,8 +11,7 @@ their rows of T).
 
 from __future__ import annotations
 
-import operator
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -24,33 +23,17 @@ from mdm.models.factored.model import FactoredPOMDP
 from mdm.models.matrices import Vector, distribution
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     import numpy.typing as npt
 
     from mdm.models.pomdp import POMDP
+    from mdm.models.space import Symbol
 
-__all__ = ["BeliefTracker", "Tracker"]
+__all__ = ["BeliefTracker"]
 
-Observed: TypeAlias = int | tuple[int | None, ...] | None
-"""A joint observation's index, its components with None where one is missing, or None where nothing is known."""
-
-
-class Tracker(Protocol):
-    """What a control layer needs of a belief tracker; implement it to bring one of your own."""
-
-    @property
-    def belief(self) -> Vector:
-        """The present belief: S numbers, read-only; an array that was handed out never changes."""
-        ...
-
-    def reset(self, belief: npt.ArrayLike | None = None) -> None:
-        """Begin from a belief, or from the initial one."""
-        ...
-
-    def update(self, action: int, observation: Observed) -> float:
-        """Take an action and what was observed after it; return P(observation | belief, action)."""
-        ...
+Observed: TypeAlias = "Symbol | Sequence[str | int | None] | None"
+"""A joint observation by index or name, its components with None where one is missing, or None: nothing is known."""
 
 
 class BeliefTracker:
@@ -62,10 +45,19 @@ class BeliefTracker:
 
     Args:
         model: The POMDP.
+        by_support: Whether ``current`` may be the belief's `Support`, for policies that choose by it.
+
+    Example::
+
+        tracker = mdm.BeliefTracker(mdm.load_model("tiger.pomdp"))
+        tracker.update("listen", "hear-left")  # 0.5, the observation's probability
+        tracker.belief  # [0.85, 0.15]
     """
 
-    def __init__(self, model: POMDP) -> None:
+    def __init__(self, model: POMDP, *, by_support: bool = False) -> None:
         self._space = model.observation_space
+        self._actions = model.action_space
+        self._by_support = by_support
         self._size = len(model.state_space)
         self._num_actions = len(model.action_space)
         self._num_observations = len(model.observation_space)
@@ -74,6 +66,7 @@ class BeliefTracker:
         self._filter = chosen_filter(model)
         self._step = self._filter.step
         self._belief: Vector | None = None
+        self._support: Support | None = None
         self.reset()
 
     @property
@@ -82,6 +75,15 @@ class BeliefTracker:
         if self._belief is None:
             self._belief = self._filter.dense()
         return self._belief
+
+    @property
+    def current(self) -> Vector | Support:
+        """What a policy is asked with: the belief, by its support where that was asked for and is how it is held."""
+        if not (self._by_support and self._filter.is_sparse):
+            return self.belief
+        if self._support is None:
+            self._support = self._filter.support()
+        return self._support
 
     @property
     def support(self) -> Support:
@@ -96,17 +98,13 @@ class BeliefTracker:
         """Whether the present belief is held by its support: it is then cheaper to ask for than `belief`."""
         return self._filter.is_sparse
 
-    @property
-    def held(self) -> Vector | Support:
-        """The present belief as it is held, by its support or as an array, whichever is cheaper to ask for."""
-        return self._filter.support() if self._filter.is_sparse else self.belief
-
     def reset(self, belief: npt.ArrayLike | Support | None = None) -> None:
         """Begin from a belief (S numbers that sum to 1, or a `Support`), or from the model's initial one.
 
         Raises:
             ModelError: If it is no distribution over the states; the belief stays as it was.
         """
+        self._support = None
         if belief is None:
             self._belief = None
             self._filter.load(self._start)
@@ -118,13 +116,13 @@ class BeliefTracker:
             (states,) = self._belief.nonzero()
             self._filter.load(Support(states, self._belief[states]))
 
-    def update(self, action: int, observation: Observed) -> float:
+    def update(self, action: Symbol, observation: Observed) -> float:
         """Take an action and what was observed after it.
 
         Args:
-            action: The joint action's index.
-            observation: The joint observation's index; a component per agent, None where one is missing (its symbols
-                are summed over); or None where nothing is known (prediction only: one step of T).
+            action: The joint action, by index or name.
+            observation: The joint observation, by index or name; a component per agent, None where one is missing (its
+                symbols are summed over); or None where nothing is known (prediction only: one step of T).
 
         Returns:
             P(observation | belief, action); with false negatives, of the next event that is detected. Where it is 0,
@@ -136,6 +134,7 @@ class BeliefTracker:
         # Hot path: half a microsecond for 2 states by numba, a little more than one by numpy.
         if (
             observation.__class__ is int
+            and action.__class__ is int
             and -1 < action < self._num_actions
             and -1 < observation < self._num_observations
         ):
@@ -143,7 +142,7 @@ class BeliefTracker:
         else:
             probability = self._other(action, observation)
         if probability > 0:
-            self._belief = None
+            self._belief = self._support = None
         return probability
 
     def update_all(self, steps: Iterable[tuple[int, Observed]]) -> float:
@@ -168,16 +167,43 @@ class BeliefTracker:
                 return product
         except BaseException:
             self._filter.load(before)
-            self._belief = belief
+            self._belief, self._support = belief, None
             raise
         self._filter.load(before)
-        self._belief = belief
+        self._belief, self._support = belief, None
         return 0.0
 
-    def _other(self, action: int, observation: Observed) -> float:
-        """Take an observation that is no plain index."""
-        if not 0 <= action < self._num_actions:
-            raise ModelError(f"there is no action {action}; the model's {self._num_actions} count from 0")
+    def expected(self, values: Vector) -> float:
+        """Return the expectation of a function of the state, given as S numbers."""
+        current = self.current
+        if isinstance(current, Support):
+            return float(values.take(current.states).dot(current.probabilities).item())
+        return float(values.dot(current).item())
+
+    def snapshot(self) -> Any:
+        """Return what it takes to go on from here, bit by bit, in this process or another."""
+        return [type(self._filter).__name__, self._filter.snapshot()]
+
+    def restore(self, snapshot: Any) -> None:
+        """Go on from a snapshot of a tracker of the same model.
+
+        Raises:
+            ModelError: If it was made where beliefs are tracked in another way (with numba, and without).
+        """
+        kind, held = snapshot
+        if kind != type(self._filter).__name__:
+            raise ModelError(
+                f"the snapshot is of a {kind}, but the belief is tracked by a {type(self._filter).__name__}"
+            )
+        self._filter.restore(held)
+        self._belief = self._support = None
+
+    def _other(self, action: Any, observation: Any) -> float:
+        """Take what is no plain index."""
+        try:
+            action = self._actions.index(action)
+        except (ModelError, TypeError) as error:
+            raise ModelError(f"there is no action {action!r}: {error}") from None
         if observation is None:
             return self._filter.predict(action)
         symbols = self._symbols(observation)
@@ -185,14 +211,13 @@ class BeliefTracker:
             symbols = [symbol for symbol in symbols if symbol != self._false_negative]
         return self._step(action, symbols[0]) if len(symbols) == 1 else self._filter.step_any(action, symbols)
 
-    def _symbols(self, observation: int | tuple[int | None, ...]) -> list[int]:
+    def _symbols(self, observation: Any) -> list[int]:
         """Return the joint observations that an observation may stand for."""
-        if not isinstance(observation, tuple):
-            if not 0 <= observation < self._num_observations:
-                raise ModelError(
-                    f"there is no observation {observation}; the model's {self._num_observations} count from 0"
-                )
-            return [operator.index(observation)]
+        if not isinstance(observation, tuple | list) or None not in observation:
+            try:
+                return [self._space.index(observation)]
+            except (ModelError, TypeError) as error:
+                raise ModelError(f"there is no observation {observation!r}: {error}") from None
         factors = self._space.factors
         if len(observation) != len(factors):
             raise ModelError(f"an observation has {len(factors)} components, not {len(observation)}")

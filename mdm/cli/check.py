@@ -122,9 +122,8 @@ def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], l
 
 def _policy_notes(policy: Any) -> list[str]:
     """Return what is odd about a policy."""
-    from mdm.policies import AlphaVectors, DeterministicPolicy, MaskedAlphaVectors  # noqa: PLC0415
-
-    if not isinstance(policy, AlphaVectors | DeterministicPolicy | MaskedAlphaVectors):
+    chosen = getattr(policy, "actions", None)  # those that stand in the policy, state by state or vector by vector
+    if chosen is None or policy.input == "observation":
         return []
-    never = sorted(set(range(policy.num_actions)) - set(map(int, policy.actions)))
+    never = sorted(set(range(policy.num_actions)) - set(map(int, chosen)))
     return [f"actions {', '.join(map(str, never))} are never chosen"] if never else []

@@ -16,32 +16,10 @@ from mdm.formats.models import MODEL_SUFFIXES
 from mdm.formats.recognition import beginning, holds_policy
 from mdm.formats.source import Source, suffixes
 from mdm.models import MDP, POMDP, FactoredMDP, FactoredPOMDP
-from mdm.policies import (
-    AlphaVectors,
-    DeterministicPolicy,
-    FiniteStateController,
-    JointController,
-    MaskedAlphaVectors,
-    MixedAlphaVectors,
-    QTable,
-    StagedPolicy,
-    StochasticPolicy,
-)
 
 __all__ = ["Document", "describe_model", "describe_policy", "is_policy", "load"]
 
 _POLICIES = frozenset({".vf", ".policy", ".policyx", ".alpha", ".pg"})
-_KINDS = {
-    AlphaVectors: "alpha vectors",
-    DeterministicPolicy: "an action per state",
-    FiniteStateController: "a finite-state controller",
-    JointController: "a finite-state controller per agent",
-    MaskedAlphaVectors: "alpha vectors with masks",
-    MixedAlphaVectors: "alpha vectors per observed state",
-    QTable: "values of actions per state",
-    StagedPolicy: "values of actions per state and decision",
-    StochasticPolicy: "probabilities of actions per state",
-}
 
 
 class Document:
@@ -59,7 +37,7 @@ class Document:
             if isinstance(content, System)
             else f"a model ({content.kind})"
             if isinstance(content, MDP)
-            else f"a policy ({_KINDS[type(content)]})"
+            else f"a policy ({content.form})"
         )
 
     def facts(self) -> dict[str, Any]:
@@ -111,17 +89,8 @@ def is_policy(path: str) -> bool | None:
 
 def describe_policy(policy: Any) -> dict[str, Any]:
     """Return a policy's form and sizes."""
-    facts = {"kind": "policy", "form": _KINDS.get(type(policy), type(policy).__name__), "input": policy.input}
-    facts |= {"states": policy.num_states, "actions": policy.num_actions}
-    if isinstance(policy, AlphaVectors | MaskedAlphaVectors):
-        facts["vectors"] = len(policy.vectors)
-    elif isinstance(policy, MixedAlphaVectors):
-        facts["vectors"] = sum(len(vectors.vectors) for vectors in policy.sets if vectors is not None)
-    elif isinstance(policy, FiniteStateController):
-        facts |= {"observations": policy.num_observations, "nodes": policy.num_nodes}
-    elif isinstance(policy, JointController):
-        facts |= {"agents": policy.num_agents, "nodes": [controller.num_nodes for controller in policy.controllers]}
-    return facts
+    form = getattr(policy, "form", type(policy).__name__)
+    return {"kind": "policy", "form": form, "input": policy.input, **policy.facts()}
 
 
 def describe_model(model: MDP) -> dict[str, Any]:
@@ -153,16 +122,16 @@ def describe_model(model: MDP) -> dict[str, Any]:
 
 
 def _ensemble(ensemble: Any) -> dict[str, Any]:
-    control = ensemble.control
+    controller = ensemble.controller
     return {
         "name": ensemble.name,
         "summary": ensemble.summary(),
-        "policy": _KINDS.get(type(control.policy), type(control.policy).__name__),
-        "states": control.policy.num_states,
+        "policy": getattr(controller.policy, "form", type(controller.policy).__name__),
+        "states": controller.num_states,
         "actions": {
             name: None if binding.ensemble is None else _ensemble(binding.ensemble)
             for name, binding in zip(ensemble.action.names, ensemble.action.bindings, strict=True)
         },
-        "model": None if control.model is None else describe_model(control.model),
+        "model": None if controller.model is None else describe_model(controller.model),
         "wiring": wiring(ensemble),
     }

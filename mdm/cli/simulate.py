@@ -82,18 +82,19 @@ def _from_file(arguments: argparse.Namespace) -> dict[str, Any]:
     if name not in system.ensembles:
         raise Error(f"{arguments.file}: there is no ensemble {name!r}; there are {', '.join(system.ensembles)}")
     control = system.ensembles[name].control
-    if control.model is None:
+    controller = control.controller
+    if controller.model is None:
         raise Error(f"{arguments.file}: ensemble {name!r} has no model that could be its world")
-    if control.policy.num_actions != len(control.model.action_space):
+    if controller.policy.num_actions != len(controller.model.action_space):
         raise Error(
             f"{arguments.file}: ensemble {name!r} runs one agent's part of a policy: give the team's --model and "
             f"--policy"
         )
     return {
-        "model": control.model,
-        "policy": control.policy,
-        "steps": arguments.steps or control.horizon,
+        "model": controller.model,
+        "policy": controller.policy,
+        "steps": arguments.steps or controller.horizon,
         "drive": control.drive,
-        "on_impossible": "predict" if control.on_impossible == "safe_action" else control.on_impossible,
+        "on_impossible": "predict" if controller.on_impossible == "safe_action" else controller.on_impossible,
         "on_no_observation": control.on_no_observation,
     }

@@ -62,8 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.cli.report import as_json  # noqa: PLC0415
     from mdm.cli.worth import load, revealed, shown, with_false_negatives  # noqa: PLC0415
     from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
-    from mdm.formats.fit import misfit  # noqa: PLC0415
     from mdm.formats.target import check_place, write_text  # noqa: PLC0415
+    from mdm.policies import mismatch  # noqa: PLC0415
     from mdm.solvers import SOLVERS, solve  # noqa: PLC0415
     from mdm.solvers.solve import default_solver  # noqa: PLC0415
 
@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
     finally:
         line.end()
     if arguments.output is not None:
-        fits = misfit(solution.policy, model) is None  # but what goes by observations that tell of the state, too
+        fits = mismatch(solution.policy, model) is None  # but what goes by observations that tell of the state, too
         save_policy(solution.policy, arguments.output, model if fits else world)
     facts = _facts(solution, arguments)
     if arguments.history is not None:

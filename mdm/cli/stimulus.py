@@ -77,42 +77,25 @@ class Stimulus:
 
 
 def _state(ensemble: Ensemble, given: Any) -> tuple[int, tuple[int, ...]]:
-    policy, model = ensemble.control.policy, ensemble.control.model
-    if policy.input != "state":
-        how = "decides on beliefs: give an observation or a belief"
-        if policy.input == "observation":
-            how = "goes by observations: give an observation"
-        raise Error(f"the policy {how}, not a state")
-    if model is not None:
-        index = model.state_space.index(given)
-        return index, model.state_space.unravel(index)
-    if not isinstance(given, int) or not 0 <= given < policy.num_states:
-        raise Error(f"there is no state {given!r}; the policy's {policy.num_states} states count from 0")
-    return given, (given,)
+    controller = ensemble.controller
+    if controller.takes != "state":
+        raise Error("the policy decides on what is observed: give an observation or a belief, not a state")
+    index = controller.state_index(given)
+    return index, (index,) if controller.model is None else controller.model.state_space.unravel(index)
 
 
 def _observation(ensemble: Ensemble, given: Any) -> tuple[int | None, tuple[int | None, ...], tuple[bool, ...]]:
-    space = ensemble.control.observation_space
-    if space is None or ensemble.control.policy.input == "state":
-        raise Error("the policy decides on states: give a state, not an observation")
-    if isinstance(given, list) and None in given:
-        if len(given) != len(space.factors):
-            raise Error(f"an observation has {len(space.factors)} components, not {len(given)}")
-        values = tuple(
-            None if word is None else factor.index(word) for factor, word in zip(space.factors, given, strict=True)
-        )
-        return None, values, tuple(value is not None for value in values)
-    index = space.index(given)
-    return index, space.unravel(index), (True,) * len(space.factors)
+    index, values = ensemble.controller.observed(given)
+    return index, values, tuple(value is not None for value in values)
 
 
 def _check_belief(ensemble: Ensemble, given: list[float]) -> None:
-    policy = ensemble.control.policy
-    if policy.input == "state":
+    size = ensemble.controller.num_states
+    if ensemble.controller.takes == "state":
         raise Error("the policy decides on states: give a state, not a belief")
-    if policy.num_states is None:
+    if size is None:
         raise Error("the policy goes by observations, and its nodes have no known values: give no belief")
-    distribution(given, what="the belief", size=policy.num_states)
+    distribution(given, what="the belief", size=size)
 
 
 def read_stimuli(stream: IO[bytes], system: System) -> tuple[list[Stimulus], str | None]:

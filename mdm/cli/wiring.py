@@ -36,7 +36,7 @@ def lines(system: System) -> list[str]:
     for ensemble in system.ensembles.values():
         facts = wiring(ensemble)
         text += ["", ensemble.name]
-        kind = "states" if ensemble.control.policy.input == "state" else "observations"
+        kind = "states" if ensemble.controller.takes == "state" else "observations"
         if facts[kind] is None:
             text.append(f"  {kind} <- published by code")
         for part in ("states", "observations"):

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.formats import load_model, load_policy
-from mdm.formats.fit import misfit
 from mdm.models import POMDP
 from mdm.models.factored.mixed import MixedPOMDP
-from mdm.policies import DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
+from mdm.policies import mismatch
 
 if TYPE_CHECKING:
     import argparse
@@ -47,9 +46,9 @@ def load_for(model: MDP, path: str, arguments: argparse.Namespace) -> tuple[Any,
     """
     seen, seed = revealed(model), arguments.seed
     if seen is not model:
-        policy = load_policy(path, seed=seed)
+        policy: Any = load_policy(path, seed=seed)
         if policy.input == "observation":
-            if misfit(policy, seen) is None:
+            if mismatch(policy, seen) is None:
                 return policy, with_false_negatives(seen, arguments)
             seen = model
     return load_policy(path, model, seed=seed), with_false_negatives(seen, arguments)
@@ -64,15 +63,9 @@ def with_false_negatives(model: MDP, arguments: argparse.Namespace) -> MDP:
 def claim(model: MDP, policy: Any) -> float | None:
     """Return what a policy says that it is worth at the start; None where it says nothing."""
     start = model.initial_belief
-    if isinstance(policy, DeterministicPolicy | StochasticPolicy):
-        return None
-    if isinstance(policy, QTable):
-        return float(start @ policy.values.max(axis=1))
-    if isinstance(policy, StagedPolicy):
-        return float(start @ policy.values[0].max(axis=1))
-    if policy.input == "observation":
-        values = getattr(policy, "values", None)
-        return None if values is None else float((values @ start).max())
+    if policy.input != "belief":
+        value: float | None = policy.value_at(start)
+        return value
     return float(sum(weight * policy.value(belief) for weight, belief in _first_beliefs(model, start)))
 
 

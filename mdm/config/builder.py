@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import msgspec
 
-from mdm.actors import Binding, Ensemble, FixedRate, ObservationFactor, OnEvent, PredicateManager, StateFactor
+from mdm.actors import Binding, Ensemble, ObservationFactor, PredicateManager, StateFactor
+from mdm.actors.drive import drive_of
 from mdm.actors.ensemble import MOST_LEVELS
 from mdm.actors.predicate_manager import ACTION_END
 from mdm.config.functions import find_function, nothing
@@ -28,7 +29,7 @@ from mdm.config.tables import (
 from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
 from mdm.logic import Formula, parse, similar
-from mdm.policies import AlphaVectors, DeterministicPolicy
+from mdm.policies import DeterministicPolicy
 from mdm.runtime import Restart, Supervision
 from mdm.solvers.online import TreeSearch
 
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
     from mdm.actors import Drive
     from mdm.models import MDP, POMDP
-    from mdm.policies import Controller, Policy
+    from mdm.policies import Policy
 
 __all__ = ["load_system"]
 
@@ -235,11 +236,7 @@ class _Builder:
 
     def _drive(self, given: str | float, key: str) -> Drive | None:
         with self._problems.collecting(key):
-            if not isinstance(given, str):
-                return FixedRate(given)
-            if given == "event":
-                return OnEvent()
-            raise ConfigError(f"{given!r} is neither 'event' nor a number of decisions per second")
+            return drive_of(given)
         return None
 
     def _model(self, table: EnsembleTable, key: str) -> MDP | POMDP | None:
@@ -250,7 +247,7 @@ class _Builder:
             return model if table.discount is None else model.with_discount(table.discount)
         return None
 
-    def _policy(self, table: EnsembleTable, model: MDP | POMDP | None, key: str) -> Policy | Controller | None:
+    def _policy(self, table: EnsembleTable, model: MDP | POMDP | None, key: str) -> Policy | None:
         with self._problems.collecting(f"{key}.policy"):
             if isinstance(table.policy, list):
                 count = len(table.actions) if model is None else len(model.action_space)
@@ -266,8 +263,6 @@ class _Builder:
         with self._problems.collecting(key):
             if model is None:
                 raise ConfigError("a search needs a model to look ahead in")
-            if given.plans and not isinstance(policy, AlphaVectors):
-                raise ConfigError("plans are alpha vectors, but the policy is of another kind")
             if table.false_negative is not None:
                 model = model.with_false_negatives(table.false_negative)
             return TreeSearch(

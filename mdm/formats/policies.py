@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError
 from mdm.formats.archive import npz, policy as policy_archive
-from mdm.formats.fit import LoadedPolicy, misfit
 from mdm.formats.plans import joint_policy, policy_graph
 from mdm.formats.recognition import JOINT, PLANES, beginning, holds_policy
 from mdm.formats.source import Source, suffixes
@@ -29,12 +28,14 @@ from mdm.policies import (
     MixedAlphaVectors,
     QTable,
     StochasticPolicy,
+    mismatch,
 )
 
 if TYPE_CHECKING:
     from mdm.models import MDP
+    from mdm.policies import Policy
 
-__all__ = ["LoadedPolicy", "PolicyKind", "check_policy_file", "load_policy", "load_rewards", "save_policy"]
+__all__ = ["PolicyKind", "check_policy_file", "load_policy", "load_rewards", "save_policy"]
 
 _Form: TypeAlias = Literal["array", "sarsop", "zmdp", "joint", "graph", "alpha", "value function", "q-table"]
 _Writer: TypeAlias = Callable[[Any, Path, "MDP | None"], object]
@@ -68,7 +69,7 @@ def load_policy(
     *,
     kind: PolicyKind | None = None,
     seed: int | None = None,
-) -> LoadedPolicy:
+) -> Policy:
     """Read a policy of any format.
 
     These are the original MDM's vectors, matrices and Q-tables (uBLAS text); MADP's ``.vf``, Q-tables and joint
@@ -103,7 +104,7 @@ def load_policy(
         policy = _read(source, form, model, kind, seed)
     except ModelError as error:
         raise FormatError(str(error), file=path) from None
-    wrong = None if model is None else misfit(policy, model)
+    wrong = None if model is None else mismatch(policy, model)
     if wrong is not None:
         source.fail(wrong)
     return policy
@@ -121,7 +122,7 @@ def load_rewards(path: str | Path) -> npt.NDArray[np.float64]:
     return matrix
 
 
-def save_policy(policy: LoadedPolicy, path: str | Path, model: MDP | None = None) -> None:
+def save_policy(policy: Policy, path: str | Path, model: MDP | None = None) -> None:
     """Write a policy, in the format that the file's suffix stands for.
 
     ``.npz`` keeps any policy, with the names of its model. ``.alpha`` and ``.vf`` hold alpha vectors, ``.pg``
@@ -138,7 +139,7 @@ def save_policy(policy: LoadedPolicy, path: str | Path, model: MDP | None = None
         ModelError: If the suffix stands for no format that holds such a policy, or the policy does not fit the model.
         FormatError: If the file cannot be written.
     """
-    wrong = None if model is None else misfit(policy, model)
+    wrong = None if model is None else mismatch(policy, model)
     if wrong is not None:
         raise ModelError(wrong)
     _writer(type(policy), Path(path))(policy, Path(path), model)
@@ -196,7 +197,7 @@ def _form(source: Source, kind: PolicyKind | None) -> _Form:
     return "value function" if len(lines[0]) == 2 and not table else "q-table"
 
 
-def _read(source: Source, form: _Form, model: MDP | None, kind: PolicyKind | None, seed: int | None) -> LoadedPolicy:
+def _read(source: Source, form: _Form, model: MDP | None, kind: PolicyKind | None, seed: int | None) -> Policy:
     path = source.path
     num_actions = None if model is None else len(model.action_space)
     match form:

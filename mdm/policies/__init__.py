@@ -1,4 +1,8 @@
-"""Policies: from a state or a belief to an action, or from node to node of a controller."""
+"""Policies: from what is known of the state to an action, one module a kind."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from mdm.policies.alpha_vectors import AlphaVectors
 from mdm.policies.constant_policy import ConstantPolicy
@@ -6,16 +10,20 @@ from mdm.policies.finite_state_controller import FiniteStateController
 from mdm.policies.joint_controller import JointController
 from mdm.policies.masked_alpha_vectors import MaskedAlphaVectors
 from mdm.policies.mixed_alpha_vectors import MixedAlphaVectors
-from mdm.policies.policy import Policy
+from mdm.policies.policy import BeliefPolicy, Deliberating, Policy, StatePolicy, mismatch
 from mdm.policies.random_policy import RandomPolicy
 from mdm.policies.staged_policy import StagedPolicy
 from mdm.policies.table import DeterministicPolicy, QTable, StochasticPolicy
-from mdm.policies.walk import Controller, Walk
+
+if TYPE_CHECKING:
+    from mdm.policies.policy import Packable
 
 __all__ = [
+    "PACKABLE",
     "AlphaVectors",
+    "BeliefPolicy",
     "ConstantPolicy",
-    "Controller",
+    "Deliberating",
     "DeterministicPolicy",
     "FiniteStateController",
     "JointController",
@@ -25,6 +33,23 @@ __all__ = [
     "QTable",
     "RandomPolicy",
     "StagedPolicy",
+    "StatePolicy",
     "StochasticPolicy",
-    "Walk",
+    "mismatch",
 ]
+
+PACKABLE: dict[str, type[Packable]] = {
+    kind.kind: kind
+    for kind in (
+        AlphaVectors,
+        DeterministicPolicy,
+        FiniteStateController,
+        JointController,
+        MaskedAlphaVectors,
+        MixedAlphaVectors,
+        QTable,
+        StagedPolicy,
+        StochasticPolicy,
+    )
+}
+"""The kinds of policies that files hold, by their names there."""

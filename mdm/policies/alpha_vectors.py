@@ -8,19 +8,27 @@ the belief gives weight to.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, NoReturn
+from typing import TYPE_CHECKING, ClassVar, NoReturn, Self
 
 import numpy as np
 
-from mdm.beliefs.filter import Support
+from mdm.beliefs import Support
+from mdm.beliefs.batch import product
 from mdm.errors import ModelError
+from mdm.models import POMDP
 from mdm.models.compilation import can_compile
 from mdm.models.matrices import numbers
+from mdm.policies.batch import BeliefBatch
+from mdm.policies.policy import BeliefPolicy, listed, whole
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
+
+    from mdm.models import MDP
+    from mdm.policies.batch import Batch
+    from mdm.policies.policy import Arrays, Packed
 
 __all__ = ["AlphaVectors"]
 
@@ -28,7 +36,7 @@ _LARGE = 20_000
 """From so many numbers on it pays to look for the states that a belief gives weight to."""
 
 
-class AlphaVectors:
+class AlphaVectors(BeliefPolicy):
     """Chooses the action of the vector that is maximal at a belief; of equal ones, the lowest action.
 
     A belief is an array of S numbers, or its `Support`, at a cost that does not grow with S.
@@ -42,9 +50,9 @@ class AlphaVectors:
         ModelError: If shapes do not fit or a number is not finite.
     """
 
-    input: Literal["belief"] = "belief"
-    takes_support: Literal[True] = True
-    """A belief may be given by its support."""
+    kind: ClassVar[str] = "alpha"
+    form = "alpha vectors"
+    by_support = True
 
     def __init__(self, vectors: npt.ArrayLike, actions: Sequence[int], num_actions: int | None = None) -> None:
         matrix = numbers(vectors, "the array of alpha vectors")
@@ -114,6 +122,28 @@ class AlphaVectors:
         values = np.full(self.num_actions, -np.inf)
         np.maximum.at(values, self.actions, self._at(belief))
         return values
+
+    def actions_at(self, beliefs: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
+        """Return the action for each belief, N x S."""
+        chosen: npt.NDArray[np.intp] = np.asarray(self.actions)[product(beliefs, self.vectors.T).argmax(axis=1)]
+        return chosen
+
+    def facts(self) -> dict[str, int | None]:
+        """Return its sizes, by name."""
+        return {**super().facts(), "vectors": len(self.vectors)}
+
+    def batch(self, model: MDP) -> Batch | None:
+        """Return its decisions for many episodes at once."""
+        return BeliefBatch(self, model) if isinstance(model, POMDP) else None
+
+    def packed(self) -> Packed:
+        """Return its sizes and arrays."""
+        return {"actions": self.num_actions}, {"vectors": self.vectors, "actions": whole(self.actions)}
+
+    @classmethod
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+        """Return the policy that was packed."""
+        return cls(arrays["vectors"], listed(arrays["actions"]), sizes["actions"])
 
     def _at(self, belief: npt.NDArray[np.float64] | Support) -> npt.NDArray[np.float64]:
         """Return the value of each vector at a belief."""

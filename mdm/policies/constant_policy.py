@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
 
 from mdm.errors import ModelError
-from mdm.policies.random_policy import check_sizes
+from mdm.policies.batch import TableBatch
+from mdm.policies.random_policy import Unknowing
+
+if TYPE_CHECKING:
+    from mdm.models import MDP
+    from mdm.models.matrices import Vector
+    from mdm.policies.batch import Batch
 
 __all__ = ["ConstantPolicy"]
 
 
-class ConstantPolicy:
+class ConstantPolicy(Unknowing):
     """Chooses one action, whatever the state or belief.
 
     Args:
@@ -23,6 +31,8 @@ class ConstantPolicy:
         ModelError: If there is no such action or no state, or it is to be asked with something else.
     """
 
+    form = "always the same action"
+
     def __init__(
         self,
         action: int,
@@ -31,22 +41,21 @@ class ConstantPolicy:
         *,
         input: Literal["state", "belief"] = "belief",  # noqa: A002 - as every policy calls it
     ) -> None:
-        check_sizes(num_actions, num_states, input)
+        super().__init__(num_actions, num_states, input)
         if not 0 <= action < num_actions:
             raise ModelError(f"there is no action {action}; the actions are 0 to {num_actions - 1}")
-        self.num_actions = num_actions
-        self.num_states = num_states
-        self.input: Literal["state", "belief"] = input
         self._action = int(action)
 
     def action(self, x: Any, /) -> int:  # noqa: ARG002 - a policy's signature
         """Return the action."""
         return self._action
 
-    def value(self, x: Any, /) -> float:
-        """Return the value of a state or belief, which this policy does not know.
+    def weights(self, stage: int = 0) -> Vector:  # noqa: ARG002 - the same at all stages
+        """Return the probability of each action in each state, A x S."""
+        result = np.zeros((self.num_actions, self.num_states))
+        result[self._action] = 1
+        return result
 
-        Raises:
-            ModelError: Always.
-        """
-        raise ModelError(f"a ConstantPolicy holds no values, so that of {x!r} is unknown: evaluate it on its model")
+    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - nothing of it matters
+        """Return its decisions for many episodes at once."""
+        return TableBatch(np.full((1, self.num_states), self._action))

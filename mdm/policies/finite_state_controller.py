@@ -8,22 +8,29 @@ space*, UAI 1998). A step costs one look-up.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, SupportsIndex
+from typing import TYPE_CHECKING, Any, ClassVar, Self, SupportsIndex
 
 import numpy as np
 
 from mdm.errors import ModelError
+from mdm.models import POMDP
 from mdm.models.matrices import numbers
+from mdm.policies.plan import Plan
+from mdm.policies.policy import listed, other_sizes, whole
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
+
+    from mdm.models import MDP
+    from mdm.models.matrices import Vector
+    from mdm.policies.policy import Arrays, Packed
 
 __all__ = ["FiniteStateController"]
 
 
-class FiniteStateController:
+class FiniteStateController(Plan):
     """Nodes with an action each, and for each observation the node that follows.
 
     It holds no node of its own: whoever runs it keeps the node and asks for the next.
@@ -39,7 +46,8 @@ class FiniteStateController:
         ModelError: If sizes do not fit, an action or node does not exist, or a value is not finite.
     """
 
-    input: Literal["observation"] = "observation"
+    kind: ClassVar[str] = "controller"
+    form = "a finite-state controller"
 
     def __init__(
         self,
@@ -69,7 +77,63 @@ class FiniteStateController:
         self.values = None if values is None else self._checked(values)
 
     @property
-    def num_states(self) -> int | None:
+    def controllers(self) -> tuple[FiniteStateController, ...]:
+        """The controller alone."""
+        return (self,)
+
+    def joined(self) -> FiniteStateController:
+        """Return the controller itself, as a team's would be joined."""
+        return self
+
+    def mismatch(self, model: MDP) -> str | None:
+        """Return what keeps it from being one for a model, as a sentence; None where it is."""
+        if not isinstance(model, POMDP):
+            return "the policy goes by observations, but the model has none"
+        ours, theirs = (
+            (self.num_actions, self.num_observations),
+            (len(model.action_space), len(model.observation_space)),
+        )
+        if ours != theirs:
+            return other_sizes(ours, ("actions", "observations"), theirs)
+        if self.num_states not in {None, len(model.state_space)}:
+            return f"the nodes' values are for {self.num_states} states, but the model has {len(model.state_space)}"
+        return None
+
+    def value_at(self, belief: Vector) -> float | None:
+        """Return the value of the best node at a belief; None where the nodes' values are not known."""
+        return None if self.values is None else self.value(belief)
+
+    def facts(self) -> dict[str, Any]:
+        """Return its sizes, by name."""
+        return {**super().facts(), "observations": self.num_observations, "nodes": self.num_nodes}
+
+    def packed(self) -> Packed:
+        """Return its sizes and arrays."""
+        rows = [[-1 if node is None else node for node in row] for row in self.successors]
+        arrays: dict[str, npt.NDArray[Any]] = {
+            "actions": whole(self.actions),
+            "successors": np.array(rows, dtype=np.int64),
+        }
+        if self.values is not None:
+            arrays["values"] = self.values
+        return {"actions": self.num_actions, "start": self.start}, arrays
+
+    @classmethod
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+        """Return the policy that was packed."""
+        table = arrays["successors"]
+        if table.ndim != 2:
+            raise ModelError(f"successors are a nodes x observations array, not one of shape {table.shape}")
+        return cls(
+            listed(arrays["actions"]),
+            [[None if node == -1 else int(node) for node in row] for row in table.tolist()],
+            sizes["actions"],
+            values=arrays.get("values"),
+            start=sizes["start"],
+        )
+
+    @property
+    def num_states(self) -> int | None:  # type: ignore[override]
         """How many states its values are for; None where it has none."""
         return None if self.values is None else self.values.shape[1]
 
@@ -97,7 +161,7 @@ class FiniteStateController:
         return frozenset(node for node, row in enumerate(self.successors) if all(after is None for after in row))
 
     @cached_property
-    def horizon(self) -> int | None:
+    def horizon(self) -> int | None:  # type: ignore[override]
         """How many decisions the longest way has; None where one goes in a circle.
 
         Ways begin at ``start``, or where values let any node be the first, at any.

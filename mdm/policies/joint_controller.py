@@ -7,20 +7,31 @@ plan of a finite horizon is a tree: a node per history of observations, and noth
 
 from __future__ import annotations
 
+import itertools
 import math
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
 
 from mdm.errors import ModelError
+from mdm.models import POMDP
+from mdm.policies.finite_state_controller import FiniteStateController
+from mdm.policies.plan import Plan
+from mdm.policies.policy import other_sizes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from mdm.policies.finite_state_controller import FiniteStateController
+    from mdm.models import MDP
+    from mdm.policies.policy import Arrays, Packed
 
 __all__ = ["JointController"]
 
+_MOST = 20_000
+"""Nodes of a team's controllers, joined."""
 
-class JointController:
+
+class JointController(Plan):
     """A `FiniteStateController` per agent, each moved by its own agent's observations alone.
 
     Args:
@@ -30,12 +41,18 @@ class JointController:
         ModelError: If there is none.
     """
 
-    input: Literal["observation"] = "observation"
+    kind: ClassVar[str] = "joint"
+    form = "a finite-state controller per agent"
 
     def __init__(self, controllers: Iterable[FiniteStateController]) -> None:
-        self.controllers = tuple(controllers)
-        if not self.controllers:
+        self._controllers = tuple(controllers)
+        if not self._controllers:
             raise ModelError("a joint policy needs at least one agent's controller")
+
+    @property
+    def controllers(self) -> tuple[FiniteStateController, ...]:
+        """The agents' controllers."""
+        return self._controllers
 
     @property
     def num_agents(self) -> int:
@@ -43,12 +60,12 @@ class JointController:
         return len(self.controllers)
 
     @property
-    def num_actions(self) -> int:
+    def num_actions(self) -> int:  # type: ignore[override]
         """How many joint actions there are."""
         return math.prod(controller.num_actions for controller in self.controllers)
 
     @property
-    def num_states(self) -> None:
+    def num_states(self) -> None:  # type: ignore[override]
         """No number: it goes by observations and holds no values."""
 
     @property
@@ -57,7 +74,12 @@ class JointController:
         return tuple(controller.start for controller in self.controllers)
 
     @property
-    def horizon(self) -> int | None:
+    def num_observations(self) -> int:  # type: ignore[override]
+        """How many joint observations there are."""
+        return math.prod(controller.num_observations for controller in self.controllers)
+
+    @property
+    def horizon(self) -> int | None:  # type: ignore[override]
         """How many decisions the team's plan has, which is over with the first agent's; None where none ends."""
         return min((each.horizon for each in self.controllers if each.horizon is not None), default=None)
 
@@ -76,3 +98,78 @@ class JointController:
         if len(given) != self.num_agents:
             raise ModelError(f"{len(given)} {what} are given for {self.num_agents} agents")
         return given
+
+    def joined(self) -> FiniteStateController | None:
+        """Return the controllers as one, over joint actions and observations; None where it has too many nodes.
+
+        Its nodes are those combinations of the agents' nodes that can be reached from their first ones.
+        """
+        actions = [controller.num_actions for controller in self.controllers]
+        seen = list(itertools.product(*(range(controller.num_observations) for controller in self.controllers)))
+        index = {self.start: 0}
+        pending = [self.start]
+        found: list[int] = []
+        successors: list[list[int | None]] = []
+        for nodes in pending:  # which grows meanwhile
+            found.append(int(np.ravel_multi_index(self.actions_at(nodes), actions)))
+            row: list[int | None] = []
+            for observations in seen:
+                after = self.next_nodes(nodes, observations)
+                together = tuple(node for node in after if node is not None)
+                if len(together) < len(after):
+                    row.append(None)
+                    continue
+                if together not in index:
+                    if len(index) == _MOST:
+                        return None
+                    index[together] = len(index)
+                    pending.append(together)
+                row.append(index[together])
+            successors.append(row)
+        return FiniteStateController(found, successors, self.num_actions)
+
+    def mismatch(self, model: MDP) -> str | None:
+        """Return what keeps it from being one for a model, as a sentence; None where it is."""
+        if not isinstance(model, POMDP):
+            return "the policy goes by observations, but the model has none"
+        if self.num_agents != model.num_agents:
+            return f"the policy is for {self.num_agents} agents, but the model has {model.num_agents}"
+        if len(model.observation_space.factors) != model.num_agents:
+            return f"the model's observations are not one for each of its {model.num_agents} agents"
+        factors = zip(self.controllers, model.action_space.factors, model.observation_space.factors, strict=True)
+        for agent, (controller, actions, observations) in enumerate(factors):
+            ours, theirs = (controller.num_actions, controller.num_observations), (len(actions), len(observations))
+            if ours != theirs:
+                return f"agent {agent}: {other_sizes(ours, ('actions', 'observations'), theirs)}"
+        return None
+
+    def facts(self) -> dict[str, Any]:
+        """Return its sizes, by name."""
+        nodes = [controller.num_nodes for controller in self.controllers]
+        return {**super().facts(), "agents": self.num_agents, "nodes": nodes}
+
+    def packed(self) -> Packed:
+        """Return its sizes and arrays."""
+        sizes: dict[str, int] = {"agents": self.num_agents}
+        arrays: dict[str, Any] = {}
+        for agent, controller in enumerate(self.controllers):
+            own_sizes, own_arrays = controller.packed()
+            sizes |= {f"agent{agent}_{name}": size for name, size in own_sizes.items()}
+            arrays |= {f"agent{agent}_{name}": array for name, array in own_arrays.items()}
+        return sizes, arrays
+
+    @classmethod
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
+        """Return the policy that was packed."""
+
+        def own(agent: int, of: Mapping[str, Any]) -> dict[str, Any]:
+            prefix = f"agent{agent}_"
+            return {name.removeprefix(prefix): value for name, value in of.items() if name.startswith(prefix)}
+
+        controllers = []
+        for agent in range(sizes["agents"]):
+            try:
+                controllers.append(FiniteStateController.unpacked(own(agent, sizes), own(agent, arrays), seed))
+            except KeyError as error:
+                raise KeyError(f"agent{agent}_{error.args[0]}") from None
+        return cls(controllers)

@@ -7,17 +7,25 @@ AAAI 2006, of the solver ZMDP). A choice costs two products of sparse matrices, 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from itertools import chain, pairwise
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from mdm.errors import ModelError
+from mdm.models import POMDP
 from mdm.models.compressed import csr
+from mdm.policies.batch import BeliefBatch
+from mdm.policies.policy import BeliefPolicy, listed, whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
+
+    from mdm.models import MDP
+    from mdm.policies.batch import Batch
+    from mdm.policies.policy import Arrays, Packed
 
 __all__ = ["MaskedAlphaVectors"]
 
@@ -25,7 +33,7 @@ _SUPPORT = 1e-10
 """Probabilities up to this are of no support: what rounding leaves in a belief makes no vector inapplicable."""
 
 
-class MaskedAlphaVectors:
+class MaskedAlphaVectors(BeliefPolicy):
     """Chooses the action of the maximal vector among those that are defined wherever a belief has weight.
 
     Args:
@@ -38,7 +46,8 @@ class MaskedAlphaVectors:
         ModelError: If sizes do not fit, a state or action does not exist, or a number is not finite.
     """
 
-    input: Literal["belief"] = "belief"
+    kind: ClassVar[str] = "masked"
+    form = "alpha vectors with masks"
 
     def __init__(
         self,
@@ -89,6 +98,32 @@ class MaskedAlphaVectors:
         values = np.full(self.num_actions, -np.inf)
         np.maximum.at(values, self.actions, self._at(belief))
         return values
+
+    def facts(self) -> dict[str, int | None]:
+        """Return its sizes, by name."""
+        return {**super().facts(), "vectors": len(self.vectors)}
+
+    def batch(self, model: MDP) -> Batch | None:
+        """Return its decisions for many episodes at once."""
+        return BeliefBatch(self, model) if isinstance(model, POMDP) else None
+
+    def packed(self) -> Packed:
+        """Return its sizes and arrays."""
+        arrays: dict[str, npt.NDArray[Any]] = {
+            "starts": np.cumsum([0, *map(len, self.vectors)], dtype=np.int64),
+            "states": whole(chain.from_iterable(self.vectors)),
+            "values": np.array([value for vector in self.vectors for value in vector.values()], dtype=np.float64),
+            "actions": whole(self.actions),
+        }
+        return {"actions": self.num_actions, "states": self.num_states}, arrays
+
+    @classmethod
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+        """Return the policy that was packed."""
+        states, values = listed(arrays["states"]), arrays["values"].ravel().tolist()
+        parts = pairwise(listed(arrays["starts"]))
+        vectors = [dict(zip(states[a:b], values[a:b], strict=True)) for a, b in parts]
+        return cls(vectors, listed(arrays["actions"]), sizes["states"], sizes["actions"])
 
     def _at(self, belief: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the vectors' values at a belief, -inf for those that are not applicable."""

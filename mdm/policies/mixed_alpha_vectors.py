@@ -8,23 +8,36 @@ product of the vectors of x with the belief.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from itertools import chain
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from mdm.beliefs.filter import Support
+from mdm.beliefs import Support
+from mdm.beliefs.batch import grouped
 from mdm.errors import ModelError
+from mdm.models import POMDP
 from mdm.policies.alpha_vectors import AlphaVectors
+from mdm.policies.batch import BeliefBatch
+from mdm.policies.policy import BeliefPolicy, listed, whole
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     import numpy.typing as npt
 
+    from mdm.models import MDP
+    from mdm.policies.batch import Batch
+    from mdm.policies.policy import Arrays, Packed
+
 __all__ = ["MixedAlphaVectors"]
 
+_SURE = 1 - 1e-9
+"""The belief in one observed value from which nothing else counts."""
+_OPEN = -1
 
-class MixedAlphaVectors:
+
+class MixedAlphaVectors(BeliefPolicy):
     """Chooses by the vectors of what is observed; where a belief leaves that open, by a vote.
 
     A belief here is over whole states: an array of S numbers, or its `Support`, at a cost that does not grow with S.
@@ -44,9 +57,9 @@ class MixedAlphaVectors:
         ModelError: If shapes do not fit, an index does not exist, or a number is not finite.
     """
 
-    input: Literal["belief"] = "belief"
-    takes_support: Literal[True] = True
-    """A belief may be given by its support."""
+    kind: ClassVar[str] = "mixed"
+    form = "alpha vectors per observed state"
+    by_support = True
 
     def __init__(
         self,
@@ -111,6 +124,45 @@ class MixedAlphaVectors:
         for vectors, part in self._parts(belief):
             values += -np.inf if vectors is None else vectors.q_values(part)
         return values
+
+    def actions_at(self, beliefs: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
+        """Return the action for each belief, N x S."""
+        result = np.full(len(beliefs), _OPEN)
+        shown = np.empty(self.num_states, dtype=np.intp)
+        shown[self.states] = np.arange(len(self.states))[:, None]
+        for rows, x in grouped(shown[beliefs.argmax(axis=1)]):
+            vectors, parts = self.sets[x], beliefs[np.ix_(rows, self.states[x])]
+            sure = parts.sum(axis=1) > _SURE
+            if vectors is not None and sure.any():
+                result[rows[sure]] = vectors.actions_at(parts[sure])
+        for row in np.flatnonzero(result == _OPEN):  # a vote, or no vectors, which is an error
+            result[row] = self.action(beliefs[row])
+        return result
+
+    def facts(self) -> dict[str, int | None]:
+        """Return its sizes, by name."""
+        return {**super().facts(), "vectors": sum(len(each.vectors) for each in self.sets if each is not None)}
+
+    def batch(self, model: MDP) -> Batch | None:
+        """Return its decisions for many episodes at once."""
+        return BeliefBatch(self, model) if isinstance(model, POMDP) else None
+
+    def packed(self) -> Packed:
+        """Return its sizes and arrays."""
+        sets = [(x, vectors) for x, vectors in enumerate(self.sets) if vectors is not None]
+        arrays: dict[str, npt.NDArray[Any]] = {
+            "vectors": np.concatenate([vectors.vectors for _, vectors in sets]),
+            "actions": whole(chain.from_iterable(vectors.actions for _, vectors in sets)),
+            "observed": whole(x for x, vectors in sets for _ in vectors.actions),
+            "layout": self.states.astype(np.int64),
+        }
+        return {"actions": self.num_actions}, arrays
+
+    @classmethod
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+        """Return the policy that was packed."""
+        actions, observed = listed(arrays["actions"]), listed(arrays["observed"])
+        return cls(arrays["vectors"], actions, observed, sizes["actions"], states=arrays["layout"])
 
     def _parts(self, belief: npt.NDArray[np.float64] | Support) -> Iterator[tuple[AlphaVectors | None, Support]]:
         """Yield the vectors and the weights of the hidden part for each observed value that has weight."""

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import operator
-from typing import TYPE_CHECKING, Literal, SupportsIndex
+from typing import TYPE_CHECKING, ClassVar, Self, SupportsIndex
 
 import numpy as np
 
+from mdm.beliefs import Drawn, DrawnInformation, KnownState
 from mdm.errors import ModelError
 from mdm.models.matrices import numbers
+from mdm.policies.batch import ProbabilityBatch, TableBatch
+from mdm.policies.policy import StatePolicy, listed, whole
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     import numpy.typing as npt
+
+    from mdm.beliefs import Information
+    from mdm.models import MDP
+    from mdm.models.matrices import Vector
+    from mdm.policies.batch import Batch
+    from mdm.policies.policy import Arrays, Packed
 
 __all__ = ["DeterministicPolicy", "QTable", "StochasticPolicy"]
 
@@ -21,25 +30,15 @@ _ROUNDING = 1e-12
 """Sums that are off by no more are left alone, so that what was written is read again, bit by bit."""
 
 
-class _Table:
+class _Table(StatePolicy):
     """A policy with an entry per state."""
 
-    input: Literal["state"] = "state"
-    num_states: int
-    num_actions: int
+    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - a table is enough
+        """Return its decisions for many episodes at once."""
+        return TableBatch(np.array([[self.action(state) for state in range(self.num_states)]]))
 
     def _refuse(self, state: int) -> ModelError:
         return ModelError(f"there is no state {state}; the policy is for {self.num_states} states, which count from 0")
-
-    def value(self, state: int) -> float:
-        """Return the value of a state, which this kind of policy does not know.
-
-        Raises:
-            ModelError: Always; `QTable` knows values.
-        """
-        raise ModelError(
-            f"a {type(self).__name__} holds no values, so that of state {state} is unknown: evaluate it on its model"
-        )
 
 
 class DeterministicPolicy(_Table):
@@ -52,6 +51,9 @@ class DeterministicPolicy(_Table):
     Raises:
         ModelError: If an entry is no action.
     """
+
+    kind: ClassVar[str] = "deterministic"
+    form = "an action per state"
 
     def __init__(self, actions: Iterable[int], num_actions: int | None = None) -> None:
         self._actions: list[int] = []
@@ -80,6 +82,15 @@ class DeterministicPolicy(_Table):
         """The action per state."""
         return tuple(self._actions)
 
+    def packed(self) -> Packed:
+        """Return its sizes and arrays."""
+        return {"actions": self.num_actions}, {"actions": whole(self._actions)}
+
+    @classmethod
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+        """Return the policy that was packed."""
+        return cls(listed(arrays["actions"]), sizes["actions"])
+
 
 class StochasticPolicy(_Table):
     """Probabilities of actions per state, drawn from at each decision.
@@ -91,6 +102,9 @@ class StochasticPolicy(_Table):
     Raises:
         ModelError: If a column is no distribution.
     """
+
+    kind: ClassVar[str] = "stochastic"
+    form = "probabilities of actions per state"
 
     def __init__(self, probabilities: npt.ArrayLike, *, seed: int | None = None) -> None:
         matrix = numbers(probabilities, "the array of probabilities")
@@ -111,16 +125,39 @@ class StochasticPolicy(_Table):
         cumulative = np.cumsum(matrix, axis=0)
         cumulative /= cumulative[-1]  # so that rounding never leaves a gap to draw an action of probability 0 from
         self._cumulative = np.ascontiguousarray(cumulative.T)
-        self._generator = np.random.default_rng(seed)
+        self.seed(seed)
 
-    def action(self, state: int) -> int:
+    def information(self, model: MDP | None) -> Information:  # noqa: ARG002 - the state is seen
+        """Return the state with numbers of its own: the same seed makes the same decisions."""
+        return DrawnInformation(KnownState(), self._seed)
+
+    def action(self, state: int | Drawn) -> int:
         """Draw an action for a state."""
-        if not 0 <= state < self.num_states:
-            raise self._refuse(state)
-        return int(self._cumulative[state].searchsorted(self._generator.random(), side="right"))
+        index, number = state if isinstance(state, Drawn) else (state, self._generator.random())
+        if not 0 <= index < self.num_states:
+            raise self._refuse(index)
+        return int(self._cumulative[index].searchsorted(number, side="right"))
+
+    def weights(self, stage: int = 0) -> Vector:  # noqa: ARG002 - the same at all stages
+        """Return the probability of each action in each state, A x S."""
+        return self.probabilities
+
+    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - the table is enough
+        """Return its decisions for many episodes at once."""
+        return ProbabilityBatch(self.probabilities)
+
+    def packed(self) -> Packed:
+        """Return its sizes and arrays."""
+        return {}, {"probabilities": self.probabilities}
+
+    @classmethod
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+        """Return the policy that was packed."""
+        return cls(arrays["probabilities"], seed=seed)
 
     def seed(self, seed: int | None) -> None:
         """Begin the draws anew."""
+        self._seed = seed
         self._generator = np.random.default_rng(seed)
 
 
@@ -133,6 +170,9 @@ class QTable(_Table):
     Raises:
         ModelError: If a value is NaN.
     """
+
+    kind: ClassVar[str] = "q"
+    form = "values of actions per state"
 
     def __init__(self, values: npt.ArrayLike) -> None:
         table = numbers(values, "the Q-table")
@@ -157,3 +197,16 @@ class QTable(_Table):
         if not 0 <= state < self.num_states:
             raise self._refuse(state)
         return float(self.values[state].max())
+
+    def value_at(self, belief: Vector) -> float:
+        """Return the expected value of the states."""
+        return float(belief @ self.values.max(axis=1))
+
+    def packed(self) -> Packed:
+        """Return its sizes and arrays."""
+        return {}, {"values": self.values}
+
+    @classmethod
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+        """Return the policy that was packed."""
+        return cls(arrays["values"])

@@ -2,7 +2,7 @@
 
 from mdm.simulation.batch import Evaluation, evaluate
 from mdm.simulation.sampler import Sampler
-from mdm.simulation.simulate import SimulationResult, simulate
+from mdm.simulation.simulate import simulate
 from mdm.simulation.world import World
 
-__all__ = ["Evaluation", "Sampler", "SimulationResult", "World", "evaluate", "simulate"]
+__all__ = ["Evaluation", "Sampler", "World", "evaluate", "simulate"]

@@ -20,13 +20,14 @@ import msgspec
 import numpy as np
 
 from mdm.errors import ConfigError
-from mdm.formats.fit import misfit
+from mdm.loading import model_of, policy_of
 from mdm.models import POMDP
 from mdm.models.matrices import Vector
-from mdm.simulation.choices import choices
+from mdm.policies import mismatch
 from mdm.simulation.episodes import Together, limits, one_by_one
 
 if TYPE_CHECKING:
+    from mdm.loading import GivenModel, GivenPolicy
     from mdm.models import MDP
 
 __all__ = ["Evaluation", "evaluate"]
@@ -60,6 +61,12 @@ class Evaluation(msgspec.Struct, frozen=True):
     moves: int
     seconds: float
 
+    @classmethod
+    def of(cls, returns: Vector, steps: int, seed: int, moves: int, seconds: float) -> Evaluation:
+        """Return what the episodes' returns come to."""
+        error = float(returns.std(ddof=1)) / math.sqrt(len(returns)) if len(returns) > 1 else 0.0
+        return cls(float(returns.mean()), error, returns, steps, seed, moves, seconds)
+
     @property
     def episodes(self) -> int:
         """How many episodes were run."""
@@ -70,6 +77,10 @@ class Evaluation(msgspec.Struct, frozen=True):
         """The 95 % confidence interval of what the policy is worth."""
         return self.mean - _NORMAL * self.standard_error, self.mean + _NORMAL * self.standard_error
 
+    def __repr__(self) -> str:
+        low, high = self.interval
+        return f"Evaluation({self.mean:.6g}, between {low:.6g} and {high:.6g} by 95 %, {self.episodes} episodes)"
+
     @property
     def steps_a_second(self) -> float:
         """How fast it went."""
@@ -77,8 +88,8 @@ class Evaluation(msgspec.Struct, frozen=True):
 
 
 def evaluate(
-    model: MDP,
-    policy: Any,
+    model: GivenModel,
+    policy: GivenPolicy,
     *,
     episodes: int | None = None,
     steps: int | None = None,
@@ -92,8 +103,8 @@ def evaluate(
     reward. A policy over states decides at every step.
 
     Args:
-        model: The model; beliefs are tracked by it, too.
-        policy: A policy of any kind; a controller begins in its best node where it knows its values.
+        model: The model, or the path of its file; beliefs are tracked by it, too.
+        policy: A policy of any kind, see `Controller`; a controller begins in its best node where it knows its values.
         episodes: How many; by default 10,000, or 1,000 where they go one by one.
         steps: Decisions in each.
         seed: The same seed gives the same result; without one it is drawn.
@@ -101,22 +112,24 @@ def evaluate(
     Raises:
         ConfigError: If the policy does not go with the model, or episodes have no end.
     """
+    model = model_of(model)
+    policy = policy_of(policy, model)
     _check(model, policy, episodes, steps)
     ends = limits(model, policy, steps)
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
-    small = policy.input != "belief" or len(model.state_space) <= _TOGETHER
-    known = choices(model, policy) if small else None
+    takes = getattr(policy, "input", "belief")
+    small = takes != "belief" or len(model.state_space) <= _TOGETHER
+    batch = policy.batch(model) if small and hasattr(policy, "batch") else None
     began = time.perf_counter()
-    if known is None:
+    if batch is None:
         count = 1_000 if episodes is None else episodes
         returns, moves = one_by_one(model, policy, ends, episodes=count, seed=seed)
     else:
-        crowd = Together(model, known, ends, observed=policy.input != "state")
+        crowd = Together(model, batch, ends, observed=takes != "state")
         chunk = min(_CHUNK, max(_TOGETHER, _NUMBERS // len(model.state_space)))
         returns, moves = _in_chunks(crowd, 10_000 if episodes is None else episodes, chunk, seed)
     seconds = time.perf_counter() - began
-    error = float(returns.std(ddof=1)) / math.sqrt(len(returns)) if len(returns) > 1 else 0.0
-    return Evaluation(float(returns.mean()), error, returns, int(min(ends)), seed, moves, seconds)
+    return Evaluation.of(returns, int(min(ends)), seed, moves, seconds)
 
 
 def _check(model: MDP, policy: Any, episodes: int | None, steps: int | None) -> None:
@@ -124,9 +137,9 @@ def _check(model: MDP, policy: Any, episodes: int | None, steps: int | None) -> 
         raise ConfigError(f"an evaluation needs at least 1 episode, not {episodes}")
     if steps is not None and steps < 1:
         raise ConfigError(f"an episode needs at least 1 step, not {steps}")
-    if policy.input != "state" and not isinstance(model, POMDP):
+    if getattr(policy, "input", "state") != "state" and not isinstance(model, POMDP):
         raise ConfigError("the policy goes by what is observed, but the model is an MDP, which has no observations")
-    wrong = misfit(policy, model)
+    wrong = mismatch(policy, model)
     if wrong is not None:
         raise ConfigError(wrong)
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from mdm.beliefs import BeliefTracker, Support
+from mdm.beliefs import Support
+from mdm.controller import Controller
 from mdm.errors import ConfigError
 from mdm.models import POMDP
-from mdm.simulation.choices import ENDED, Choices
+from mdm.policies.batch import ENDED
 from mdm.simulation.crowd import Crowd
 from mdm.simulation.sampler import Sampler
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
     from mdm.models.matrices import Vector
+    from mdm.policies.batch import Batch
 
 __all__ = ["Limits", "Moment", "Single", "Together", "limits", "one_by_one"]
 
@@ -62,17 +64,18 @@ class Together:
 
     Args:
         model: The model.
-        choices: The policy.
+        batch: The policy's decisions.
         observed: Whether the policy goes by what is observed.
         ends: Where an episode ends.
     """
 
-    def __init__(self, model: MDP, choices: Choices, ends: Limits, *, observed: bool) -> None:
+    def __init__(self, model: MDP, batch: Batch, ends: Limits, *, observed: bool) -> None:
         self._crowd = Crowd(model, observed=observed)
         self._discount = model.discount
-        self._choices = choices
+        self._batch = batch
         self._observed = observed
-        self._false_negative = self._crowd.nothing if model.false_negative is None else model.false_negative
+        false_negative = model.false_negative
+        self._false_negative = self._crowd.nothing if false_negative is None else false_negative
         self._ends = ends
 
     def __call__(self, episodes: int, random: np.random.Generator) -> tuple[Vector, int]:
@@ -83,7 +86,7 @@ class Together:
         crowd = self._crowd
         returns = np.zeros(episodes)
         states = crowd.first(random.random(episodes))
-        actions = self._choices.begin(states, random.random(episodes))
+        actions = self._batch.begin(states, random.random(episodes))
         decisions, waited, going = np.ones_like(states), np.zeros_like(states), np.arange(episodes)
         weight, moves, time = 1.0, 0, 0
         goes = ~crowd.ended[states]
@@ -91,7 +94,7 @@ class Together:
             if not goes.all():
                 states, actions, decisions = states[goes], actions[goes], decisions[goes]
                 waited, going = waited[goes], going[goes]
-                self._choices.keep(goes)
+                self._batch.keep(goes)
             if not len(going):
                 return returns, moves
             returns[going] += weight * crowd.rewards[states, actions]
@@ -111,7 +114,7 @@ class Together:
             which = np.flatnonzero(decides)
             if not len(which):
                 continue
-            chosen = self._choices.next(which, states[which], actions[which], seen[which], numbers[2, which])
+            chosen = self._batch.next(which, states[which], actions[which], seen[which], numbers[2, which])
             actions[which] = chosen
             decisions[which] += 1
             goes[which[chosen == ENDED]] = False
@@ -136,59 +139,55 @@ class Moment(NamedTuple):
 
 
 class Single:
-    """Runs single episodes, for any policy that goes by states or beliefs.
+    """Runs single episodes of a controller in its model.
 
     Args:
         model: The model.
-        policy: The policy.
+        policy: The policy, of any kind.
     """
 
     def __init__(self, model: MDP, policy: Any) -> None:
         self._model = model
-        self._policy = policy
-        self._tracker: BeliefTracker | None = None
-        if policy.input == "belief":
-            assert isinstance(model, POMDP)
-            self._tracker = BeliefTracker(model)
+        self._controller = Controller(policy, model)
         self._sampler = Sampler(model)
         self._ended = Crowd(model, observed=False).ended
 
     def __call__(self, seed: int | np.random.SeedSequence | None) -> Iterator[Moment]:
         """Run an episode until nothing more can come of it; the caller may end it at any moment."""
-        model, sampler, tracker, act = self._model, self._sampler, self._tracker, self._policy.action
-        by_support = getattr(self._policy, "takes_support", False)
-
-        def known() -> Vector | Support:
-            assert tracker is not None
-            return tracker.held if by_support else tracker.belief
-
+        model, sampler, controller = self._model, self._sampler, self._controller
+        sees, false_negative = controller.takes == "state", model.false_negative
         sampler.seed(seed)
         state, seen, waited = sampler.first_state(), None, 0
-        if tracker is not None:
+        if sees:
+            step = controller.start(state)
+        else:
             assert isinstance(model, POMDP)
-            tracker.reset(model.belief_at_start(state))
-        belief = None if tracker is None else known()
-        action = act(state if belief is None else belief)
+            knows = controller.num_states is not None  # a plan may know nothing of states
+            step = controller.start(model.belief_at_start(state) if knows else None)
         decided = True
         while not self._ended[state] and waited < _LONGEST:
-            yield Moment(state, belief, action, seen, decided)
-            before, state = state, sampler.next_state(state, action)
-            if tracker is None:
-                action = act(state)
+            yield Moment(state, self._known(), step.action, seen, decided)
+            if controller.over:
+                return
+            before, state = state, sampler.next_state(state, step.action)
+            if sees:
+                step = controller.see(state)
                 continue
-            seen = sampler.observation(action, before, state)
-            decided = seen is not None and seen != model.false_negative
-            if not decided:
+            seen = sampler.observation(step.action, before, state)
+            decided = seen is not None and seen != false_negative
+            if decided:
+                step, waited = controller.observe(seen), 0  # rounding may make it impossible: time passes then
+            else:
                 seen, waited = None, waited + 1
-                continue
-            if not tracker.update(action, seen) > 0:
-                tracker.update(action, None)  # rounding made it impossible: time passes, as in a control layer
-            belief = known()
-            action, waited = act(belief), 0
+
+    def _known(self) -> Vector | Support | None:
+        """Return the belief as it is held; None where there is none."""
+        current = None if self._controller.takes == "state" else self._controller.information.current
+        return current if isinstance(current, np.ndarray | Support) else self._controller.belief
 
 
 def one_by_one(model: MDP, policy: Any, ends: Limits, *, episodes: int, seed: int) -> tuple[Vector, int]:
-    """Run episodes one after the other, for any policy that goes by states or beliefs.
+    """Run episodes one after the other, for policies of any kind.
 
     Returns:
         Their discounted returns, and how many steps of time they took in all.

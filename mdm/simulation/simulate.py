@@ -3,43 +3,25 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+import time
+from typing import TYPE_CHECKING, Unpack
 
-import msgspec
 import numpy as np
 
 from mdm.actors import Ensemble
 from mdm.errors import ConfigError
+from mdm.loading import model_of, policy_of
 from mdm.runtime import Runtime, run
+from mdm.simulation.batch import Evaluation
 from mdm.simulation.world import World
 
 if TYPE_CHECKING:
-    from mdm.actors import Drive
-    from mdm.actors.control_layer import OnImpossible
-    from mdm.models import MDP, POMDP
-    from mdm.policies import Controller, Policy
+    from mdm.actors import ControlOptions
+    from mdm.loading import GivenModel, GivenPolicy
 
-__all__ = ["SimulationResult", "simulate", "steps_for"]
+__all__ = ["simulate", "steps_for"]
 
 REST = 1e-4
-
-
-class SimulationResult(msgspec.Struct, frozen=True):
-    """What a simulation found.
-
-    Attributes:
-        episodes: How many were run.
-        steps: Decisions in each.
-        mean: The mean of the episodes' discounted returns.
-        standard_error: Of the mean; 0 where there was one episode.
-        returns: Each episode's return.
-    """
-
-    episodes: int
-    steps: int
-    mean: float
-    standard_error: float
-    returns: tuple[float, ...]
 
 
 def steps_for(discount: float) -> int:
@@ -54,70 +36,74 @@ def steps_for(discount: float) -> int:
 
 
 def simulate(
-    model: MDP | POMDP,
-    policy: Policy | Controller,
+    model: GivenModel,
+    policy: GivenPolicy,
     *,
     episodes: int,
-    seed: int | None = None,
     steps: int | None = None,
-    drive: Drive | None = None,
-    on_impossible: OnImpossible = "predict",
-    on_no_observation: str = "predict",
-) -> SimulationResult:
-    """Run episodes of a policy in its model and return what they were worth.
+    **options: Unpack[ControlOptions],
+) -> Evaluation:
+    """Run episodes of a policy in its model, through the real decision loop, and return what they were worth.
 
     It runs an ensemble against a `World` in a program of its own, so call it from outside asyncio.
 
     Args:
-        model: The world, and what beliefs are tracked by; after its false negatives the action goes on.
-        policy: What decides.
+        model: The world, and what beliefs are tracked by; or the path of its file.
+        policy: What decides; see `Controller`.
         episodes: How many to run.
-        seed: The same seed gives the same result.
         steps: Decisions in each episode; by default, and at most, as many as the policy's plan has, or where it has no
             end, as leave out less than 1e-4 of the discounted weight.
-        drive: When to decide; on events by default.
-        on_impossible: See `ControlLayer`.
-        on_no_observation: See `ControlLayer`.
+        options: Of the control layer, see `ControlOptions`; its ``seed`` is that of the world, too: the same seed gives
+            the same result, and without one it is drawn.
 
     Raises:
         ConfigError: If sizes do not fit, or episodes have no end.
     """
     if episodes < 1:
         raise ConfigError(f"a simulation needs at least 1 episode, not {episodes}")
-    planned: int | None = getattr(policy, "horizon", None)
+    world_model = model_of(model)
+    decides = policy_of(policy, world_model)
+    given = options.pop("seed", None)
+    seed = int(np.random.SeedSequence().generate_state(1)[0]) if given is None else given
+    if given is not None and hasattr(decides, "seed"):
+        options["seed"] = given
+    planned: int | None = getattr(decides, "horizon", None)
     if planned is not None:
         count = planned if steps is None else min(steps, planned)
     else:
-        count = steps_for(model.discount) if steps is None else steps
+        count = steps_for(world_model.discount) if steps is None else steps
+    options["horizon"] = count
     returns: list[float] = []
+    moves = 0
+    began = time.perf_counter()
 
     async def main() -> None:
         async with Runtime(log=None) as runtime:
+            ensemble = Ensemble(
+                "ensemble",
+                policy=decides,
+                model=world_model,
+                actions=dict.fromkeys(range(len(world_model.action_space.factors[0])), _nothing),
+                **options,
+            )
 
             def finished(value: float) -> None:
+                nonlocal moves
                 returns.append(value)
+                moves += world.moves
                 if len(returns) == episodes:
                     runtime.shut_down()
                     ensemble.stop()
 
-            ensemble = Ensemble(
-                "ensemble",
-                policy=policy,
-                model=model,
-                actions=dict.fromkeys(range(len(model.action_space.factors[0])), _nothing),
-                drive=drive,
-                horizon=count,
-                on_impossible=on_impossible,
-                on_no_observation=on_no_observation,
-            )
-            await runtime.start(World(ensemble, seed=seed, period=0.0, finished=finished))
+            world = World(ensemble, seed=seed, period=0.0, finished=finished)
+            await runtime.start(world)
             await runtime.start(ensemble)
             await runtime.wait()
 
     run(main, virtual=True)
     values = np.array(returns[:episodes])
-    error = float(values.std(ddof=1) / math.sqrt(episodes)) if episodes > 1 else 0.0
-    return SimulationResult(episodes, count, float(values.mean()), error, tuple(values.tolist()))
+    values.setflags(write=False)
+    return Evaluation.of(values, count, seed, moves, time.perf_counter() - began)
 
 
 def _nothing() -> None:

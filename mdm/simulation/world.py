@@ -58,25 +58,25 @@ class World(Actor):
         name: str = "world",
     ) -> None:
         super().__init__(name)
-        given = ensemble.control.model if model is None else model
+        given = ensemble.controller.model if model is None else model
         if given is None:
             raise ConfigError(f"a world for ensemble {ensemble.name!r} needs a model, but the ensemble has none")
-        if ensemble.control.policy.input != "state" and not isinstance(given, POMDP):
+        if ensemble.controller.takes != "state" and not isinstance(given, POMDP):
             raise ConfigError(f"ensemble {ensemble.name!r} decides by what is observed: its world needs observations")
-        if len(given.action_space) != ensemble.control.policy.num_actions:
+        if len(given.action_space) != ensemble.controller.policy.num_actions:
             raise ConfigError(
-                f"ensemble {ensemble.name!r} decides on {ensemble.control.policy.num_actions} actions, but its world "
-                f"has {len(given.action_space)}: one agent's part of a team is no world's whole"
+                f"ensemble {ensemble.name!r} decides on {ensemble.controller.policy.num_actions} actions, but its "
+                f"world has {len(given.action_space)}: one agent's part of a team is no world's whole"
             )
         self.ensemble = ensemble
         self.model: MDP = given
         self.state = 0
-        self.steps = ensemble.control.horizon if steps is None else steps
+        self.steps = ensemble.controller.horizon if steps is None else steps
         # A controller that has nothing to do with states has no use for a belief.
         self._belief_at_start: Callable[[int], Vector] | None = None
-        if isinstance(given, MixedPOMDP) and ensemble.control.policy.num_states is not None:
+        if isinstance(given, MixedPOMDP) and ensemble.controller.num_states is not None:
             self._belief_at_start = given.belief_at_start
-        self._false_negative = None if ensemble.control.policy.input == "state" else given.false_negative
+        self._false_negative = None if ensemble.controller.takes == "state" else given.false_negative
         self._waits = not isinstance(ensemble.control.drive, FixedRate)
         self._period = 0.0 if isinstance(ensemble.control.drive, FixedRate) else period
         self._sampler = Sampler(given, seed)
@@ -85,6 +85,8 @@ class World(Actor):
         self._return = 0.0
         self._weight = 1.0
         self._step = 0
+        self.moves = 0
+        """Steps of time in the present episode."""
 
     def on_start(self) -> None:
         """Listen for actions, and begin in a first state."""
@@ -94,7 +96,7 @@ class World(Actor):
         self._initial_beliefs = channel(f"{path}/initial_belief", Belief, retain=True)
         self.subscribe(channel(f"{path}/action", Action), self._on_action)
         self._begin_episode()
-        if self.ensemble.control.policy.input == "state":
+        if self.ensemble.controller.takes == "state":
             self._show_state(changed=True)
 
     def _begin_episode(self) -> None:
@@ -102,6 +104,7 @@ class World(Actor):
         self._return = 0.0
         self._weight = 1.0
         self._step = 0
+        self.moves = 0
         if self._belief_at_start is not None:
             self._initial_beliefs.publish(Belief(self.runtime.clock.now(), self._belief_at_start(self.state)))
 
@@ -109,7 +112,8 @@ class World(Actor):
         self._return += self._weight * self._rewards[self.state][action.index]
         self._weight *= self.model.discount
         self._step += 1
-        if self._step == self.steps or self.ensemble.control.over:
+        self.moves += 1
+        if self._step == self.steps or self.ensemble.controller.over:
             self._end_episode()
             # The next stimulus begins a new episode; what is observed in it does not count.
             self._later(lambda: self._show(observation=0, changed=True))
@@ -140,6 +144,7 @@ class World(Actor):
             if observation is not None or not self._waits:
                 return observation, steps
             self._return += self._weight * self._rewards[self.state][action]
+            self.moves += 1
             self._weight *= self.model.discount
         return None, _LONGEST
 
@@ -158,7 +163,7 @@ class World(Actor):
             show()
 
     def _show(self, observation: int, *, changed: bool) -> None:
-        if self.ensemble.control.policy.input == "state":
+        if self.ensemble.controller.takes == "state":
             self._show_state(changed=changed)
         else:
             self._show_observation(observation)

@@ -11,7 +11,6 @@ A policy over beliefs has no such chain: simulate it, with `mdm.evaluate`.
 
 from __future__ import annotations
 
-import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,25 +18,16 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.models import POMDP
 from mdm.models.compressed import csr, is_compressed
-from mdm.policies import (
-    DeterministicPolicy,
-    FiniteStateController,
-    JointController,
-    QTable,
-    StagedPolicy,
-    StochasticPolicy,
-)
 
 if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.models.matrices import Matrix, Vector
+    from mdm.policies import FiniteStateController, StatePolicy
 
-__all__ = ["controller_values", "exact_values", "joined", "state_values"]
+__all__ = ["controller_values", "exact_values", "state_values"]
 
 _DENSE = 1_000
 _EXACT = 1e-9
-_MOST = 20_000
-"""Nodes of a team's controllers, joined."""
 _SIZE = 500_000
 """Pairs of a node and a state up to which a controller is evaluated."""
 
@@ -56,13 +46,11 @@ def exact_values(model: MDP, policy: Any, *, steps: int | None = None) -> Vector
     Raises:
         ModelError: If the values have no bound.
     """
-    if isinstance(policy, DeterministicPolicy | QTable | StochasticPolicy):
-        return state_values(model, policy, steps=steps)
-    if isinstance(policy, StagedPolicy):
-        return _staged_values(model, policy, policy.horizon if steps is None else min(steps, policy.horizon))
-    if not isinstance(model, POMDP) or not isinstance(policy, FiniteStateController | JointController):
+    if getattr(policy, "input", None) == "state":
+        return None if not hasattr(policy, "weights") else state_values(model, policy, steps=steps)
+    if not isinstance(model, POMDP) or not hasattr(policy, "joined"):
         return None
-    controller = joined(policy) if isinstance(policy, JointController) else policy
+    controller: FiniteStateController | None = policy.joined()
     if controller is None or controller.num_nodes * len(model.state_space) > _SIZE:
         return None
     values = controller_values(model, controller, steps=steps)
@@ -71,48 +59,37 @@ def exact_values(model: MDP, policy: Any, *, steps: int | None = None) -> Vector
     return from_start
 
 
-def state_values(
-    model: MDP, policy: DeterministicPolicy | QTable | StochasticPolicy, *, steps: int | None = None
-) -> Vector:
-    """Return what a table is worth from each state: S numbers.
+def state_values(model: MDP, policy: StatePolicy, *, steps: int | None = None) -> Vector:
+    """Return what a policy over states is worth from each state: S numbers.
 
     Args:
         model: The model; the states of a POMDP are taken to be seen.
-        policy: The table.
-        steps: Decisions; by default there is no end.
+        policy: The policy, by its ``weights``.
+        steps: Decisions; by default those that it has stages for, or there is no end.
 
     Raises:
         ModelError: If the policy is of other sizes, or, with a discount of 1, goes on for ever.
     """
-    size, count = model.rewards.shape
-    if (policy.num_states, policy.num_actions) != (size, count):
-        raise ModelError(
-            f"the policy is for {policy.num_states} states and {policy.num_actions} actions, but the model has {size} "
-            f"and {count}"
-        )
-    if isinstance(policy, StochasticPolicy):
-        weights = policy.probabilities
-    else:
-        weights = np.zeros((count, size))
-        weights[[policy.action(state) for state in range(size)], np.arange(size)] = 1
+    wrong = policy.mismatch(model)
+    if wrong is not None:
+        raise ModelError(wrong)
+    if policy.horizon is None:
+        moves, rewards = _chain(model, policy.weights())
+        return _total(moves, None, rewards, model.discount, steps)
+    values = np.zeros(len(model.state_space))
+    for stage in reversed(range(policy.horizon if steps is None else min(steps, policy.horizon))):
+        moves, rewards = _chain(model, policy.weights(stage))
+        values = rewards + model.discount * (moves @ values)
+    return values
+
+
+def _chain(model: MDP, weights: Vector) -> tuple[Any, Vector]:
+    """Return the transitions and rewards of the Markov chain under some probabilities of actions, A x S."""
     moves: Any = 0
     for action, weight in enumerate(weights):
         if weight.any():
             moves = moves + _scaled(model.transition_matrix(action), weight)
-    return _total(moves, None, np.einsum("as,sa->s", weights, model.rewards), model.discount, steps)
-
-
-def _staged_values(model: MDP, policy: StagedPolicy, steps: int) -> Vector:
-    size, count = model.rewards.shape
-    values = np.zeros(size)
-    for table in policy.values[:steps][::-1]:
-        actions = table.argmax(axis=1)
-        after = values
-        values = model.rewards[np.arange(size), actions]
-        for action in range(count):
-            at = actions == action
-            values[at] += model.discount * (model.transition_matrix(action)[at] @ after)
-    return values
+    return moves, np.einsum("as,sa->s", weights, model.rewards)
 
 
 def controller_values(model: POMDP, controller: FiniteStateController, *, steps: int | None = None) -> Vector:
@@ -156,37 +133,6 @@ def controller_values(model: POMDP, controller: FiniteStateController, *, steps:
     rewards = model.rewards[:, list(controller.actions)].T.ravel()
     total = _total(moves.matrix(), stays.matrix() if waits else None, rewards, model.discount, steps)
     return total.reshape(nodes, size)
-
-
-def joined(team: JointController) -> FiniteStateController | None:
-    """Return a team's controllers as one, over joint actions and observations; None where it has too many nodes.
-
-    Its nodes are those combinations of the agents' nodes that can be reached from their first ones.
-    """
-    agents = team.controllers
-    actions = [controller.num_actions for controller in agents]
-    seen = list(itertools.product(*(range(controller.num_observations) for controller in agents)))
-    index = {team.start: 0}
-    pending = [team.start]
-    found: list[int] = []
-    successors: list[list[int | None]] = []
-    for nodes in pending:
-        found.append(int(np.ravel_multi_index(team.actions_at(nodes), actions)))
-        row: list[int | None] = []
-        for observations in seen:
-            after = team.next_nodes(nodes, observations)
-            together = tuple(node for node in after if node is not None)
-            if len(together) < len(after):
-                row.append(None)
-                continue
-            if together not in index:
-                if len(index) == _MOST:
-                    return None
-                index[together] = len(index)
-                pending.append(together)
-            row.append(index[together])
-        successors.append(row)
-    return FiniteStateController(found, successors, team.num_actions)
 
 
 class _Pairs:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import os
-from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from mdm.errors import ConfigError
+from mdm.loading import model_of
 from mdm.models import POMDP
 from mdm.solvers.limits import Limits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from mdm.loading import GivenModel
     from mdm.models import MDP
     from mdm.solvers.solution import Progress, Solution
 
@@ -48,7 +48,7 @@ def options_of(solver: str) -> list[str]:
 
 
 def solve(
-    model: MDP | str | PathLike[str],
+    model: GivenModel,
     solver: str | None = None,
     *,
     gap: float = 1e-3,
@@ -81,10 +81,7 @@ def solve(
         FormatError: If the file holds no model.
         ModelError: If the model has no solution, such as one with a discount of 1 that never ends.
     """
-    if isinstance(model, str | PathLike):
-        from mdm.formats import load_model  # noqa: PLC0415 - imported where a path is given
-
-        model = load_model(os.fspath(model))
+    model = model_of(model)
     name = default_solver(model) if solver is None else solver
     if name not in SOLVERS:
         raise ConfigError(f"there is no solver {name!r}; there are {', '.join(SOLVERS)}", key="solver")

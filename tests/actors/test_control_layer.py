@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+import mdm
 from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, VirtualClock
 from mdm.messages import Action, Belief, Control, Observation, Reward, State
 from mdm.models import MDP, POMDP
-from mdm.policies import AlphaVectors, DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
+from mdm.policies import AlphaVectors, BeliefPolicy, DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
 from mdm.testing import capture_decisions, probe, run_virtual
 
 
@@ -199,7 +200,7 @@ def test_each_epoch_has_its_stage_of_a_staged_policy():
     staged = StagedPolicy([[[0, 1], [1, 0]], [[1, 0], [0, 1]], [[0, 1], [0, 1]]])
     options = {"model": None, "policy": staged, "actions": dict.fromkeys(range(2), nothing)}
     decisions, _, robot = decided([be(0), be(0), be(1), be(1), lambda robot: robot.reset()], **options)
-    assert robot.control.horizon == 3
+    assert robot.controller.horizon == 3
     assert [(d.epoch, d.action) for d in decisions] == [(0, 1), (1, 0), (2, 1), (0, 0), (0, 0)]
     decisions, _, _ = decided([be(0), 3.5], drive=FixedRate(1), horizon=2, **options)
     assert [(d.epoch, d.action) for d in decisions] == [(0, 1), (1, 0), (0, 1), (1, 0)]
@@ -214,7 +215,7 @@ def test_a_probability_that_is_no_number_is_reported_as_impossible():
 
     _, faults, robot = decided([see(0)], tracker=Own(tiger()))
     assert faults == [("impossible_observation", "robot/control")]
-    assert robot.control.impossible == 1
+    assert robot.controller.impossible == 1
 
 
 def test_commands_by_method_and_by_message():
@@ -263,8 +264,14 @@ def test_an_unknown_state_is_not_decided_on():
 def test_a_state_beyond_the_policy_is_reported_and_runs_the_safe_action(drive):
     calls = []
     options = {"model": None, "policy": DeterministicPolicy([1, 0]), "actions": dict.fromkeys(range(2), nothing)}
+
+    def beyond(robot):
+        with pytest.raises(mdm.ModelError, match="there is no state 7"):
+            robot.publish_state(7)
+        robot.channel("state", State, retain=True).publish(State(0, 7, (7,)))
+
     decisions, faults, _ = decided(
-        [be(7), 0.5, 0.1, be(1), 1.0], drive=drive, safe_action=lambda: calls.append("safe"), **options
+        [beyond, 0.5, 0.1, be(1), 1.0], drive=drive, safe_action=lambda: calls.append("safe"), **options
     )
     assert ("state", "robot/control") in faults
     assert calls[0] == "safe"
@@ -322,12 +329,19 @@ def test_impossible_observations(option, after):
     )
     assert faults == [("impossible_observation", "robot/control")]
     assert decisions[-1].belief[0] == pytest.approx(after)
-    assert robot.control.impossible == 1
+    assert robot.controller.impossible == 1
     assert calls == ["safe"] * (2 if option == "safe_action" else 1)  # once at the end of the runtime
 
 
 def test_unknown_observations_are_reported():
-    decisions, faults, _ = decided([see(7)])
+    def unknown(robot):
+        with pytest.raises(mdm.ModelError, match="there is no symbol 7"):
+            robot.publish_observation(7)
+        with pytest.raises(mdm.ModelError, match="did you mean 'hear-left'"):
+            robot.publish_observation("hear-lfet")
+        robot.channel("observation", Observation).publish(Observation(0, 7, (7,), (True,)))
+
+    decisions, faults, _ = decided([unknown])
     assert faults == [("observation", "robot/control")]
     assert len(decisions) == 2
 
@@ -414,8 +428,8 @@ def test_messages_are_published_action_first():
         ({"on_no_observation": "hear-lft"}, "'hear-lft'"),
         ({"model": None}, "a policy over beliefs needs the POMDP"),
         ({"model": MDP([np.eye(2)] * 3, np.zeros((2, 3)), discount=0.9)}, "has no observations"),
-        ({"policy": AlphaVectors([[0.0] * 3], [0], 3)}, "for 3 states, but the model has 2"),
-        ({"policy": AlphaVectors([[0.0] * 2], [0], 4)}, "for 4 actions, but the model has 3"),
+        ({"policy": AlphaVectors([[0.0] * 3], [0], 3)}, "for 3 states and 3 actions, but the model has 2 and 3"),
+        ({"policy": AlphaVectors([[0.0] * 2], [0], 4)}, "for 2 states and 4 actions, but the model has 2 and 3"),
         ({"rewards": [[0, 1]]}, "for 1 states and 2 actions"),
         ({"rewards": [[0, np.nan, 1], [0, 0, 0]]}, "finite"),
         ({"drive": lambda: FixedRate(0)}, "rate"),
@@ -465,8 +479,8 @@ def ring(size=6000):
 def by_array(model, policy):
     """The same policy, which takes arrays alone."""
 
-    class ByArray:
-        input, num_states, num_actions, value = "belief", policy.num_states, policy.num_actions, policy.value
+    class ByArray(BeliefPolicy):
+        num_states, num_actions = policy.num_states, policy.num_actions
 
         def action(self, belief):
             assert isinstance(belief, np.ndarray)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+import mdm
 from mdm import ConfigError, Ensemble, FixedRate, ObservationFactor, PredicateManager, bind
 from mdm.messages import Belief, Observation, Reward
 from mdm.policies import AlphaVectors, DeterministicPolicy, FiniteStateController, JointController
@@ -109,12 +110,17 @@ def test_an_observation_without_an_edge_is_impossible(choice, after):
     )
     assert decisions[-1] == (2, "observation", 1, after)
     assert [(fault.kind, fault.source) for fault in faults] == [("impossible_observation", "robot/control")]
-    assert "observation 1 after action 1 has no edge at the nodes (1,)" in faults[0].detail
+    assert "observation '1' after action 1 has no edge at the nodes (1,)" in faults[0].detail
     assert len(safe) == 1 + (choice == "safe_action")  # it runs when the runtime ends, too
 
 
 def test_an_observation_that_there_is_not_is_reported_and_moves_nothing():
-    decisions, faults = decided(ROUND, see(0), see(7))
+    def unknown(robot):
+        with pytest.raises(mdm.ModelError, match="there is no symbol 7"):
+            robot.publish_observation(7)
+        robot.channel("observation", Observation).publish(Observation(0, 7, (7,), (True,)))
+
+    decisions, faults = decided(ROUND, see(0), unknown)
     assert decisions[-1] == (2, "observation", 7, 1)
     assert [(fault.kind, fault.detail) for fault in faults] == [
         ("observation", "there is no observation 7; the controller's 2 count from 0")
@@ -285,10 +291,10 @@ def test_an_agent_of_a_model_goes_by_its_own_names_and_events():
             observations=[ObservationFactor("ear", seen)],
             actions={name: bind(lambda name=name: done.append(name)) for name in names},
         )
-        assert "controller, 3 nodes, 3 actions" in robot.tree()
+        assert "a finite-state controller, 3 nodes, 3 actions" in robot.tree()
         await runtime.start(robot)
         predicates.occur(seen[1])
-        assert robot.control.nodes == (1,)
+        assert robot.controller.nodes == (1,)
 
     run_virtual(main)
     assert done == [names[0], names[1]]
@@ -320,11 +326,8 @@ def test_a_whole_team_is_run_under_the_scope_of_each_agent():
         ({"policy": PLAN, "local": True}, "one controller for the whole team, not one for each agent"),
         ({"policy": TEAM, "local": True, "agent": 2}, "there is no agent 2; the model has 2"),
         ({"policy": TEAM, "local": True, "agent": "a"}, "without a model agents go by their index"),
-        ({"policy": PLAN, "rewards": [[0, 0, 0]]}, "give neither rewards nor a tracker"),
-        (
-            {"policy": PLAN, "false_negative": 0},
-            "a false negative is for policies that go by what is observed",
-        ),
+        ({"policy": PLAN, "rewards": [[0, 0, 0]]}, "a plan knows of no state: give no rewards"),
+        ({"policy": PLAN, "false_negative": 0}, "false negatives are taken into account where"),
         ({"policy": PLAN, "on_no_observation": "x"}, "on_no_observation is 'predict', 'repeat' or"),
         ({"policy": ROUND, "actions": {"a": nothing}}, "the policy has 2 actions, but 1 are bound"),
     ],

@@ -402,7 +402,7 @@ def test_random_hierarchies_leave_no_task_behind(data):
                     ensemble = data.draw(st.sampled_from(everything))
                     step = data.draw(st.sampled_from(["state"] * 6 + ["stop", "start", "crash"]))
                     if step == "state":
-                        states = ensemble.control.policy.num_states
+                        states = ensemble.controller.policy.num_states
                         ensemble.publish_state(data.draw(st.integers(0, states - 1)))
                     elif step == "crash":
                         crash(data.draw(st.sampled_from([ensemble, ensemble.control, ensemble.action])))

@@ -14,9 +14,9 @@ from places import EXAMPLES
 from programs import python
 
 import mdm
-from mdm.actors import DeliberatingControlLayer
+from mdm.actors import ControlLayer
 from mdm.actors.search_process import SearchProcess
-from mdm.messages import Answer
+from mdm.messages import Answer, State
 from mdm.testing import capture_decisions, probe, run_virtual
 
 TIGER = EXAMPLES / "tiger.pomdp"
@@ -140,7 +140,7 @@ def test_the_fallback_decides_until_the_process_is_ready_and_by_the_deadline(tig
         while not one.control.planner.statistics().late:
             one.publish_observation(0)
             assert (await anext(answers)).source == "fallback"
-        return one.control.planner.statistics(), one.control.epoch
+        return one.control.planner.statistics(), one.controller.epoch
 
     statistics, epoch = live(main)
     assert statistics.fallbacks == epoch == statistics.asked
@@ -243,7 +243,7 @@ def test_a_process_that_cannot_live(tiger, fallback, monkeypatch):
         await runtime.start(one)
         await (given_up.wait() if fallback else runtime.wait())
         one.publish_observation(0)
-        return faults, one.control.epoch
+        return faults, one.controller.epoch
 
     if fallback is None:
         with pytest.raises(mdm.ActorFailure, match="ends again and again, and there is no fallback"):
@@ -262,7 +262,7 @@ def test_without_a_fallback_a_missed_deadline_is_for_the_safe_action(tiger):
         faults = probe(runtime.faults)
         await runtime.start(one)
         await made_safe.wait()
-        return faults, one.control.epoch
+        return faults, one.controller.epoch
 
     faults, epoch = live(main)
     assert faults[0].kind == "deadline"
@@ -278,7 +278,7 @@ def test_stopping_while_it_searches(tiger):
         one.stop()
         one.start()
         await runtime.stop(one)
-        return pid, one.control.epoch
+        return pid, one.controller.epoch
 
     pid, epoch = live(main)
     assert is_gone(pid)
@@ -308,7 +308,7 @@ def test_the_process_ends_with_the_program(number):
         os.killpg(program.pid, number)
         _, errors = program.communicate()
         assert is_gone(pid)
-    assert "search_worker" not in errors
+    assert "solvers/online/worker" not in errors
     assert {signal.SIGINT: "KeyboardInterrupt" in errors, signal.SIGTERM: errors == "", signal.SIGKILL: True}[number]
 
 
@@ -339,7 +339,7 @@ def test_what_is_refused(tiger):
     with pytest.raises(mdm.ConfigError, match="the search takes 0.5 s, but a decision is due every 0.1 s"):
         ensemble(tiger, seconds=0.5, drive=mdm.FixedRate(10.0))
     with pytest.raises(mdm.ConfigError, match="differ in the false negative"):
-        DeliberatingControlLayer(mdm.solvers.TreeSearch(tiger.with_false_negatives(0), expansions=1), tiger)
+        ControlLayer(mdm.solvers.TreeSearch(tiger.with_false_negatives(0), expansions=1), tiger)
     with pytest.raises(mdm.ModelError, match="the fallback of a tree search is to decide at once"):
         mdm.solvers.TreeSearch(tiger, expansions=1, fallback=mdm.solvers.TreeSearch(tiger, expansions=1))
 
@@ -362,10 +362,11 @@ def test_states_of_an_mdp():
         faults = probe(runtime.faults)
         with capture_decisions(runtime) as decisions:
             await runtime.start(one)
-            for state in (0, 1, 7):
+            for state in (0, 1):
                 one.publish_state(state)
+            one.channel("state", State, retain=True).publish(State(0, 7, (7,)))
         return [(d.state, d.action_name) for d in decisions], faults
 
     decisions, faults = run_virtual(main)
     assert decisions == [(0, "go"), (1, "stay")]
-    assert "there is no state 7" in faults[0].detail
+    assert "there is no symbol 7" in faults[0].detail

@@ -199,11 +199,11 @@ def test_a_support_that_is_none_is_refused_and_changes_nothing(states, probabili
     assert tracker.belief is before
 
 
-@pytest.mark.parametrize("step", [(0, 0.5), (0.5, 0), (0, "hear"), (None, None), (0, [0])])
+@pytest.mark.parametrize("step", [(0, 0.5), (0.5, 0), (0, "hear"), (None, None), (0, [0.5, 1])])
 def test_what_is_no_symbol_is_taken_for_none(step):
     tracker = BeliefTracker(tiger())
     before = tracker.belief
-    with pytest.raises(TypeError):
+    with pytest.raises(ModelError, match="there is no (action|observation)"):
         tracker.update(*step)
     assert tracker.belief is before
 
@@ -259,7 +259,12 @@ def test_what_is_no_distribution_is_refused_and_changes_nothing(belief):
 @pytest.mark.parametrize(
     ("action", "observation", "message"),
     [(1, 0, "no action 1"), (-1, 0, "no action -1"), (0, 2, "no observation 2"), (0, -1, "no observation -1")]
-    + [(0, (0, 1), "1 components, not 2"), (0, (5,), "no symbol 5"), (3, None, "no action 3")],
+    + [
+        (0, (0, None), "1 components, not 2"),
+        (0, (0, 1), "needs a word for each of agent"),
+        (0, (5,), "no symbol 5"),
+        (3, None, "no action 3"),
+    ],
 )
 def test_unknown_symbols_are_refused(action, observation, message):
     tracker = BeliefTracker(tiger())

@@ -98,7 +98,7 @@ def test_a_file_means_what_the_python_api_means(folder):
     assert system.top == (top,)
     assert isinstance(top.control.drive, OnEvent)
     assert below.control.drive == FixedRate(2.0)
-    assert below.control.horizon == 5
+    assert below.controller.horizon == 5
     work = below.action.bindings[0]
     assert (work.timeout, work.grace, work.on_repeat, work.plain) == (3.0, 0.5, "restart", False)
     assert top.action.bindings[0].resume

@@ -31,7 +31,7 @@ def load(folder, search, policy='"tiger.vf"', model='model = "tiger.pomdp"'):
 
 def test_a_search_with_its_fallback(tmp_path):
     system = load(tmp_path, "{ expansions = 200, seconds = 0.5, plans = true, particles = 50 }")
-    policy = system.ensembles["tiger"].control.policy
+    policy = system.ensembles["tiger"].controller.policy
     assert isinstance(policy, mdm.solvers.TreeSearch)
     assert isinstance(policy.fallback, mdm.policies.AlphaVectors)
     assert (policy.expansions, policy.seconds) == (200, 0.5)

@@ -57,7 +57,7 @@ def test_tiger_is_worth_its_published_optimum(drive):
     result = simulate(model, policy, episodes=150, seed=1, drive=drive)
     assert abs(result.mean - 19.3713) < 4 * result.standard_error
     first, again, other = (simulate(model, policy, episodes=20, seed=seed, drive=drive) for seed in (1, 1, 2))
-    assert first == again
+    assert np.array_equal(first.returns, again.returns)
     assert first.mean != other.mean
 
 
@@ -210,7 +210,7 @@ def test_robots_that_run_their_own_parts_are_worth_what_the_team_is():
                 seen = model.observation_space.unravel(sampler.observation(action, before, state))
                 for robot, own in zip(robots, seen, strict=True):
                     robot.publish_observation(own)  # the last one begins the next episode
-            assert [robot.control.epoch for robot in robots] == [1, 1]
+            assert [robot.controller.epoch for robot in robots] == [1, 1]
             returns.append(total)
 
     run_virtual(main)
@@ -227,7 +227,7 @@ def test_what_is_seen_of_the_first_state_is_known_at_the_first_decision(drive):
     model = MixedPOMDP(FactoredPOMDP(as_network(flat), discount=0.5), [0])
     policy = MixedAlphaVectors([[1, 1], [0, 0], [0, 0], [1, 1]], [0, 1, 0, 1], [0, 0, 1, 1], states=model.layout)
     result = simulate(model, policy, episodes=50, steps=2, seed=1, drive=drive)
-    assert result.returns == (1.5,) * 50
+    assert list(result.returns) == [1.5] * 50
     assert result.mean == evaluate(model, policy, episodes=50, steps=2, seed=1).mean
 
 

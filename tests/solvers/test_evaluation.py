@@ -23,7 +23,6 @@ from mdm.policies import (
 )
 from mdm.problems import tiger
 from mdm.solvers import controller_values, exact_values, state_values
-from mdm.solvers.evaluation import joined
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -132,7 +131,7 @@ def test_a_team_s_controllers_as_one():
         observation_names=Space([Factor("a", 2), Factor("b", 3)]),
     )
     joint = JointController([random_controller(random, 3, 2, 2), random_controller(random, 2, 2, 3, ends=True)])
-    one = joined(joint)
+    one = joint.joined()
     nodes, node = joint.start, 0
     for observation in random.integers(6, size=50).tolist():
         assert one.actions[node] == team.action_space.ravel(joint.actions_at(nodes))

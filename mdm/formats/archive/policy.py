@@ -12,15 +12,18 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 
 from mdm.errors import FormatError, ModelError
-from mdm.formats.archive import npz, packing
+from mdm.formats.archive import npz
 from mdm.formats.archive.npz import Names, names_of, space_of
-from mdm.formats.fit import LoadedPolicy, misfit
+from mdm.formats.cassandra.model import LARGEST
 from mdm.models import POMDP
+from mdm.policies import PACKABLE, mismatch
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mdm.models import MDP, Space
+    from mdm.policies import Policy
+    from mdm.policies.policy import Arrays
 
 __all__ = ["read", "write"]
 
@@ -34,7 +37,7 @@ class _Header(msgspec.Struct):
     format: Literal["mdm policy 1"] = "mdm policy 1"
 
 
-def read(path: str | Path, model: MDP | None = None, *, seed: int | None = None) -> LoadedPolicy:
+def read(path: str | Path, model: MDP | None = None, *, seed: int | None = None) -> Policy:
     """Return the policy in an archive.
 
     Args:
@@ -48,8 +51,8 @@ def read(path: str | Path, model: MDP | None = None, *, seed: int | None = None)
     written, arrays = npz.read(Path(path))
     try:
         header = msgspec.json.decode(written, type=_Header)
-        policy = packing.unpack(header.kind, header.sizes, arrays, seed)
-        wrong = None if model is None else misfit(policy, model) or _other_names(header, model)
+        policy = _unpacked(header, arrays, seed)
+        wrong = None if model is None else mismatch(policy, model) or _other_names(header, model)
     except KeyError as error:
         raise FormatError(f"the archive is no policy of mdm's: it has no {error}", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError, OverflowError) as error:
@@ -60,7 +63,7 @@ def read(path: str | Path, model: MDP | None = None, *, seed: int | None = None)
     return policy
 
 
-def write(policy: LoadedPolicy, path: str | Path, model: MDP | None = None) -> None:
+def write(policy: Policy, path: str | Path, model: MDP | None = None) -> None:
     """Write a policy to an archive.
 
     Args:
@@ -71,15 +74,26 @@ def write(policy: LoadedPolicy, path: str | Path, model: MDP | None = None) -> N
     Raises:
         ModelError: If the policy does not fit the model.
     """
-    wrong = None if model is None else misfit(policy, model)
+    wrong = None if model is None else mismatch(policy, model)
     if wrong is not None:
         raise ModelError(wrong)
-    kind, sizes, arrays = packing.pack(policy)
-    header = _Header(kind, sizes)
+    kind = getattr(policy, "kind", None)
+    packed = policy.packed() if kind in PACKABLE else None  # type: ignore[attr-defined]
+    if kind is None or packed is None:
+        raise ModelError(f"files hold no policies of the kind {type(policy).__name__}")
+    header = _Header(kind, packed[0])
     if model is not None:
         header.states, header.actions = names_of(model.state_space), names_of(model.action_space)
         header.observations = names_of(model.observation_space) if isinstance(model, POMDP) else None
-    npz.write(Path(path), header, arrays)
+    npz.write(Path(path), header, packed[1])
+
+
+def _unpacked(header: _Header, arrays: Arrays, seed: int | None) -> Policy:
+    if any(not 0 <= size <= LARGEST for size in header.sizes.values()):
+        raise ModelError(f"a size is not one of 0 to {LARGEST}")
+    if header.kind not in PACKABLE:
+        raise ModelError(f"{header.kind[:40]!r} is no kind of policy")
+    return PACKABLE[header.kind].unpacked(header.sizes, arrays, seed)
 
 
 def _other_names(header: _Header, model: MDP) -> str | None:

@@ -11,7 +11,6 @@ import re
 from typing import TYPE_CHECKING
 
 from mdm.errors import ModelError
-from mdm.formats.fit import misfit
 from mdm.formats.source import Source
 from mdm.formats.target import write_text
 from mdm.models import POMDP
@@ -73,7 +72,7 @@ def write(policy: JointController, path: str | Path, model: MDP | None) -> None:
     """
     if not isinstance(model, POMDP):
         raise ModelError("a joint policy is written in names of actions and observations: give the model that has them")
-    wrong = misfit(policy, model)
+    wrong = policy.mismatch(model)
     if wrong is not None:
         raise ModelError(wrong)
     texts: list[str] = []

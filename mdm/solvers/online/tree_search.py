@@ -20,9 +20,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 import numpy as np
 
+from mdm.beliefs import BeliefTracker, Information, KnownState
 from mdm.errors import ConfigError, ModelError
 from mdm.models import POMDP
 from mdm.models.matrices import distribution
+from mdm.policies.policy import Kind, observable
 from mdm.solvers.online.tables import SearchTables, search_tables
 
 if TYPE_CHECKING:
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
     from mdm.policies.alpha_vectors import AlphaVectors
-    from mdm.policies.policy import Policy
     from mdm.policies.table import QTable
     from mdm.solvers.online.kernel import SearchTree
 
@@ -157,7 +158,7 @@ class Search:
         return self._tree
 
 
-class TreeSearch:
+class TreeSearch(Kind):
     """Chooses by looking ahead from the present belief, anew at each decision.
 
     In an ensemble the search runs in a process of its own, beside the loop: see `Planner`. Called directly,
@@ -182,6 +183,11 @@ class TreeSearch:
         ModelError: If the discount is 1, or what is given does not fit the model.
     """
 
+    form = "a tree search"
+    num_states: int
+    deliberates: Literal[True] = True
+    worker = "mdm.solvers.online.worker"
+
     def __init__(
         self,
         model: MDP,
@@ -189,7 +195,7 @@ class TreeSearch:
         seconds: float | None = None,
         expansions: int | None = None,
         seed: int | None = None,
-        fallback: Policy | None = None,
+        fallback: Any = None,
         plans: AlphaVectors | None = None,
         bound: QTable | None = None,
         particles: int = 1000,
@@ -201,19 +207,21 @@ class TreeSearch:
         for name, limit in limits.items():
             if limit is not None and not limit > 0:
                 raise ConfigError(f"{name} is a number above 0, not {limit}", key=name)
-        self.input: Literal["state", "belief"] = "belief" if isinstance(model, POMDP) else "state"
+        self.input = "belief" if isinstance(model, POMDP) else "state"
         self.num_states = len(model.state_space)
         self.num_actions = len(model.action_space)
         self.seconds = seconds
         self.expansions = expansions
         self.fallback = fallback
+        if plans is not None and not hasattr(plans, "vectors"):
+            raise ModelError("plans are alpha vectors, but the policy is of another kind")
         for what, other in (("fallback", fallback), ("plans", plans), ("bound", bound)):
             if other is not None and (other.num_states, other.num_actions) != (self.num_states, self.num_actions):
                 raise ModelError(
                     f"the {what} is for {other.num_states} states and {other.num_actions} actions, but the model has "
                     f"{self.num_states} and {self.num_actions}"
                 )
-        if isinstance(fallback, TreeSearch):
+        if getattr(fallback, "deliberates", False):
             raise ModelError("the fallback of a tree search is to decide at once: give it a policy of another kind")
         if fallback is not None and fallback.input != self.input:
             raise ModelError(f"the fallback chooses by {fallback.input}, but the search by {self.input}")
@@ -232,6 +240,16 @@ class TreeSearch:
         self._seed = seed
         self._number = 0
         self._search: Search | None = None
+
+    def mismatch(self, model: MDP) -> str | None:
+        """Return what keeps the search from being one for a model, as a sentence; None where it is."""
+        if model.false_negative != self.false_negative:
+            return "the search and the ensemble differ in the false negative: give both the same model"
+        return super().mismatch(model)
+
+    def information(self, model: MDP | None) -> Information:
+        """Return the state, or the belief's tracker."""
+        return KnownState() if self.input == "state" else BeliefTracker(observable(model), by_support=True)
 
     def parts(self) -> tuple[SearchTables, dict[str, Any]]:
         """Return what a `Search` is made of, for another process."""

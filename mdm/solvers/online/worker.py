@@ -9,23 +9,16 @@ never outlives whoever started it, and searches at a lower priority, so that it 
 from __future__ import annotations
 
 import os
-import pickle
 import select
 import signal
 from typing import Any
 
+from mdm.runtime.frames import HEADER, frame, unframed
 from mdm.solvers.online.tree_search import Search
 
-__all__ = ["HEADER", "frame", "main"]
+__all__ = ["main"]
 
-HEADER = 8
 _NICE = 10
-
-
-def frame(content: Any) -> bytes:
-    """Return something as a frame."""
-    data = pickle.dumps(content, protocol=5)
-    return len(data).to_bytes(HEADER, "big") + data
 
 
 def _read(descriptor: int, length: int) -> bytes:
@@ -46,7 +39,7 @@ def _read(descriptor: int, length: int) -> bytes:
 
 def _receive(descriptor: int) -> Any:
     length = int.from_bytes(_read(descriptor, HEADER), "big")
-    return pickle.loads(_read(descriptor, length))  # noqa: S301 - from the process that started this one
+    return unframed(_read(descriptor, length))
 
 
 def _send(descriptor: int, content: Any) -> None:

@@ -1,4 +1,4 @@
-"""Walks of controllers from node to node."""
+"""Plans under way, from node to node."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm import ModelError
-from mdm.policies import FiniteStateController, JointController, Walk
+from mdm.policies import FiniteStateController, JointController
+from mdm.policies.plan import Walk
 
 # A plan of two decisions, and one that goes round for ever but has no edge for its observation 1 at node 1.
 PLAN = FiniteStateController([0, 1, 2], [[1, 2], [None, None], [None, None]], 3)
@@ -29,53 +30,56 @@ def controllers(draw, holes=True):
 
 @given(st.lists(controllers(), min_size=1, max_size=3), st.data())
 def test_a_team_walks_as_its_agents_do_alone(team, data):
-    together, alone = Walk(JointController(team)), [Walk(each) for each in team]
+    joint = JointController(team)
+    together, alone = joint.information(None), [each.information(None) for each in team]
     sizes = [each.num_observations for each in team]
     for _ in range(data.draw(st.integers(0, 5))):
         parts = tuple(data.draw(st.none() | st.integers(0, size - 1)) for size in sizes)
         observation = parts if None in parts else int(np.ravel_multi_index(parts, sizes))
-        moved = [each.move(part) for each, part in zip(alone, parts, strict=True)]
-        assert together.move(observation) == all(moved)
-        assert together.nodes == tuple(each.nodes[0] for each in alone)
-        actions = [each.action for each in alone]
-        assert together.action == np.ravel_multi_index(actions, [each.num_actions for each in team])
+        moved = [each.update(None, part) for each, part in zip(alone, parts, strict=True)]
+        assert together.update(None, observation) == min(moved)
+        assert together.current == tuple(each.current[0] for each in alone)
+        actions = [plan.action(each.current) for plan, each in zip(team, alone, strict=True)]
+        assert joint.action(together.current) == np.ravel_multi_index(actions, [each.num_actions for each in team])
         assert together.ended == any(each.ended for each in alone)
 
 
 def test_a_plan_ends_at_nodes_that_nothing_follows():
-    walk = Walk(PLAN)
-    assert (walk.nodes, walk.action, walk.ended) == ((0,), 0, False)
-    assert walk.move(1)
-    assert (walk.nodes, walk.action, walk.ended) == ((2,), 2, True)
-    assert not walk.move(0)
+    walk = PLAN.information(None)
+    assert (walk.current, PLAN.action(walk.current), walk.ended) == ((0,), 0, False)
+    assert walk.update(0, 1) == 1
+    assert (walk.current, PLAN.action(walk.current), walk.ended) == ((2,), 2, True)
+    assert walk.update(2, 0) == 0
     walk.reset()
-    assert walk.nodes == (0,)
+    assert walk.current == (0,)
 
 
 def test_it_stays_where_nothing_is_observed_and_where_no_edge_leads():
-    walk = Walk(ROUND)
-    assert walk.move(None)
-    assert not walk.move(1)
-    assert walk.nodes == (1,)
-    assert walk.move((0,))
-    assert walk.nodes == (0,)
+    walk = ROUND.information(None)
+    assert walk.update(0, None) == 1
+    assert walk.update(0, 1) == 0
+    assert walk.current == (1,)
+    assert walk.update(0, (0,)) == 1
+    assert walk.current == (0,)
 
 
 def test_a_belief_chooses_the_first_node_where_values_are_known():
-    known = Walk(FiniteStateController([0, 1], [[0], [1]], values=[[1, 0], [0, 1]]))
+    known = FiniteStateController([0, 1], [[0], [1]], values=[[1, 0], [0, 1]]).information(None)
     known.reset(np.array([0.4, 0.6]))
-    assert known.nodes == (1,)
+    assert known.current == (1,)
     known.reset()
-    assert known.nodes == (0,)
+    assert known.current == (0,)
     with pytest.raises(ModelError, match="no known values"):
-        Walk(JointController([PLAN, ROUND])).reset(np.array([0.4, 0.6]))
+        JointController([PLAN, ROUND]).information(None).reset(np.array([0.4, 0.6]))
 
 
-def test_nodes_can_be_set():
-    walk = Walk(JointController([PLAN, ROUND]))
-    walk.nodes = (2, 0)
-    assert walk.nodes == (2, 0)
-    assert walk.action == 2 * 2 + 1
+def test_a_snapshot_goes_on_from_its_nodes():
+    walk = JointController([PLAN, ROUND]).information(None)
+    walk.update(None, (1, 0))
+    held = walk.snapshot()
+    walk.reset()
+    walk.restore(held)
+    assert walk.current == (2, 0)
 
 
 @pytest.mark.parametrize(
@@ -88,8 +92,8 @@ def test_nodes_can_be_set():
     ],
 )
 def test_what_cannot_be_observed_is_refused_and_moves_nobody(observation, words):
-    walk = Walk(JointController([PLAN, ROUND]))
+    walk = Walk([PLAN, ROUND])
     with pytest.raises(ModelError) as caught:
-        walk.move(observation)
+        walk.update(None, observation)
     assert words in str(caught.value)
-    assert walk.nodes == (0, 1)
+    assert walk.current == (0, 1)

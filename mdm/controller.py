@@ -1,0 +1,639 @@
+"""The controller: one decision process as plain data and plain calls, without actors, clock or channels.
+
+It holds what a policy chooses by (a state, a belief, the nodes of a plan), moves it by what is done and observed, and
+decides. The same calls give the same steps. A control layer drives one; so do simulations and traces.
+"""
+
+from __future__ import annotations
+
+import difflib
+import sys
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, get_args
+
+import msgspec
+import numpy as np
+
+from mdm.beliefs import Support
+from mdm.beliefs.information import restore, snapshot
+from mdm.errors import ConfigError, ModelError
+from mdm.loading import model_of, policy_of
+from mdm.models import POMDP, Factor, Space
+from mdm.models.digest import digest, of_parts
+from mdm.policies import mismatch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    import numpy.typing as npt
+
+    from mdm.beliefs import Information
+    from mdm.loading import GivenModel, GivenPolicy
+    from mdm.models import MDP
+    from mdm.models.matrices import Vector
+    from mdm.models.space import Symbol
+    from mdm.policies import Policy
+
+__all__ = ["Controller", "ControllerOptions", "OnImpossible", "Step", "agent_index", "check_options"]
+
+OnImpossible = Literal["predict", "keep", "reset", "safe_action"]
+
+
+class Step(msgspec.Struct, frozen=True, gc=False):
+    """A decision.
+
+    Attributes:
+        epoch: Its number in the episode, from 0.
+        action: The (joint) action's index.
+        action_name: Its name.
+        reward: The expected immediate reward; None where it is not known.
+        probability: P(observation | information, action) of what was observed before; None where nothing was asked
+            of the model (at the start, and for states). It is 0 for an impossible observation.
+    """
+
+    epoch: int
+    action: int
+    action_name: str
+    reward: float | None
+    probability: float | None = None
+
+
+class ControllerOptions(TypedDict, total=False):
+    """What configures a controller, and so a control layer, an ensemble and a simulation.
+
+    Attributes:
+        horizon: Decisions in an episode; what comes after them starts a new one. By default, and at most, those that
+            the policy has stages for.
+        on_impossible: What becomes of the information at an observation of probability 0: ``predict`` (the default:
+            time passes, nothing seen), ``keep`` it, ``reset`` it, or ``safe_action`` (as ``predict``; a control layer
+            runs the safe action besides).
+        rewards: R(s, a), an S x A array, where no model has it.
+        initial_belief: In place of the model's: S numbers, or the name or index of a state that is certain.
+        tracker: An information state of your own in place of the policy's; see `mdm.beliefs.Information`.
+        false_negative: The observation, by name or index, that stands for an event that nobody noticed; see
+            `POMDP.with_false_negatives`.
+        seed: For policies that draw: the same seed makes the same decisions.
+    """
+
+    horizon: int | None
+    on_impossible: OnImpossible
+    rewards: npt.ArrayLike | None
+    initial_belief: Any
+    tracker: Information | None
+    false_negative: Symbol | None
+    seed: int | None
+
+
+class Controller:
+    """One decision process: a policy, what it knows, and the count of its decisions.
+
+    Args:
+        policy: A policy; the path of its file; a list with an action for each state; an array of Q-values.
+        model: An MDP or POMDP, or the path of its file: needed by policies over beliefs, for rewards and for names.
+        agent: Whose part of a joint plan it runs, by index or name, on that agent's observations alone; by default the
+            whole team's, on joint ones.
+        options: See `ControllerOptions`.
+
+    Raises:
+        ConfigError: If sizes or names do not fit each other, or an option means nothing here.
+
+    Attributes:
+        policy: The policy.
+        model: The model; None where there is none.
+        information: What the policy chooses by.
+        takes: What it is told: ``state`` or ``observation``.
+        action_space, observation_space: Its symbols; None where nothing names them.
+        horizon: Decisions in an episode; None without end.
+        epoch: Decisions made in this episode.
+        impossible: How many observations were impossible.
+        problem: What was impossible about the last observation, in words; None where nothing was.
+        last_action: What was decided last in this episode; None before.
+        given: Whether a belief from outside has not been decided on yet: it counts in place of what is observed.
+
+    Example::
+
+        controller = mdm.Controller("tiger.vf", "tiger.pomdp")
+        controller.start().action_name  # 'listen'
+        step = controller.observe("hear-left")
+        step.action_name, step.probability, controller.belief  # 'listen', 0.5, [0.85, 0.15]
+    """
+
+    def __init__(
+        self,
+        policy: GivenPolicy,
+        model: GivenModel | None = None,
+        *,
+        agent: int | str | None = None,
+        **options: Unpack[ControllerOptions],
+    ) -> None:
+        check_options(options, ControllerOptions)
+        self.model: MDP | None = None if model is None else model_of(model)
+        false_negative = options.get("false_negative")
+        if false_negative is not None:
+            self.model = _with_false_negatives(self.model, false_negative)
+        whole = policy_of(policy, self.model)
+        self._agent = agent
+        self.policy: Policy = whole
+        self.action_space: Space | None = None if self.model is None else self.model.action_space
+        self.observation_space: Space | None = getattr(self.model, "observation_space", None)
+        self._refuse_mismatch()
+        self._take_scope(whole)
+        seed = options.get("seed")
+        if seed is not None:
+            if not hasattr(self.policy, "seed"):
+                raise ConfigError("a seed is for policies that draw their actions, which this one does not", key="seed")
+            self.policy.seed(seed)
+        self.information = self._informed(options.get("tracker"))
+        tracked = getattr(self.policy, "input", "belief") == "belief" and options.get("tracker") is None
+        if false_negative is not None and not tracked:
+            raise ConfigError(
+                "false negatives are taken into account where the belief is tracked, by the model's own tracker",
+                key="false_negative",
+            )
+        self.takes: Literal["state", "observation"] = getattr(self.information, "takes", "observation")
+        self.num_states: int | None = getattr(self.policy, "num_states", None)
+        self.horizon = self._horizon(options.get("horizon"))
+        self.on_impossible: OnImpossible = options.get("on_impossible", "predict")
+        if self.on_impossible not in get_args(OnImpossible):
+            raise ConfigError(
+                f"on_impossible is 'predict', 'keep', 'reset' or 'safe_action', not {self.on_impossible!r}",
+                key="on_impossible",
+            )
+        self._own_tracker = options.get("tracker") is not None
+        self._expected = self._expectation()
+        self._rewards = self._reward_rows(options.get("rewards"))
+        self._initial: Vector | None = None
+        self.epoch = 0
+        self.impossible = 0
+        self.problem: str | None = None
+        self.last_action: int | None = None
+        self._probability: float | None = None
+        self.given = False
+        # What every decision asks for, looked up once.
+        self._choose = self.policy.action
+        self._num_actions = self.policy.num_actions
+        self._names: Sequence[str] = () if self.action_space is None else self.action_space.names
+        self._last_epoch = sys.maxsize if self.horizon is None else self.horizon
+        self._can_end = hasattr(self.information, "ended")
+        try:
+            if (initial := options.get("initial_belief")) is not None:
+                self.begin_from(initial)
+            self.information.reset(self._initial)
+        except ModelError as error:
+            raise ConfigError(str(error), key="initial_belief") from None
+
+    # -- Deciding ------------------------------------------------------------------------------------------------
+
+    def start(self, at: Symbol | npt.ArrayLike | None = None) -> Step:
+        """Begin an episode, and decide.
+
+        Args:
+            at: Where: a state for a policy over states, which needs one; a belief for others, by default the initial
+                one.
+
+        Raises:
+            ModelError: If there is no such state, or it is no belief.
+        """
+        self.reset()
+        if self.takes == "state":
+            if at is None:
+                raise ModelError("a policy over states decides when it sees one: give the state to start at")
+            return self.see(at)  # type: ignore[arg-type]
+        if at is not None:
+            self.information.reset(self.belief_of(at))
+        return self.decide()
+
+    def observe(self, observation: Any = None) -> Step:
+        """Take what was observed after the last action, and decide.
+
+        After the last decision of an episode, a new one begins, and the observation does not count: no action of the
+        new episode has caused it.
+
+        Args:
+            observation: By name or index; a component per agent, None where one is missing; or None where time has
+                passed and nothing was observed.
+
+        Raises:
+            ModelError: If there is no such observation, or the policy decides on states.
+        """
+        if self.takes == "state" and observation is not None:
+            raise ModelError("the policy decides on states, not on observations: tell it the state with see()")
+        if self.over:
+            self.reset()
+        else:
+            self.advance(observation)
+        return self.decide()
+
+    def see(self, state: Symbol) -> Step:
+        """Take the state that is seen, and decide.
+
+        Args:
+            state: By name or index.
+
+        Raises:
+            ModelError: If there is no such state, or the policy decides on observations.
+        """
+        # Hot path: one comparison for what a state layer sends, which is an index.
+        if self.takes != "state":
+            raise ModelError("the policy decides on what is observed, not on states: tell it with observe()")
+        if state.__class__ is not int or not -1 < state < self.num_states:  # type: ignore[operator]
+            state = self.state_index(state)
+        if self.epoch >= self._last_epoch:
+            self.reset()
+        self.information.update(self.last_action, state)  # type: ignore[arg-type]
+        return self.decide()
+
+    def believe(self, belief: npt.ArrayLike) -> None:
+        """Replace the information by a belief from outside; `decide` then decides on it.
+
+        Raises:
+            ModelError: If it is no belief over the states; the information stays as it was.
+        """
+        checked, over = self.belief_of(belief), self.over
+        self.information.reset(checked)
+        if over:
+            self.reset(keep=True)
+            self.information.reset(checked)
+        self.given = True
+        self._probability = None
+
+    def advance(self, observation: Any = None) -> float | None:
+        """Move the information by what was observed after the last action, without deciding.
+
+        Returns:
+            The probability of the observation; None before the first decision of an episode, when nothing counts.
+
+        Raises:
+            ModelError: If there is no such observation; nothing has changed.
+        """
+        action, self.problem = self.last_action, None
+        if action is None and self.takes == "observation":
+            self._probability = None
+            return None
+        probability = self.information.update(action, observation)  # type: ignore[arg-type]
+        self._probability = probability
+        if not probability > 0:  # nor is it, where a tracker of the user's says NaN
+            self._probability = 0.0
+            self._impossible(observation)
+        return self._probability
+
+    def decide(self, action: int | None = None) -> Step:
+        """Choose an action by the information as it is, and count it.
+
+        Args:
+            action: What was chosen elsewhere, such as by a search that takes its time; by default the policy chooses.
+
+        Raises:
+            ModelError: If the policy chooses no action of its own, or cannot choose.
+        """
+        if action is None:
+            current = self.information.current
+            if self._own_tracker:
+                self._check_belief(current)
+            action = self._choose(current)
+        if action.__class__ is not int or not -1 < action < self._num_actions:
+            action = self._checked(action)
+        epoch = self.epoch
+        self.epoch = epoch + 1
+        self.last_action = action
+        self.given = False
+        rewards = self._rewards
+        probability, self._probability = self._probability, None
+        return Step(
+            epoch,
+            action,
+            self._names[action] if self._names else str(action),
+            None if rewards is None else self._expected(rewards[action]),  # type: ignore[misc]
+            probability,
+        )
+
+    def reset(self, *, keep: bool = False) -> None:
+        """Begin an episode: epoch 0, from the initial belief, without deciding.
+
+        Args:
+            keep: Keep the information as it is; of a plan that is over, nothing can be kept.
+        """
+        ended = self._can_end and self.information.ended  # type: ignore[attr-defined]
+        if self.takes == "observation" and (not keep or ended):
+            self.information.reset(self._initial)
+        elif not keep:
+            self.information.reset()
+        self.epoch = 0
+        self.last_action = None
+        self.problem = None
+        self._probability = None
+        self.given = False
+
+    def begin_from(self, belief: Any) -> None:
+        """Set the belief that episodes begin from; the present one goes on as it is.
+
+        Raises:
+            ModelError: If it is no belief over the states.
+        """
+        checked = self.belief_of(belief)
+        held = self.snapshot()
+        self.information.reset(checked)
+        self.restore(held)
+        self._initial = checked
+
+    @property
+    def over(self) -> bool:
+        """Whether the episode has had its last decision: by the horizon, or by the end of a plan."""
+        if self.epoch >= self._last_epoch:
+            return True
+        if not self._can_end or self.given or not self.epoch:  # a belief from outside leads to a node not decided on
+            return False
+        return bool(self.information.ended)  # type: ignore[attr-defined]
+
+    # -- What is known -------------------------------------------------------------------------------------------
+
+    @property
+    def belief(self) -> Vector | None:
+        """The present belief (S numbers, read-only); None where none is tracked."""
+        if self.takes == "state":
+            return None
+        belief: Any = getattr(self.information, "belief", Ellipsis)
+        tracked: Vector | None = self.information.current if belief is Ellipsis else belief
+        return tracked
+
+    @property
+    def nodes(self) -> tuple[int, ...] | None:
+        """The present node of each controller of a plan; None for policies of other kinds."""
+        if not self._can_end:
+            return None
+        nodes: tuple[int, ...] = self.information.current
+        return nodes
+
+    def digest(self) -> str:
+        """Return a text that is the same for controllers that will decide the same, and differs for others.
+
+        It is a hash of the model, the policy, the options that count and the information, bit by bit, the same in
+        every process that tracks beliefs in the same way (with numba, or without). A policy of your own counts by
+        the name of its class, unless it has ``packed()``.
+        """
+        return of_parts([self.configuration, self.snapshot()])
+
+    @property
+    def configuration(self) -> str:
+        """The digest of what does not change: model, policy and options."""
+        if self._configuration is None:
+            packed = getattr(self.policy, "packed", lambda: None)()
+            policy: list[Any] = [type(self.policy).__name__, self._num_actions]
+            if packed is not None:
+                sizes, arrays = packed
+                policy += [sorted(sizes.items()), *(part for name in sorted(arrays) for part in (name, arrays[name]))]
+            model = None if self.model is None else digest(self.model)
+            self._configuration = of_parts([model, *policy, self.horizon, self.on_impossible, self._initial])
+        return self._configuration
+
+    _configuration: str | None = None
+
+    def snapshot(self) -> bytes:
+        """Return what it takes to go on from here: with `restore`, the same calls then give the same steps."""
+        held = [
+            self.epoch,
+            self.last_action,
+            self.given,
+            self._probability,
+            snapshot(self.information),
+        ]
+        return msgspec.msgpack.encode(held)
+
+    def restore(self, snapshot: bytes) -> None:
+        """Go on from a snapshot of a controller with the same `configuration`.
+
+        Raises:
+            ModelError: If it is of another kind.
+        """
+        try:
+            held = msgspec.msgpack.decode(snapshot)
+            self.epoch, self.last_action, self.given, self._probability, information = held
+            restore(self.information, information)
+        except (msgspec.MsgspecError, TypeError, ValueError) as error:
+            raise ModelError(f"this is no snapshot of such a controller: {error}") from None
+
+    # -- Symbols -------------------------------------------------------------------------------------------------
+
+    def state_index(self, state: Symbol) -> int:
+        """Return the index of a state, given by index or name.
+
+        Raises:
+            ModelError: If there is no such state.
+        """
+        if self.model is not None:
+            return self.model.state_space.index(state)
+        count = self.num_states
+        if isinstance(state, str):
+            raise ModelError(f"without a model states have no names: give the index of {state!r}")
+        index = int(state)  # type: ignore[arg-type]
+        if count is not None and not 0 <= index < count:
+            raise ModelError(f"there is no state {index}; the policy is for {count} states, which count from 0")
+        return index
+
+    def observed(self, observation: Any) -> tuple[int | None, tuple[int | None, ...]]:
+        """Return an observation, given by index, name or components, as its index and its components' indices.
+
+        The index is None where a component is missing.
+
+        Raises:
+            ModelError: If there is no such observation, or the policy decides on states.
+        """
+        if self.takes == "state":
+            raise ModelError("the policy decides on states, not on observations: give a state")
+        space = self.observation_space
+        if space is None:
+            raise ModelError("there is no model that has observations")
+        if isinstance(observation, list | tuple) and None in observation:
+            if len(observation) != len(space.factors):
+                raise ModelError(f"an observation has {len(space.factors)} components, not {len(observation)}")
+            pairs = zip(space.factors, observation, strict=True)
+            return None, tuple(None if word is None else factor.index(word) for factor, word in pairs)
+        index = space.index(observation)
+        return index, space.unravel(index)
+
+    def belief_of(self, given: Any) -> Vector:
+        """Return a belief: an array is one; a state's name or index is certainty of it.
+
+        Raises:
+            ModelError: If there is no such state, or no beliefs are of use here.
+        """
+        if self.takes == "state":
+            raise ModelError("the policy decides on states that it sees: it takes no belief")
+        if isinstance(given, str | int | np.integer):
+            if self.num_states is None:
+                raise ModelError("the policy goes by observations, and its nodes have no known values: give no belief")
+            certain: Vector = np.zeros(self.num_states)
+            certain[self.state_index(given)] = 1
+            return certain
+        belief: Any = given if isinstance(given, Support) else np.asarray(given, dtype=np.float64)
+        return belief  # type: ignore[no-any-return]
+
+    # -- Construction --------------------------------------------------------------------------------------------
+
+    def _refuse_mismatch(self) -> None:
+        if self.model is None:
+            return
+        wrong = mismatch(self.policy, self.model)
+        if wrong is not None:
+            raise ConfigError(wrong, key="policy")
+
+    def _take_scope(self, policy: Any) -> None:
+        """Take the symbols of the whole team, or the part of the one agent whose plan is run."""
+        plans = getattr(policy, "controllers", None)
+        if plans is not None and self.observation_space is None:
+            self.observation_space = Space(
+                Factor(f"agent{index}", each.num_observations) for index, each in enumerate(plans)
+            )
+        agent = self._agent
+        if agent is None:
+            return
+        if plans is None:
+            raise ConfigError(
+                "the policy decides for the whole team: only a controller per agent can be run by one agent alone",
+                key="local",
+            )
+        if not hasattr(policy, "num_agents"):
+            raise ConfigError("the policy is one controller for the whole team, not one for each agent", key="local")
+        space = self.action_space
+        own = agent_index(agent, [] if space is None else [factor.name for factor in space.factors], len(plans))
+        self.policy = plans[own]
+        assert self.observation_space is not None
+        self.observation_space = Space([self.observation_space.factors[own]])
+        self.action_space = None if space is None else Space([space.factors[own]])
+
+    def _informed(self, tracker: Information | None) -> Information:
+        if tracker is None:
+            # What a plan knows at its start it takes from the team's model; an agent's own part knows nothing of it.
+            return self.policy.information(None if self._agent is not None else self.model)
+        if getattr(self.policy, "input", "belief") != "belief":
+            raise ConfigError("a tracker is for policies over beliefs, which this one is not", key="tracker")
+        missing = [name for name in ("current", "reset", "update") if not hasattr(tracker, name)]
+        if missing:
+            raise ConfigError(
+                f"the tracker {type(tracker).__name__} has no {' and no '.join(missing)}; see mdm.beliefs.Information",
+                key="tracker",
+            )
+        return tracker
+
+    def _horizon(self, given: int | None) -> int | None:
+        stages: int | None = getattr(self.information, "horizon", None)
+        if given is None:
+            return stages
+        if isinstance(given, bool) or not isinstance(given, int) or given < 1:
+            raise ConfigError(f"a horizon is at least 1 decision, not {given!r}", key="horizon")
+        if stages is not None and given > stages:
+            raise ConfigError(
+                f"the policy is for episodes of at most {stages} decisions, not of {given}", key="horizon"
+            )
+        return given
+
+    def _expectation(self) -> Callable[[Vector], float] | None:
+        """Return what takes the expectation of a function of the state; None where states are not known."""
+        known: Callable[[Vector], float] | None = getattr(self.information, "expected", None)
+        if known is None and self._own_tracker:
+            return lambda values: float(values.dot(self.information.current))
+        return known
+
+    def _reward_rows(self, given: npt.ArrayLike | None) -> list[Vector] | None:
+        """Return R as a row of S numbers for each action."""
+        if self._expected is None:
+            if given is not None:
+                raise ConfigError("a plan knows of no state: give no rewards", key="rewards")
+            return None
+        if given is None and self.model is None:
+            return None
+        rewards = self.model.rewards if given is None and self.model is not None else given
+        array = np.asarray(rewards, dtype=np.float64)
+        if array.ndim != 2 or not np.isfinite(array).all():
+            raise ConfigError(
+                f"rewards are a states x actions array of finite numbers, not {array.shape}", key="rewards"
+            )
+        states, actions = array.shape
+        if (states, actions) != (self.num_states or states, self.policy.num_actions):
+            raise ConfigError(
+                f"the rewards are for {states} states and {actions} actions, but the policy is for "
+                f"{self.num_states} and {self.policy.num_actions}",
+                key="rewards",
+            )
+        return list(np.ascontiguousarray(array.T))
+
+    # -- Checks --------------------------------------------------------------------------------------------------
+
+    def _impossible(self, observation: Any) -> None:
+        self.impossible += 1
+        why = getattr(self.information, "impossible", "has probability 0 under the model and the belief")
+        self.problem = (
+            f"observation {self.observation_name(observation)} after action {self.action_name(self.last_action)} "
+            f"{why}; on_impossible is {self.on_impossible!r}"
+        )
+        if self.on_impossible == "reset":
+            self.information.reset(self._initial)
+        elif self.on_impossible != "keep":
+            self.information.update(self.last_action, None)  # type: ignore[arg-type]
+
+    def action_name(self, action: int | None) -> str:
+        """Return an action's name; its index where it has none."""
+        return repr(self._names[action]) if self._names and action is not None else str(action)
+
+    def observation_name(self, observation: Any) -> str:
+        """Return an observation's name; the index or components where it has none."""
+        space = self.observation_space
+        if space is None or not isinstance(observation, int) or not 0 <= observation < len(space):
+            return repr(observation)
+        return repr(space.names[observation])
+
+    def _checked(self, action: Any) -> int:
+        if isinstance(action, int | np.integer) and not isinstance(action, bool):
+            if 0 <= action < self._num_actions:
+                return int(action)
+            raise ModelError(f"the policy chose action {action}, but its actions are 0 to {self._num_actions - 1}")
+        raise ModelError(f"the policy chose {action!r}, but an action's index is needed")
+
+    def _check_belief(self, belief: Any) -> None:
+        """Refuse what a tracker of the user's may say and no policy should act on."""
+        array = np.asarray(belief, dtype=np.float64)
+        if not (np.isfinite(array).all() and (array >= 0).all() and abs(array.sum() - 1) < 1e-6):
+            raise ModelError(
+                "the tracker's belief is no distribution: its numbers are negative, not finite, or do not sum to 1"
+            )
+
+
+def check_options(options: Iterable[str], known: type) -> None:
+    """Refuse options that there are not.
+
+    Raises:
+        ConfigError: With the names closest to it.
+    """
+    names: tuple[str, ...] = tuple(known.__annotations__)
+    for option in options:
+        if option not in names:
+            close = difflib.get_close_matches(option, names, n=3)
+            hint = f"did you mean {' or '.join(map(repr, close))}?" if close else f"there are {', '.join(names)}"
+            raise ConfigError(f"there is no option {option!r}; {hint}", key=option)
+
+
+def agent_index(agent: int | str, names: Sequence[str], count: int) -> int:
+    """Return which of a team's agents one is, given by index or by name.
+
+    Raises:
+        ConfigError: If there is no such agent.
+    """
+    if isinstance(agent, str):
+        if agent not in names:
+            known = f"the agents are {', '.join(names)}" if names else "without a model agents go by their index"
+            raise ConfigError(f"there is no agent {agent!r}; {known}", key="agent")
+        return list(names).index(agent)
+    if not 0 <= agent < count:
+        raise ConfigError(f"there is no agent {agent}; the model has {count}, from 0 on", key="agent")
+    return agent
+
+
+def _with_false_negatives(model: MDP | None, symbol: Symbol) -> POMDP:
+    if not isinstance(model, POMDP):
+        raise ConfigError(
+            "false negatives are taken into account where the belief is tracked, by a POMDP: there is none",
+            key="false_negative",
+        )
+    try:
+        return model.with_false_negatives(symbol)
+    except ModelError as error:
+        raise ConfigError(str(error), key="false_negative") from None

@@ -1,0 +1,93 @@
+"""What a user gives for a model or a policy: the thing itself, the path of its file, or plain numbers."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
+
+import numpy as np
+
+from mdm.errors import ConfigError
+from mdm.models import MDP
+from mdm.policies import DeterministicPolicy, QTable
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from mdm.policies import Policy
+
+    GivenModel: TypeAlias = MDP | str | os.PathLike[str]
+    GivenPolicy: TypeAlias = (
+        Policy | str | os.PathLike[str] | Sequence[int] | Sequence[Sequence[float]] | npt.NDArray[Any]
+    )
+
+__all__ = ["model_of", "policy_of"]
+
+
+def model_of(given: GivenModel) -> MDP:
+    """Return a model, from its file where a path is given.
+
+    Raises:
+        ConfigError: If it is neither.
+        FormatError: If the file is no model.
+    """
+    if isinstance(given, MDP):
+        return given
+    if isinstance(given, str | os.PathLike):
+        from mdm.formats import load_model  # noqa: PLC0415 - the formats are loaded for those who have files
+
+        return load_model(Path(given))
+    raise ConfigError(f"a model is an MDP or POMDP, or the path of a file, not {_told(given)}", key="model")
+
+
+def policy_of(given: GivenPolicy, model: MDP | None = None) -> Policy:
+    """Return a policy: from its file where a path is given, a table where numbers are.
+
+    Numbers are an action for each state, or a Q-table, states x actions.
+
+    Raises:
+        ConfigError: If it is nothing of these.
+        FormatError: If the file is no policy, or is for another model.
+        ModelError: If the numbers are no table.
+    """
+    if isinstance(given, str | os.PathLike):
+        from mdm.formats import load_policy  # noqa: PLC0415 - the formats are loaded for those who have files
+
+        return load_policy(Path(given), model)
+    if isinstance(given, list | tuple | np.ndarray):
+        try:
+            array = np.asarray(given)
+        except ValueError:
+            array = np.empty(())
+        if array.ndim == 1 and array.dtype.kind in "iu":
+            return DeterministicPolicy(array.tolist(), None if model is None else len(model.action_space))
+        if array.ndim == 2 and array.dtype.kind in "iuf":
+            return QTable(array)
+    elif (
+        not isinstance(given, type)
+        and callable(getattr(given, "information", None))
+        and callable(getattr(given, "action", None))
+    ):
+        return cast("Policy", given)
+    missing = [name for name in ("num_actions", "information", "action") if not hasattr(given, name)]
+    if hasattr(given, "action") and missing and not isinstance(given, type):
+        raise ConfigError(
+            f"the policy {type(given).__name__} has no {' and no '.join(missing)}: derive it from StatePolicy or "
+            f"BeliefPolicy of mdm.policies",
+            key="policy",
+        )
+    raise ConfigError(
+        f"a policy is an object of mdm.policies, the path of a file, a list with an action's index for each state, or "
+        f"an array of values, states x actions, not {_told(given)}",
+        key="policy",
+    )
+
+
+def _told(given: object) -> str:
+    if isinstance(given, type):
+        return f"the class {given.__name__}: make one of it"
+    text = repr(given)
+    return text if len(text) <= 60 else f"{text[:57]}..."

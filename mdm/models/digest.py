@@ -1,0 +1,89 @@
+"""Digests of models: short stable texts that differ where models do.
+
+They are made of names, discount and numbers, bit by bit: of a flat model its matrices, of a factored one its network.
+The same model in another process, or on another machine, has the same digest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from mdm.models.compressed import is_compressed
+from mdm.models.factored import FactoredMDP, FactoredPOMDP, Tree
+from mdm.models.pomdp import POMDP
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from mdm.models.factored import Potential
+    from mdm.models.mdp import MDP
+
+__all__ = ["digest", "of_parts"]
+
+
+def of_parts(parts: Iterable[Any]) -> str:
+    """Return the digest of arrays, matrices, and plain values (numbers, strings, None, lists of these)."""
+    total = hashlib.blake2b(digest_size=16)
+    for part in parts:
+        if is_compressed(part):
+            matrix = part.tocsr()
+            total.update(of_parts([matrix.shape[0], matrix.shape[1], *_entries(matrix)]).encode())
+        elif isinstance(part, np.ndarray):
+            total.update(f"{part.dtype.str}{part.shape}".encode())
+            total.update(np.ascontiguousarray(part).tobytes())
+        else:
+            total.update(msgspec.msgpack.encode(part))
+    return total.hexdigest()
+
+
+def digest(model: MDP) -> str:
+    """Return the digest of a model."""
+    spaces = [model.state_space, model.action_space]
+    if isinstance(model, POMDP):
+        spaces.append(model.observation_space)
+    head: list[Any] = [model.kind, model.discount, getattr(model, "false_negative", None)]
+    head += [[[factor.name, list(factor.names)] for factor in space.factors] for space in spaces]
+    if isinstance(model, FactoredMDP | FactoredPOMDP):
+        return of_parts([*head, *_network(model)])
+    return of_parts([*head, *_flat(model)])
+
+
+def _flat(model: MDP) -> Iterable[Any]:
+    yield model.rewards
+    yield model.initial_belief
+    for action in range(len(model.action_space)):
+        yield model.transition_matrix(action)
+        if isinstance(model, POMDP):
+            if not model.event_observations:
+                yield model.observation_matrix(action)
+                continue
+            for observation in range(len(model.observation_space)):
+                yield model.event_matrix(action, observation)
+
+
+def _network(model: FactoredMDP | FactoredPOMDP) -> Iterable[Any]:
+    network = model.network
+    yield list(network.fully_observed)
+    yield network.event_observations
+    for potentials in (network.initial, network.transitions, network.observation, network.utilities):
+        yield len(potentials)
+        for potential in potentials:
+            yield from _potential(potential)
+
+
+def _potential(potential: Potential) -> Iterable[Any]:
+    if isinstance(potential, Tree):
+        yield [list(potential.node), potential.choice.tolist(), len(potential.branches)]
+        for branch in potential.branches:
+            yield from _potential(branch)
+    else:
+        yield [list(node) for node in potential.scope]
+        yield potential.values
+
+
+def _entries(matrix: Any) -> list[Any]:
+    return [matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64), matrix.data]

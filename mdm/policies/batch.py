@@ -1,0 +1,126 @@
+"""Decisions of many episodes at once: what each of them does next, as arrays."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from mdm.beliefs.batch import CrowdBeliefs
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from mdm.models import POMDP
+    from mdm.models.matrices import Vector
+
+    Indices = npt.NDArray[np.intp]
+
+__all__ = ["ENDED", "Batch", "BeliefBatch", "ProbabilityBatch", "TableBatch"]
+
+ENDED = -1
+"""In place of an action, where a plan ends."""
+
+
+class Batch(Protocol):
+    """The decisions of many episodes."""
+
+    def begin(self, states: Indices, numbers: Vector) -> Indices:
+        """Return the first actions of episodes that begin in some states; `ENDED` where a plan has none."""
+        ...
+
+    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:
+        """Return the next actions of some episodes.
+
+        Args:
+            episodes: Their places among those that go on.
+            states: Where each is now.
+            actions: What it did.
+            seen: What it observed then.
+            numbers: From [0, 1), for policies that draw.
+        """
+        ...
+
+    def keep(self, which: npt.NDArray[np.bool_]) -> None:
+        """Drop the other episodes."""
+        ...
+
+
+class TableBatch:
+    """Decisions by tables of actions, one for each decision or one for all.
+
+    Args:
+        tables: H x S actions; the last one serves all later decisions.
+    """
+
+    def __init__(self, tables: Indices) -> None:
+        self._tables = tables
+        self._stage = 0
+
+    def begin(self, states: Indices, numbers: Vector) -> Indices:  # noqa: ARG002 - nothing is drawn
+        """Return the first actions."""
+        self._stage = 0
+        first: Indices = self._tables[0, states]
+        return first
+
+    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
+        """Return the next actions; every step of time has a decision, so all episodes are at the same stage."""
+        self._stage = min(self._stage + 1, len(self._tables) - 1)
+        following: Indices = self._tables[self._stage, states]
+        return following
+
+    def keep(self, which: npt.NDArray[np.bool_]) -> None:
+        """Nothing is held for single episodes."""
+
+
+class ProbabilityBatch:
+    """Decisions that are drawn.
+
+    Args:
+        weights: The probability of each action in each state, A x S.
+    """
+
+    def __init__(self, weights: Vector) -> None:
+        levels = np.cumsum(weights, axis=0)
+        self._levels = levels[:-1] / levels[-1]
+
+    def begin(self, states: Indices, numbers: Vector) -> Indices:
+        """Draw the first actions."""
+        drawn: Indices = (self._levels[:, states] <= numbers).sum(axis=0)
+        return drawn
+
+    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
+        """Draw the next actions."""
+        return self.begin(states, numbers)
+
+    def keep(self, which: npt.NDArray[np.bool_]) -> None:
+        """Nothing is held for single episodes."""
+
+
+class BeliefBatch:
+    """Decisions of a policy over beliefs, which are tracked as a matrix.
+
+    Args:
+        policy: The policy, by its ``actions_at``.
+        model: The model.
+    """
+
+    def __init__(self, policy: Any, model: POMDP) -> None:
+        self._crowd = CrowdBeliefs(model)
+        self._policy = policy
+
+    def begin(self, states: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
+        """Return the first actions."""
+        self._crowd.begin(states)
+        actions: Indices = self._policy.actions_at(self._crowd.beliefs)
+        return actions
+
+    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
+        """Return the next actions."""
+        self._crowd.update(episodes, actions, seen)
+        chosen: Indices = self._policy.actions_at(self._crowd.beliefs[episodes])
+        return chosen
+
+    def keep(self, which: npt.NDArray[np.bool_]) -> None:
+        """Drop the other episodes' beliefs."""
+        self._crowd.keep(which)

@@ -1,0 +1,194 @@
+"""Plans: policies that go from node to node by what is observed, and where one is under way.
+
+A step costs a look-up for each agent; no model is needed.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.models import POMDP
+from mdm.models.matrices import distribution
+from mdm.policies.batch import ENDED
+from mdm.policies.policy import Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from mdm.models import MDP
+    from mdm.models.matrices import Vector
+    from mdm.policies.batch import Batch, Indices
+    from mdm.policies.finite_state_controller import FiniteStateController
+
+__all__ = ["Plan", "Walk"]
+
+
+class Plan(Kind):
+    """A finite-state controller, or one for each agent: the base of both."""
+
+    input: Literal["observation"] = "observation"
+    num_observations: int
+
+    @property
+    def controllers(self) -> tuple[FiniteStateController, ...]:
+        """The controllers, one for each agent."""
+        raise NotImplementedError
+
+    def information(self, model: MDP | None) -> Walk:
+        """Return the nodes to begin with."""
+        known = model is not None and self.num_states is not None
+        return Walk(self.controllers, model.initial_belief if known and model is not None else None)
+
+    def action(self, nodes: Sequence[int]) -> int:
+        """Return the (joint) action at the node of each controller."""
+        action = 0
+        for controller, node in zip(self.controllers, nodes, strict=True):
+            action = action * controller.num_actions + controller.actions[node]
+        return action
+
+    def batch(self, model: MDP) -> Batch | None:
+        """Return its decisions for many episodes at once."""
+        return PlanBatch(self.controllers, model) if isinstance(model, POMDP) else None
+
+
+class Walk:
+    """Where a plan is: the node of each controller. It answers as any `Information` does, but knows of no belief.
+
+    The symbols of a team are joint, with the first agent the most significant; each agent's controller moves by that
+    agent's part of the observation alone. Where the values of nodes are known, it begins at the best node for a belief:
+    the one given, or the initial one.
+
+    Args:
+        controllers: One for each agent.
+        initial: The belief to begin from by default.
+    """
+
+    belief: None = None
+    expected: None = None
+
+    def __init__(self, controllers: Sequence[FiniteStateController], initial: Vector | None = None) -> None:
+        self._controllers = tuple(controllers)
+        self._counts = tuple(each.num_observations for each in self._controllers)
+        self._initial = initial
+        self.current: tuple[int, ...] = ()
+        self.reset()
+
+    @property
+    def ended(self) -> bool:
+        """Whether the present action is the last: some agent's plan goes on after no observation."""
+        return any(each.is_last(node) for each, node in zip(self._controllers, self.current, strict=True))
+
+    @property
+    def impossible(self) -> str:
+        """What an observation is that leads nowhere."""
+        return f"has no edge at the nodes {self.current}"
+
+    def reset(self, belief: npt.ArrayLike | None = None) -> None:
+        """Begin anew.
+
+        Raises:
+            ModelError: If a belief is given and the values of nodes are not known, or it is no distribution over their
+                states; the nodes stay as they were.
+        """
+        given = self._initial if belief is None else belief
+        if given is None:
+            self.current = tuple(each.start for each in self._controllers)
+            return
+        size = self._controllers[0].num_states
+        if size is None or len(self._controllers) > 1:
+            raise ModelError("the controller goes by observations: its nodes have no known values at a belief")
+        self.current = (self._controllers[0].start_node(distribution(given, what="the belief", size=size)),)
+
+    def update(self, action: int | None, observation: int | tuple[int | None, ...] | None) -> float:  # noqa: ARG002
+        """Follow what was observed after the present action.
+
+        Args:
+            action: What was done; the nodes know it.
+            observation: The (joint) observation's index; or a component per agent, None where that agent observed
+                nothing; or None where nobody did. Who observed nothing stays at its node.
+
+        Returns:
+            1; or 0 where some agent's controller has no edge for it, which stays at its node.
+
+        Raises:
+            ModelError: If there is no such observation; the nodes stay as they were.
+        """
+        if observation is None:
+            return 1.0
+        parts = observation if isinstance(observation, tuple) else self._parts(observation)
+        if len(parts) != len(self._controllers):
+            raise ModelError(f"an observation has {len(self._controllers)} components, not {len(parts)}")
+        moves = zip(self._controllers, self.current, parts, strict=True)
+        after = [node if part is None else controller.next_node(node, part) for controller, node, part in moves]
+        self.current = tuple(node if later is None else later for node, later in zip(self.current, after, strict=True))
+        return 0.0 if None in after else 1.0
+
+    def snapshot(self) -> Any:
+        """Return the nodes."""
+        return list(self.current)
+
+    def restore(self, snapshot: Any) -> None:
+        """Go on from a snapshot."""
+        self.current = tuple(snapshot)
+
+    def _parts(self, observation: int) -> tuple[int, ...]:
+        total = int(np.prod(self._counts))
+        if not 0 <= observation < total:
+            raise ModelError(f"there is no observation {observation}; the controller's {total} count from 0")
+        return tuple(int(part) for part in np.unravel_index(observation, self._counts))
+
+
+class PlanBatch:
+    """A node for each episode and agent, moved by that agent's own observations.
+
+    Args:
+        controllers: One for each agent.
+        model: The model.
+    """
+
+    def __init__(self, controllers: Sequence[FiniteStateController], model: POMDP) -> None:
+        self._controllers = tuple(controllers)
+        self._model = model
+        team = len(self._controllers) > 1
+        self._shape = model.action_space.shape if team else (len(model.action_space),)
+        self._seen = model.observation_space.shape if team else (len(model.observation_space),)
+        self._actions = [np.array(controller.actions) for controller in self._controllers]
+        self._successors = [
+            np.array([[ENDED if node is None else node for node in row] for row in controller.successors])
+            for controller in self._controllers
+        ]
+        self._nodes = np.empty((len(self._controllers), 0), dtype=np.intp)
+
+    def begin(self, states: Indices, numbers: Vector) -> Indices:  # noqa: ARG002 - nothing is drawn
+        """Return the first actions."""
+        alone = self._controllers[0] if len(self._controllers) == 1 else None
+        if alone is not None and alone.values is not None:  # each begins where it is best by what it knows
+            first, inverse = np.unique(states, return_inverse=True)
+            nodes = np.array([alone.start_node(self._model.belief_at_start(int(state))) for state in first])
+            self._nodes = nodes[None, inverse]
+        else:
+            starts = np.array([controller.start for controller in self._controllers])
+            self._nodes = np.repeat(starts[:, None], len(states), axis=1)
+        return self._at(self._nodes)
+
+    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
+        """Return the next actions."""
+        parts = np.unravel_index(seen, self._seen)
+        for agent, (successors, part) in enumerate(zip(self._successors, parts, strict=True)):
+            self._nodes[agent, episodes] = successors[self._nodes[agent, episodes], part]
+        nodes = self._nodes[:, episodes]
+        return np.where((nodes == ENDED).any(axis=0), ENDED, self._at(nodes))
+
+    def keep(self, which: npt.NDArray[np.bool_]) -> None:
+        """Drop the other episodes' nodes."""
+        self._nodes = self._nodes[:, which]
+
+    def _at(self, nodes: Indices) -> Indices:
+        parts = [actions[row] for actions, row in zip(self._actions, nodes, strict=True)]
+        joint: Indices = np.ravel_multi_index(parts, self._shape)
+        return joint

@@ -1,0 +1,330 @@
+"""The controller: the original's recorded runs without a runtime; snapshots and digests; names; what is refused."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import figures
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from places import EXAMPLES
+from random_models import flat_models
+
+import mdm
+from mdm.controller import Controller
+from mdm.policies import (
+    AlphaVectors,
+    BeliefPolicy,
+    DeterministicPolicy,
+    FiniteStateController,
+    JointController,
+    QTable,
+    RandomPolicy,
+    StagedPolicy,
+    StatePolicy,
+    StochasticPolicy,
+)
+from mdm.problems import dec_tiger, tiger
+
+PLAN = FiniteStateController([0, 1, 2], [[1, 2], [None, None], [None, None]], 3)
+
+
+@pytest.mark.parametrize("problem", ["dec_tiger", "grid_small"])
+def test_the_original_s_recorded_runs(problem):
+    """The actions, epochs, expected rewards and beliefs of the original's live controllers, by plain calls."""
+    start, steps, horizon = figures.recorded(problem)
+    options = {"on_impossible": "keep", "horizon": horizon}
+    controller = Controller(figures.vectors(problem, 0.9), figures.model(problem), **options)
+    found, expected = [(controller.start(), controller.belief)], [(*start, None)]
+    for seen, published in steps:
+        # The original decides twice at its horizon; ours begins an episode with one more stimulus.
+        stimuli = [seen, *[0] * (len(published) - 1)]
+        found += [(controller.observe(observation), controller.belief) for observation in stimuli]
+        expected += published
+    assert len(found) == len(expected)
+    for (step, belief), (action, epoch, reward, theirs) in zip(found, expected, strict=True):
+        assert (step.action, step.epoch) == (action, epoch)
+        assert step.reward == pytest.approx(reward, abs=1e-6)
+        if theirs is not None:
+            np.testing.assert_allclose(belief, theirs, atol=1e-6)
+
+
+def test_names_wherever_indices_go():
+    controller = Controller(EXAMPLES / "tiger.vf", EXAMPLES / "tiger.pomdp")
+    first = controller.start()
+    assert (first.epoch, first.action_name, first.reward, first.probability) == (0, "listen", -1.0, None)
+    step = controller.observe("hear-left")
+    assert (step.epoch, step.action_name, step.probability) == (1, "listen", 0.5)
+    np.testing.assert_allclose(controller.belief, [0.85, 0.15])
+    assert controller.start("tiger-left").action_name == "open-right"
+    controller.begin_from("tiger-right")
+    assert controller.start().action_name == "open-left"
+    states = Controller([1, 0], mdm.models.MDP([np.eye(2)] * 2, np.zeros((2, 2)), discount=0.9, states=["low", "full"]))
+    assert states.see("full").action == 0
+    assert states.start("low").action == 1
+
+
+def test_time_that_passes_moves_the_belief():
+    model = mdm.models.POMDP([[[0.5, 0.5], [0, 1]]], [np.eye(2)], np.zeros((2, 1)), discount=0.9, initial_belief=[1, 0])
+    controller = Controller(AlphaVectors([[0, 0]], [0]), model)
+    controller.start()
+    assert controller.observe(None).probability == 1
+    np.testing.assert_allclose(controller.belief, [0.5, 0.5])
+
+
+@pytest.mark.parametrize(("choice", "belief"), [("predict", [0, 1]), ("keep", [1, 0]), ("reset", [0.5, 0.5])])
+def test_an_impossible_observation(choice, belief):
+    move = [[0, 1], [1, 0]]
+    model = mdm.models.POMDP([move], [np.eye(2)], np.zeros((2, 1)), discount=0.9, observation_names=["dark", "light"])
+    controller = Controller(AlphaVectors([[0, 0]], [0]), model, on_impossible=choice)
+    controller.start([1, 0])
+    step = controller.observe("dark")
+    assert (step.probability, controller.impossible) == (0.0, 1)
+    assert controller.problem == (
+        f"observation 'dark' after action '0' has probability 0 under the model and the belief; "
+        f"on_impossible is {choice!r}"
+    )
+    np.testing.assert_allclose(controller.belief, belief)
+
+
+def test_an_episode_has_its_horizon_and_the_next_begins_anew():
+    controller = Controller(figures.vectors("dec_tiger", 0.9), dec_tiger(), horizon=2)
+    steps = [controller.start(), controller.observe(0), controller.observe(0)]
+    assert [step.epoch for step in steps] == [0, 1, 0]
+    np.testing.assert_allclose(controller.belief, [0.5, 0.5])  # what was observed in between does not count
+    plan = Controller(PLAN)
+    assert [plan.start().action, plan.observe(1).action] == [0, 2]
+    assert plan.over
+    assert plan.observe(0).epoch == 0
+    stages = Controller(StagedPolicy([[[0, 1]], [[1, 0]]]))
+    assert [stages.see(0).action for _ in range(5)] == [1, 0, 1, 0, 1]
+
+
+def test_a_team_s_plan_as_a_whole_and_by_each_agent():
+    team = JointController([PLAN, PLAN])
+    whole, alone = Controller(team), Controller(team, agent=1)
+    assert whole.start().action == 0
+    assert alone.start().action == 0
+    assert whole.observe((1, 0)).action == 2 * 3 + 1
+    assert alone.observe(0).action == 1
+    assert (whole.nodes, alone.nodes) == ((2, 1), (1,))
+
+
+def policies(draw, states, actions, kind):
+    seed = draw(st.integers(0, 99))
+    random = np.random.default_rng(seed)
+    if kind == "state":
+        return draw(
+            st.sampled_from(
+                [
+                    DeterministicPolicy(random.integers(actions, size=states).tolist(), actions),
+                    QTable(random.normal(size=(states, actions))),
+                    StochasticPolicy(random.dirichlet(np.ones(actions), size=states).T, seed=seed),
+                    StagedPolicy(random.normal(size=(3, states, actions))),
+                    RandomPolicy(actions, states, seed=seed, input="state"),
+                ]
+            )
+        )
+    vectors = AlphaVectors(random.normal(size=(5, states)), random.integers(actions, size=5).tolist(), actions)
+    return draw(st.sampled_from([vectors, RandomPolicy(actions, states, seed=seed)]))
+
+
+@given(st.data())
+@settings(max_examples=60)
+def test_any_interleaving_of_steps_snapshots_and_restores(data):
+    """What is restored decides and is digested as what went on, however steps and snapshots alternate."""
+    model = data.draw(flat_models(kinds=("POMDP",)))
+    kind = data.draw(st.sampled_from(["state", "belief"]))
+    policy = policies(data.draw, len(model.state_space), len(model.action_space), kind)
+    one, other = Controller(policy, model), Controller(policy, model)
+    symbols = len(model.state_space) if kind == "state" else len(model.observation_space)
+
+    def step(controller, symbol):
+        found = controller.see(symbol) if kind == "state" else controller.observe(symbol)
+        return found, controller.digest()
+
+    # (A policy without a seed draws what is its own: the second begins where the first does.)
+    other.restore(one.snapshot())
+    marks = []
+    for _ in range(data.draw(st.integers(1, 12))):
+        match data.draw(st.sampled_from(["step", "step", "mark", "back"])):
+            case "step":
+                symbol = data.draw(st.integers(0, symbols - 1))
+                assert step(one, symbol) == step(other, symbol)
+            case "mark":
+                marks.append((one.snapshot(), one.digest()))
+            case "back" if marks:
+                mark, digest = data.draw(st.sampled_from(marks))
+                one.restore(mark)
+                other = Controller(policy, model)
+                other.restore(mark)
+                assert one.digest() == other.digest() == digest
+
+
+PROGRAM = """
+import json, sys
+import mdm
+policy, model, snapshot = sys.argv[1:]
+controller = mdm.Controller(policy, model)
+controller.restore(bytes.fromhex(snapshot))
+found = [(controller.observe(o).action, controller.digest()) for o in (0, 0, 1, None, 1)]
+print(json.dumps(found))
+"""
+
+
+def test_a_snapshot_goes_on_in_another_process():
+    files = str(EXAMPLES / "tiger.vf"), str(EXAMPLES / "tiger.pomdp")
+    controller = Controller(*files)
+    controller.start()
+    controller.observe("hear-left")
+    snapshot = controller.snapshot().hex()
+    here = [[controller.observe(o).action, controller.digest()] for o in (0, 0, 1, None, 1)]
+    there = subprocess.run(
+        [sys.executable, "-c", PROGRAM, *files, snapshot], capture_output=True, text=True, check=True
+    )
+    assert json.loads(there.stdout) == here
+
+
+def test_digests_differ_where_controllers_do():
+    def digest(policy="tiger.vf", model=None, **options):
+        return Controller(EXAMPLES / policy, tiger() if model is None else model, **options).digest()
+
+    seen = [
+        digest(),
+        digest(model=tiger(discount=0.9)),
+        digest(horizon=3),
+        digest(on_impossible="keep"),
+        digest(initial_belief=[0.4, 0.6]),
+        Controller(QTable([[0, 1], [1, 0]])).digest(),
+        Controller(QTable([[0, 1], [1, 0.5]])).digest(),
+    ]
+    assert len(set(seen)) == len(seen)
+    assert digest() == seen[0]
+    moved = Controller(EXAMPLES / "tiger.vf", tiger())
+    moved.start()
+    assert moved.digest() != seen[0]
+
+
+class Halving:
+    """An information state of a user's own, with no more than the protocol asks for."""
+
+    def __init__(self):
+        self.reset()
+
+    def reset(self, belief=None):
+        self.current = np.full(2, 0.5) if belief is None else np.asarray(belief)
+
+    def update(self, action, observation):
+        if observation is not None:
+            self.current = np.eye(2)[observation] * 0.5 + self.current / 2
+        return 1.0
+
+
+def test_a_tracker_of_one_s_own():
+    controller = Controller(EXAMPLES / "tiger.vf", tiger(), tracker=Halving())
+    assert controller.start().reward == -1
+    controller.observe(0)
+    np.testing.assert_allclose(controller.belief, [0.75, 0.25])
+    snapshot = controller.snapshot()
+    again = controller.observe(1)
+    controller.restore(snapshot)
+    assert controller.observe(1) == again
+
+
+class Broken(Halving):
+    def update(self, action, observation):
+        self.current = np.array([np.nan, 1.0])
+        return 1.0
+
+
+def test_no_belief_that_is_none_is_acted_on():
+    controller = Controller(EXAMPLES / "tiger.vf", tiger(), tracker=Broken())
+    controller.start()
+    with pytest.raises(mdm.ModelError, match="the tracker's belief is no distribution"):
+        controller.observe(0)
+
+
+class Minus(StatePolicy):
+    num_states, num_actions = 2, 3
+
+    def action(self, state):
+        return (-1, 1.5)[state]
+
+
+def test_no_action_that_is_none_is_decided():
+    controller = Controller(Minus())
+    with pytest.raises(mdm.ModelError, match="chose action -1, but its actions are 0 to 2"):
+        controller.see(0)
+    with pytest.raises(mdm.ModelError, match="chose 1.5, but an action's index is needed"):
+        controller.see(1)
+
+
+class Cautious(BeliefPolicy):
+    num_states, num_actions = 2, 3
+
+    def action(self, belief):
+        return 0 if belief.max() < 0.9 else 1 + int(belief.argmax() == 0)
+
+
+def test_a_policy_of_one_s_own():
+    controller = Controller(Cautious(), EXAMPLES / "tiger.pomdp")
+    assert [controller.start().action_name, *(controller.observe(0).action_name for _ in range(2))] == [
+        "listen",
+        "listen",
+        "open-right",
+    ]
+
+
+class Half:
+    num_actions = 2
+
+    def action(self, x):
+        return 0
+
+
+@pytest.mark.parametrize(
+    ("policy", "model", "options", "words"),
+    [
+        (Half(), None, {}, "the policy Half has no information: derive it from StatePolicy or BeliefPolicy"),
+        (QTable, None, {}, "not the class QTable: make one of it"),
+        (7, None, {}, "a policy is an object of mdm.policies, the path of a file, a list"),
+        ([0.5, 1.5], None, {}, "a policy is an object of mdm.policies"),
+        (Cautious(), None, {}, "needs the POMDP by which to track the belief, but there is none"),
+        (Cautious(), 7, {}, "a model is an MDP or POMDP, or the path of a file, not 7"),
+        ([0, 1], None, {"horizn": 3}, "there is no option 'horizn'; did you mean 'horizon'?"),
+        ([0, 1], None, {"horizon": 0}, "a horizon is at least 1 decision, not 0"),
+        ([0, 1], None, {"horizon": 2.5}, "a horizon is at least 1 decision, not 2.5"),
+        ([0, 1], None, {"on_impossible": "ignore"}, "on_impossible is 'predict', 'keep', 'reset' or 'safe_action'"),
+        ([0, 1], None, {"tracker": Halving()}, "a tracker is for policies over beliefs"),
+        ([0, 1], None, {"seed": 1}, "a seed is for policies that draw"),
+        ([0, 1], None, {"initial_belief": [0.5, 0.5]}, "it takes no belief"),
+        (PLAN, None, {"rewards": [[0, 0, 0]]}, "a plan knows of no state: give no rewards"),
+        (PLAN, None, {"agent": 0}, "one controller for the whole team"),
+        ([0, 1], None, {"agent": 0}, "decides for the whole team"),
+    ],
+)
+def test_what_does_not_fit_is_refused(policy, model, options, words):
+    with pytest.raises(mdm.ConfigError) as caught:
+        Controller(policy, model, **options)
+    assert words in str(caught.value)
+
+
+def test_what_cannot_be_told_is_refused():
+    states, beliefs = Controller([0, 1]), Controller(EXAMPLES / "tiger.vf", tiger())
+    for call, words in (
+        (lambda: states.observe(0), "decides on states, not on observations"),
+        (states.start, "give the state to start at"),
+        (lambda: states.see(2), "there is no state 2"),
+        (lambda: states.see(-1), "there is no state -1"),
+        (lambda: states.see("full"), "without a model states have no names"),
+        (lambda: beliefs.see(0), "decides on what is observed, not on states"),
+        (lambda: beliefs.start([0.5, 0.6]), "sums to 1.1"),
+        (lambda: beliefs.believe("tiger-lft"), "did you mean 'tiger-left'"),
+        (lambda: beliefs.restore(b"nonsense"), "this is no snapshot of such a controller"),
+    ):
+        with pytest.raises(mdm.ModelError) as caught:
+            call()
+        assert words in str(caught.value)

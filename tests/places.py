@@ -5,6 +5,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
 DATA = ROOT / "tests" / "data"
+MODELS = DATA / "models"
+POLICIES = DATA / "policies"
+TIGER = EXAMPLES / "tiger.pomdp"
+TIGER_VECTORS = EXAMPLES / "tiger.vf"
 CORPUS = ROOT.parent / "shared" / "corpus"
 
 

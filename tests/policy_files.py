@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import places
 import pytest
 
 from mdm import FormatError
 from mdm.formats import policies
 from mdm.models import POMDP
-
-POLICIES = places.DATA / "policies"
-"""Small files of policies, one of each form."""
 
 
 def model_of(num_states=2, num_actions=3, num_observations=2):

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import io
+import json
 import sys
 
 import pytest
+from places import TIGER_VECTORS
 
+from mdm import load_policy, save_policy
 from mdm.cli import main
+from mdm.policies import AlphaVectors
 
 
 @pytest.fixture
@@ -22,3 +26,27 @@ def mdm(capsys, monkeypatch):
         return status, captured.out.splitlines(), captured.err
 
     return call
+
+
+@pytest.fixture
+def facts(mdm):
+    """Run the command with --json; return the object that it printed."""
+
+    def call(*arguments):
+        status, output, errors = mdm(*arguments, "--json")
+        assert (status, errors) == (0, "")
+        return json.loads(output[0])
+
+    return call
+
+
+@pytest.fixture
+def shifted(tmp_path):
+    """Write the tiger's vectors with a number added to all; return the file."""
+
+    def write(by):
+        policy = load_policy(TIGER_VECTORS)
+        save_policy(AlphaVectors(policy.vectors + by, policy.actions), tmp_path / "shifted.npz")
+        return tmp_path / "shifted.npz"
+
+    return write

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import signal
 import sys
@@ -13,10 +12,9 @@ import pytest
 from places import ROOT
 
 from mdm import evaluate, load_model, load_policy
-from mdm.cli.progress import ProgressLine
 from mdm.models import MDP
 from mdm.policies import AlphaVectors
-from mdm.solvers import SOLVERS, Limits, Progress, exact_values
+from mdm.solvers import SOLVERS, Limits, exact_values
 
 TIGER = ROOT / "examples" / "tiger.pomdp"
 LAMP = ROOT / "tests" / "data" / "models" / "lamp.pomdpx"
@@ -199,23 +197,3 @@ def test_fully_observed_factors_are_shown_to_the_policy(mdm, tmp_path):
     assert status == 0
     assert "the agent sees" in errors
     assert json.loads(output[0])["claim_is"] == "not contradicted"
-
-
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
-
-
-def test_progress_is_a_line_on_a_terminal_and_a_few_lines_elsewhere():
-    shown, told = Terminal(), io.StringIO()
-    for stream in (shown, told):
-        line = ProgressLine(stream)
-        for tenth in range(1, 100):
-            line(Progress(tenth / 20, -float("inf"), 7.0, tenth, 3, 10**6))
-        line.end()
-    assert "\n" not in shown.getvalue()
-    assert 20 < shown.getvalue().count("\r") < 60
-    assert shown.getvalue().endswith("\r\x1b[K")
-    lines = told.getvalue().splitlines()
-    assert [line.split()[0] for line in lines] == ["1.0", "2.0", "4.0"]
-    assert "? to 7 " in lines[0]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from policy_files import POLICIES, assert_refused, model_of
+from places import POLICIES
+from policy_files import assert_refused, model_of
 
 from mdm import FormatError
 from mdm.formats import policies

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from policy_files import POLICIES, assert_refused, model_of, pairs
+from places import POLICIES
+from policy_files import assert_refused, model_of, pairs
 
 from mdm.formats import policies
 from mdm.policies import AlphaVectors

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from policy_files import POLICIES, assert_refused, model_of, pairs
+from places import POLICIES
+from policy_files import assert_refused, model_of, pairs
 from random_policies import alpha, assert_same
 
 from mdm.formats import policies

@@ -1,0 +1,118 @@
+"""`mdm check`: all problems at once, and what is odd."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from places import EXAMPLES, MODELS, POLICIES, TIGER
+
+from mdm import save_policy
+from mdm.policies import AlphaVectors
+
+
+def test_check_notes_what_an_ensemble_waits_for(mdm, tmp_path):
+    (tmp_path / "robot.toml").write_text(
+        "[ensembles.robot]\npolicy = [0, 1]\n[ensembles.robot.actions]\nX = 'builtins:print'\nY = 'builtins:print'\n"
+    )
+    status, lines, _ = mdm("check", tmp_path / "robot.toml")
+    assert status == 0
+    assert "note: ensemble 'robot' has no states: it waits for code that publishes what it decides on" in lines[0]
+    assert mdm("check", EXAMPLES / "patrol" / "patrol.toml")[1][0].endswith("no problems found")
+
+
+@pytest.mark.parametrize("file", ["tiger.pomdp", "tiger.vf", "tiger.toml", "patrol/patrol.toml", "patrol/top.policy"])
+def test_check_accepts_the_examples(mdm, file):
+    status, output, errors = mdm("check", EXAMPLES / file)
+    assert (status, errors) == (0, "")
+    assert output[-1].endswith("no problems found")
+
+
+def test_check_tells_all_problems(mdm, tmp_path):
+    text = (EXAMPLES / "tiger.toml").read_text()
+    path = tmp_path / "tiger.toml"
+    path.write_text(text.replace('"HearLeft"', '"HearLft"').replace("drive", "drve"))
+    status, _, errors = mdm("check", path)
+    assert status == 1
+    assert len(errors.splitlines()) >= 1
+    assert "drve" in errors
+
+
+BROKEN = """discount: 0.9
+values: reward
+states: a b c lost
+actions: go stay wait
+observations: x y never
+start: 0.5 0.4 0 0
+T: go : a : b 0.9
+T: go : b : a 1
+T: go : c : c -0.5
+T: go : lost : lost 1
+T: stay
+identity
+O: *
+0.5 0.5 0
+0.5 0.5 0
+0.5 0.6 0
+0.5 0.5 0
+R: go : nowhere : * : * 5
+"""
+
+
+def test_check_tells_all_problems_of_a_model_at_once(mdm, tmp_path):
+    path = tmp_path / "broken.pomdp"
+    path.write_text(BROKEN)
+    status, output, errors = mdm("check", path)
+    assert status == 1
+    assert not output
+    for words in (
+        "broken.pomdp:9:15: -0.5 is no probability",
+        "broken.pomdp:18:9: 'nowhere'",
+        "no 'T' statement is given for action 'wait'",
+        "the start sums to 0.9",
+        "T of action 'go': the row of 'a' sums to 0.9, not to 1",
+        "T of action 'go': the row of 'c' sums to 0, not to 1",
+        "O of action 'go': the row of 'c' sums to 1.1, not to 1",
+    ):
+        assert words in errors
+    assert "broken.pomdp: 7 problems found" in errors
+    status, output, _ = mdm("check", path, "--json")
+    report = json.loads(output[0])
+    assert status == 1
+    assert len(report["problems"]) >= 7
+    assert all(str(path) in problem for problem in report["problems"])
+
+
+def test_check_normalizes_on_demand_and_notes_what_is_odd(mdm):
+    path = MODELS / "odd.pomdp"
+    status, _, errors = mdm("check", path)
+    assert status == 1
+    assert errors.count("\n") == 1
+    assert "T of action 'go': the row of 'a' sums to 0.95, not to 1" in errors
+    status, output, errors = mdm("check", "--normalize", path)
+    assert (status, errors) == (0, "")
+    text = "\n".join(output)
+    for words in (
+        "sums to 0.95, not to 1; normalised",
+        "1 of 4 states ('lost') cannot be reached",
+        "1 of 4 states ('sink') are never left",
+        "1 of 2 actions ('stay') never change",
+        "1 of 3 observations ('never') can never occur",
+    ):
+        assert words in text
+    assert output[-1].endswith("a model (POMDP), no problems found")
+
+
+def test_check_of_policies(mdm, tmp_path):
+    status, output, _ = mdm("check", POLICIES / "tiger.alpha")
+    assert status == 0
+    assert "a policy (alpha vectors)" in output[-1]
+    save_policy(AlphaVectors([[1.0, 2.0, 3.0]], [1], 3), tmp_path / "other.vf")
+    status, output, _ = mdm("check", tmp_path / "other.vf")
+    assert any("actions 0 are never chosen" in line for line in output)
+    status, _, errors = mdm("check", "--model", TIGER, tmp_path / "other.vf")
+    assert status == 1
+    assert "3 states" in errors
+    status, _, errors = mdm("check", "--model", TIGER, TIGER)
+    assert status == 2
+    assert "holds a model itself" in errors

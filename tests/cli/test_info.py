@@ -1,0 +1,41 @@
+"""`mdm info`: what a file holds, in words and as JSON."""
+
+from __future__ import annotations
+
+import json
+
+from places import EXAMPLES, TIGER
+
+from mdm import load_model, save_model
+
+
+def test_info(mdm):
+    status, output, _ = mdm("info", EXAMPLES / "tiger.pomdp", "--json")
+    facts = json.loads(output[0])
+    assert status == 0
+    assert {key: facts[key] for key in ("kind", "agents", "states", "actions", "observations", "discount")} == {
+        "kind": "POMDP",
+        "agents": 1,
+        "states": 2,
+        "actions": 3,
+        "observations": 2,
+        "discount": 0.95,
+    }
+    assert facts["actions_per_agent"] == [3]
+    assert facts["observations_per_agent"] == [2]
+    assert facts["state_factors"] == [{"name": "state", "size": 2}]
+    assert facts["event_observations"] is False
+    assert json.loads(mdm("info", EXAMPLES / "tiger.vf", "--json")[1][0])["form"] == "alpha vectors"
+    assert mdm("info", EXAMPLES / "patrol" / "patrol.toml")[1][1].strip().startswith("Patrol: patrol (POMDP, 12 states")
+    system = json.loads(mdm("info", EXAMPLES / "patrol" / "patrol.toml", "--json")[1][0])
+    assert system["ensembles"][0]["actions"]["Patrol"]["model"]["states"] == 12
+    assert any("discount" in line for line in mdm("info", EXAMPLES / "tiger.pomdp")[1])
+
+
+def test_info_tells_the_false_negative(mdm, tmp_path):
+    save_model(load_model(TIGER).with_false_negatives("hear-right"), tmp_path / "tiger.npz")
+    told = [json.loads(mdm("info", file, "--json")[1][0])["false_negative"] for file in (TIGER, tmp_path / "tiger.npz")]
+    assert told == [None, "hear-right"]
+    status, _, errors = mdm("convert", tmp_path / "tiger.npz", tmp_path / "tiger.pomdp")
+    assert (status, len(errors.splitlines())) == (1, 1)
+    assert ".pomdp files cannot say which observation is a false negative" in errors

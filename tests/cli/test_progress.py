@@ -1,0 +1,44 @@
+"""How far a solver has come, on a terminal and elsewhere."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+
+from mdm.cli.progress import ProgressLine, bound
+from mdm.solvers import Progress
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_progress_is_a_line_on_a_terminal_and_a_few_lines_elsewhere():
+    shown, told = Terminal(), io.StringIO()
+    for stream in (shown, told):
+        line = ProgressLine(stream)
+        for tenth in range(1, 100):
+            line(Progress(tenth / 20, -float("inf"), 7.0, tenth, 3, 10**6))
+        line.end()
+    assert "\n" not in shown.getvalue()
+    assert 20 < shown.getvalue().count("\r") < 60
+    assert shown.getvalue().endswith("\r\x1b[K")
+    lines = told.getvalue().splitlines()
+    assert [line.split()[0] for line in lines] == ["1.0", "2.0", "4.0"]
+    assert "? to 7 " in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(19.37129999, "19.3713"), (-0.0001, "-0.0001"), (float("inf"), "?"), (float("nan"), "?")]
+)
+def test_a_bound_that_nothing_is_known_of_is_a_question_mark(value, text):
+    assert bound(value) == text
+
+
+def test_without_standard_error_nothing_is_shown(monkeypatch):
+    monkeypatch.setattr("sys.stderr", None)
+    line = ProgressLine()
+    line(Progress(5.0, 1.0, 2.0, 3, 4, 10**6))
+    line.end()

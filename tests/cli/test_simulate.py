@@ -1,0 +1,38 @@
+"""`mdm simulate`: returns, their errors, and what is refused."""
+
+from __future__ import annotations
+
+import json
+
+from places import DATA, EXAMPLES
+
+TIGER = ["--model", str(EXAMPLES / "tiger.pomdp"), "--policy", str(EXAMPLES / "tiger.vf")]
+
+
+def test_simulate(mdm):
+    arguments = ("simulate", *TIGER, "--episodes", "300", "--seed", "2", "--json")
+    status, output, _ = mdm(*arguments)
+    result = json.loads(output[0])
+    assert status == 0
+    assert abs(result["mean"] - 19.3713) < 4 * result["standard_error"]  # the corpus' optimum
+    assert mdm(*arguments)[1] == output
+    assert mdm("simulate", EXAMPLES / "patrol" / "patrol.toml", "--ensemble", "patrol", "--episodes", "5")[0] == 0
+    assert "no ensemble 'x'" in mdm("simulate", EXAMPLES / "tiger.toml", "--ensemble", "x")[2]
+    assert mdm("simulate", *TIGER, "--steps", "0")[0] == 2
+    assert mdm("simulate")[0] == 1
+
+
+def test_simulate_of_events_with_false_negatives(mdm):
+    """Ends are told; a false negative leads to no decision, and to no end of the loop."""
+    data = DATA
+    arguments = ["--model", data / "models" / "guard.pgmx", "--policy", data / "policies" / "guard.vf"]
+    status, output, _ = mdm("simulate", *arguments, "--episodes", "3", "--discount", "0.5", "--seed", "1", "--json")
+    assert status == 0
+    assert json.loads(output[0])["steps"] == 14
+    missing = ["--false-negative", "nothing", "--discount", "0.5", "--seed", "1", "--json"]
+    status, output, _ = mdm("simulate", *arguments, "--episodes", "3", *missing)
+    assert status == 0
+    assert json.loads(output[0])["mean"] < 0
+    status, _, errors = mdm("simulate", EXAMPLES / "tiger.toml", "--discount", "0.5")
+    assert status == 1
+    assert "a TOML file says these itself" in errors

@@ -6,17 +6,20 @@ policy's answer comes later, as a search's does, the layer asks its planner and 
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
 
 import msgspec
+import numpy as np
 
 from mdm.actors.drive import Drive, FixedRate, OnEvent, drive_of
 from mdm.actors.layer import Layer
 from mdm.actors.planner import Planner
 from mdm.beliefs import Support
-from mdm.controller import Controller, ControllerOptions, check_options
+from mdm.controller import Controller
 from mdm.errors import ConfigError, Error, ModelError
 from mdm.messages import Action, Answer, Belief, Control, Decision, Fault, Observation, Question, Reward, State, Tick
+from mdm.options import ControllerOptions, check_options
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 
 if TYPE_CHECKING:
@@ -110,7 +113,7 @@ class ControlLayer(Layer):
         self.superseded = 0
         self.undecided = 0
         self.action_names: Sequence[str] = (
-            () if self.controller.action_space is None else self.controller.action_space.names
+            () if self.controller.symbols.action_space is None else self.controller.symbols.action_space.names
         )
         self._takes_states = self.controller.takes == "state"
         self._deadline_ns = None if self.deadline is None else round(self.deadline * 1e9)
@@ -118,6 +121,7 @@ class ControlLayer(Layer):
         self._latencies = Latencies()
         self._record = self._latencies.record
         self._see = self.controller.see
+        self._last_epoch = sys.maxsize if self.controller.horizon is None else self.controller.horizon
         self._state: int | None = None
         self._observation: Observation | None = None
         self._last_observation: Observed = None
@@ -138,7 +142,7 @@ class ControlLayer(Layer):
             return "predict"
         if self.on_no_observation == "repeat":
             return "repeat"
-        space = self.controller.observation_space
+        space = self.controller.symbols.observation_space
         if space is None:
             raise ConfigError(
                 f"on_no_observation names {self.on_no_observation!r}, but there is no model with observations",
@@ -243,9 +247,21 @@ class ControlLayer(Layer):
     # -- Stimuli -------------------------------------------------------------------------------------------------
 
     def _on_state(self, state: State) -> None:
+        # Hot path, as all that a state leads to up to the action's message.
         index = self._state = state.index
-        if index is not None and self.running and self._event_driven:
-            self._decide(state.time, "episode" if self.controller.over else "state", state=index)
+        if index is None or not self.running or not self._event_driven:
+            return
+        controller = self.controller
+        cause = "episode" if controller.epoch >= self._last_epoch else "state"
+        if self.planner is not None:
+            self._decide(state.time, cause, state=index)
+            return
+        try:
+            step = self._see(index)
+        except ModelError as error:
+            self._safety.publish(Fault(state.time, self.path, "state", str(error)))
+        else:
+            self._publish(step, state.time, cause, None, index)
 
     def _on_observation(self, observation: Observation) -> None:
         if not self.running:
@@ -254,7 +270,7 @@ class ControlLayer(Layer):
             if self._observation is not None:
                 self.superseded += 1
             self._observation = observation
-        elif self.controller.over:
+        elif self.controller.epoch and self.controller.over:
             self._begin_episode()
             self._decide(observation.time, "episode")
         else:
@@ -315,8 +331,8 @@ class ControlLayer(Layer):
             What was taken in; None where nothing was.
         """
         controller = self.controller
-        if controller.given:  # a belief from outside, which counts in place of what is observed
-            return None
+        if controller.given:
+            observation = None
         try:
             controller.advance(observation)
         except (ModelError, TypeError) as error:
@@ -347,7 +363,7 @@ class ControlLayer(Layer):
         if state is not None:
             if controller.over:
                 self._begin_episode()
-            controller.advance(controller.state_index(state))
+            controller.advance(controller.symbols.state_index(state))
         self._question += 1
         self._open = (time, cause, observation, state)
         self._questions.publish(
@@ -385,15 +401,17 @@ class ControlLayer(Layer):
 
     def _publish_belief(self, time: int) -> None:
         """Publish the belief, if one is tracked; of a belief by its support an array is made only for somebody."""
-        current = self.controller.information.current
-        if isinstance(current, Support) and not self._beliefs.heard:
-            size = self.controller.num_states
+        current = self.controller.decided_by
+        if current.__class__ is np.ndarray:
+            self._beliefs.emit(Belief(time, current))
+        elif isinstance(current, Support) and not self._beliefs.heard:
+            size = self.controller.symbols.num_states
             assert size is not None
             self._beliefs.emit_later(time, lambda: Belief(time, current.dense(size)))
-            return
-        belief = self.controller.belief
-        if belief is not None:
-            self._beliefs.emit(Belief(time, belief))
+        else:
+            belief = self.controller.belief
+            if belief is not None:
+                self._beliefs.emit(Belief(time, belief))
 
     def _late(self, latency: int, time: int) -> bool:
         """Report a missed deadline; return whether the safe action runs in place of what was decided."""

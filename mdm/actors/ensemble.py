@@ -13,9 +13,9 @@ from mdm.actors.drive import FixedRate
 from mdm.actors.layer import Layer
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
 from mdm.actors.state_layer import StateFactor, StateLayer
-from mdm.controller import agent_index
 from mdm.errors import ConfigError
 from mdm.messages import Belief, Control, Fault, Observation, PredicateUpdate, State
+from mdm.symbols import agent_index
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -90,7 +90,7 @@ class Ensemble(Layer):
             self.action = ActionLayer(
                 names, actions, component=component, predicates=predicates, safe_action=safe_action
             )
-            if controller.action_space is None:
+            if controller.symbols.action_space is None:
                 self.control.action_names = names
             self.control.has_safe_action = self.action.safe is not None
             if controller.on_impossible == "safe_action" and self.action.safe is None:
@@ -105,7 +105,7 @@ class Ensemble(Layer):
             )
         if observations:
             self.observation = ObservationLayer(
-                observations, self._manager("observations"), space=controller.observation_space
+                observations, self._manager("observations"), space=controller.symbols.observation_space
             )
         self.subensembles = tuple(
             {id(b.ensemble): b.ensemble for b in self.action.bindings if b.ensemble is not None}.values()
@@ -139,7 +139,7 @@ class Ensemble(Layer):
             product = 1
             for factor in self.state.factors:
                 product *= factor.size
-            expected = self.controller.num_states
+            expected = self.controller.symbols.num_states
             if (
                 expected is not None
                 and product != expected
@@ -188,7 +188,7 @@ class Ensemble(Layer):
         Raises:
             ModelError: If there is no such state.
         """
-        index = self.controller.state_index(state)
+        index = self.controller.symbols.state_index(state)
         self.channel("state", State, retain=True).publish(State(self.runtime.clock.now(), index, (index,)))
 
     def publish_observation(self, observation: Symbol | Sequence[str | int | None]) -> None:
@@ -200,7 +200,7 @@ class Ensemble(Layer):
         Raises:
             ModelError: If there is no such observation.
         """
-        index, values = self.controller.observed(observation)
+        index, values = self.controller.symbols.observed(observation)
         mask = tuple(value is not None for value in values)
         now = self.runtime.clock.now()
         self.channel("observation", Observation).publish(Observation(now, index, values, mask))
@@ -222,7 +222,7 @@ class Ensemble(Layer):
         self.channel("initial_belief", Belief, retain=True).publish(self._belief(belief))
 
     def _belief(self, belief: npt.ArrayLike | str) -> Belief:
-        given = self.controller.belief_of(belief) if isinstance(belief, str | int) else belief
+        given = self.controller.symbols.belief_of(belief) if isinstance(belief, str | int) else belief
         return Belief(self.runtime.clock.now(), np.array(given, dtype=np.float64))
 
     # -- Deciding ------------------------------------------------------------------------------------------------
@@ -345,7 +345,7 @@ def _agent_actions(
     control: ControlLayer, actions: Mapping[Any, Any], agent: int | str
 ) -> tuple[tuple[str, ...], Callable[[int], int] | None]:
     """Return the names of one agent's actions, and how to find its component of what is decided."""
-    space, count = control.controller.action_space, control.controller.policy.num_actions
+    space, count = control.controller.symbols.action_space, control.controller.policy.num_actions
     if space is None:
         if actions and all(isinstance(key, str) for key in actions):
             if len(actions) != count:

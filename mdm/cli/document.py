@@ -127,7 +127,7 @@ def _ensemble(ensemble: Any) -> dict[str, Any]:
         "name": ensemble.name,
         "summary": ensemble.summary(),
         "policy": getattr(controller.policy, "form", type(controller.policy).__name__),
-        "states": controller.num_states,
+        "states": controller.symbols.num_states,
         "actions": {
             name: None if binding.ensemble is None else _ensemble(binding.ensemble)
             for name, binding in zip(ensemble.action.names, ensemble.action.bindings, strict=True)

@@ -80,17 +80,17 @@ def _state(ensemble: Ensemble, given: Any) -> tuple[int, tuple[int, ...]]:
     controller = ensemble.controller
     if controller.takes != "state":
         raise Error("the policy decides on what is observed: give an observation or a belief, not a state")
-    index = controller.state_index(given)
+    index = controller.symbols.state_index(given)
     return index, (index,) if controller.model is None else controller.model.state_space.unravel(index)
 
 
 def _observation(ensemble: Ensemble, given: Any) -> tuple[int | None, tuple[int | None, ...], tuple[bool, ...]]:
-    index, values = ensemble.controller.observed(given)
+    index, values = ensemble.controller.symbols.observed(given)
     return index, values, tuple(value is not None for value in values)
 
 
 def _check_belief(ensemble: Ensemble, given: list[float]) -> None:
-    size = ensemble.controller.num_states
+    size = ensemble.controller.symbols.num_states
     if ensemble.controller.takes == "state":
         raise Error("the policy decides on states: give a state, not a belief")
     if size is None:

@@ -11,7 +11,7 @@ from mdm.errors import ConfigError, ModelError
 from mdm.models import POMDP
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -170,9 +170,11 @@ class StatePolicy(Kind):
     Attributes:
         num_states: S.
         num_actions: A.
+        table: The action per state, a list, where the policy is no more than that; None for others.
     """
 
     input: Literal["state"] = "state"
+    table: Sequence[int] | None = None
     num_states: int
 
     def information(self, model: MDP | None) -> Information:  # noqa: ARG002 - the state is seen

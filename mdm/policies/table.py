@@ -57,6 +57,8 @@ class DeterministicPolicy(_Table):
 
     def __init__(self, actions: Iterable[int], num_actions: int | None = None) -> None:
         self._actions: list[int] = []
+        if type(self).action is DeterministicPolicy.action:  # else a subclass has a say in it
+            self.table = self._actions
         for state, action in enumerate(actions):
             if not isinstance(action, SupportsIndex):
                 raise ModelError(f"the policy's entry for state {state} is {action!r}, but an action's index is needed")
@@ -185,6 +187,8 @@ class QTable(_Table):
         self.values = table
         self.num_states, self.num_actions = table.shape
         self._actions: list[int] = table.argmax(axis=1).tolist()
+        if type(self).action is QTable.action:  # else a subclass has a say in it
+            self.table = self._actions
 
     def action(self, state: int) -> int:
         """Return the best action in a state."""

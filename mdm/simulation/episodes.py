@@ -162,7 +162,7 @@ class Single:
             step = controller.start(state)
         else:
             assert isinstance(model, POMDP)
-            knows = controller.num_states is not None  # a plan may know nothing of states
+            knows = controller.symbols.num_states is not None  # a plan may know nothing of states
             step = controller.start(model.belief_at_start(state) if knows else None)
         decided = True
         while not self._ended[state] and waited < _LONGEST:

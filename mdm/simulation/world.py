@@ -74,7 +74,7 @@ class World(Actor):
         self.steps = ensemble.controller.horizon if steps is None else steps
         # A controller that has nothing to do with states has no use for a belief.
         self._belief_at_start: Callable[[int], Vector] | None = None
-        if isinstance(given, MixedPOMDP) and ensemble.controller.num_states is not None:
+        if isinstance(given, MixedPOMDP) and ensemble.controller.symbols.num_states is not None:
             self._belief_at_start = given.belief_at_start
         self._false_negative = None if ensemble.controller.takes == "state" else given.false_negative
         self._waits = not isinstance(ensemble.control.drive, FixedRate)

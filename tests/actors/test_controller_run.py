@@ -110,7 +110,7 @@ def test_an_observation_without_an_edge_is_impossible(choice, after):
     )
     assert decisions[-1] == (2, "observation", 1, after)
     assert [(fault.kind, fault.source) for fault in faults] == [("impossible_observation", "robot/control")]
-    assert "observation '1' after action 1 has no edge at the nodes (1,)" in faults[0].detail
+    assert "observation '1' after action '1' has no edge at the nodes (1,)" in faults[0].detail
     assert len(safe) == 1 + (choice == "safe_action")  # it runs when the runtime ends, too
 
 

@@ -1,0 +1,161 @@
+"""The symbols that a decision process speaks in: states, observations and actions by index, name or components."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from mdm.beliefs import Support
+from mdm.errors import ConfigError, ModelError
+from mdm.models import Factor, Space
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mdm.models import MDP
+    from mdm.models.matrices import Vector
+    from mdm.models.space import Symbol
+
+__all__ = ["Symbols", "agent_index"]
+
+
+class Symbols:
+    """What a policy's symbols are called: for a whole team, or for the one agent whose part of a plan is run.
+
+    Args:
+        policy: The policy.
+        model: The model that names them; None where nothing does.
+        agent: The agent, by index or name; None for the whole team.
+
+    Raises:
+        ConfigError: If there is no such agent, or the policy has no part that is an agent's own.
+
+    Attributes:
+        policy: The policy, or the agent's own part of it.
+        action_space, observation_space: The symbols; None where nothing names or counts them.
+        takes: What the policy is told: ``state`` or ``observation``.
+        num_states: S; None where states are not known.
+    """
+
+    takes: Literal["state", "observation"] = "observation"
+
+    def __init__(self, policy: Any, model: MDP | None, agent: int | str | None) -> None:
+        self.policy = policy
+        self._states: Space | None = None if model is None else model.state_space
+        self.action_space: Space | None = None if model is None else model.action_space
+        self.observation_space: Space | None = getattr(model, "observation_space", None)
+        self._take_part(agent)
+        self.num_states: int | None = getattr(self.policy, "num_states", None)
+        self.known_names: dict[int, str] = {}
+        """Names of actions that were asked for; joint names are made once."""
+
+    def _take_part(self, agent: int | str | None) -> None:
+        """Take the symbols of the whole team, or the part of the one agent whose plan is run."""
+        policy = self.policy
+        plans = getattr(policy, "controllers", None)
+        if plans is not None and self.observation_space is None:
+            self.observation_space = Space(
+                Factor(f"agent{index}", each.num_observations) for index, each in enumerate(plans)
+            )
+        if agent is None:
+            return
+        if plans is None:
+            raise ConfigError(
+                "the policy decides for the whole team: only a controller per agent can be run by one agent alone",
+                key="local",
+            )
+        if not hasattr(policy, "num_agents"):
+            raise ConfigError("the policy is one controller for the whole team, not one for each agent", key="local")
+        space = self.action_space
+        own = agent_index(agent, [] if space is None else [factor.name for factor in space.factors], len(plans))
+        self.policy = plans[own]
+        assert self.observation_space is not None
+        self.observation_space = Space([self.observation_space.factors[own]])
+        self.action_space = None if space is None else Space([space.factors[own]])
+
+    def state_index(self, state: Symbol) -> int:
+        """Return the index of a state, given by index or name.
+
+        Raises:
+            ModelError: If there is no such state.
+        """
+        if self._states is not None:
+            return self._states.index(state)
+        count = self.num_states
+        if isinstance(state, str):
+            raise ModelError(f"without a model states have no names: give the index of {state!r}")
+        index = int(state)  # type: ignore[arg-type]
+        if count is not None and not 0 <= index < count:
+            raise ModelError(f"there is no state {index}; the policy is for {count} states, which count from 0")
+        return index
+
+    def observed(self, observation: Any) -> tuple[int | None, tuple[int | None, ...]]:
+        """Return an observation, given by index, name or components, as its index and its components' indices.
+
+        The index is None where a component is missing.
+
+        Raises:
+            ModelError: If there is no such observation, or the policy decides on states.
+        """
+        if self.takes == "state":
+            raise ModelError("the policy decides on states, not on observations: give a state")
+        space = self.observation_space
+        if space is None:
+            raise ModelError("there is no model that has observations")
+        if isinstance(observation, list | tuple) and None in observation:
+            if len(observation) != len(space.factors):
+                raise ModelError(f"an observation has {len(space.factors)} components, not {len(observation)}")
+            pairs = zip(space.factors, observation, strict=True)
+            return None, tuple(None if word is None else factor.index(word) for factor, word in pairs)
+        index = space.index(observation)
+        return index, space.unravel(index)
+
+    def belief_of(self, given: Any) -> Vector:
+        """Return a belief: an array is one; a state's name or index is certainty of it.
+
+        Raises:
+            ModelError: If there is no such state, or no beliefs are of use here.
+        """
+        if self.takes == "state":
+            raise ModelError("the policy decides on states that it sees: it takes no belief")
+        if isinstance(given, str | int | np.integer):
+            if self.num_states is None:
+                raise ModelError("the policy goes by observations, and its nodes have no known values: give no belief")
+            certain: Vector = np.zeros(self.num_states)
+            certain[self.state_index(given)] = 1
+            return certain
+        belief: Any = given if isinstance(given, Support) else np.asarray(given, dtype=np.float64)
+        return belief  # type: ignore[no-any-return]
+
+    def action_name(self, action: int) -> str:
+        """Return an action's name; its index where it has none. Joint names are made once."""
+        name = self.known_names.get(action)
+        if name is None:
+            name = self.known_names[action] = (
+                str(action) if self.action_space is None else self.action_space.names[action]
+            )
+        return name
+
+    def observation_name(self, observation: Any) -> str:
+        """Return an observation's name, in quotes; the index or components where it has none."""
+        space = self.observation_space
+        if space is None or not isinstance(observation, int) or not 0 <= observation < len(space):
+            return repr(observation)
+        return repr(space.names[observation])
+
+
+def agent_index(agent: int | str, names: Sequence[str], count: int) -> int:
+    """Return which of a team's agents one is, given by index or by name.
+
+    Raises:
+        ConfigError: If there is no such agent.
+    """
+    if isinstance(agent, str):
+        if agent not in names:
+            known = f"the agents are {', '.join(names)}" if names else "without a model agents go by their index"
+            raise ConfigError(f"there is no agent {agent!r}; {known}", key="agent")
+        return list(names).index(agent)
+    if not 0 <= agent < count:
+        raise ConfigError(f"there is no agent {agent}; the model has {count}, from 0 on", key="agent")
+    return agent

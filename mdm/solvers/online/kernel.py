@@ -204,7 +204,7 @@ def _expand(
     count = entries = 0
     for row in rows:
         for place in range(observations.starts[row], observations.starts[row + 1]):
-            seen = observations.symbols[place]
+            seen = observations.columns[place]
             if tree.tally[seen] == 0:
                 tree.possible[count] = seen
                 count += 1
@@ -222,9 +222,9 @@ def _expand(
         return False
     for at, row in enumerate(rows):
         for place in range(observations.starts[row], observations.starts[row + 1]):
-            seen = observations.symbols[place]
+            seen = observations.columns[place]
             tree.states[tree.tally[seen]] = after[at]
-            tree.weights[tree.tally[seen]] = mass[at] * observations.chances[place]
+            tree.weights[tree.tally[seen]] = mass[at] * observations.values[place]
             tree.tally[seen] += 1
     start = tree.sizes[1]
     tree.children[node, action, 0] = tree.sizes[0]
@@ -248,17 +248,19 @@ def _following(tables: SearchTables, tree: SearchTree, node: int, action: int) -
     room = 0
     for at in range(begin, end):
         row = transitions.first[action] + tree.states[at]
-        room += transitions.starts[row + 1] - transitions.starts[row]
+        room += int(transitions.starts[row + 1] - transitions.starts[row])
     after, mass, rows = np.empty(room, dtype=np.int64), np.empty(room), np.empty(room, dtype=np.int64)
+    # Rows of events are those of T's entries, counted from the action's first.
+    shift = observations.first[action] - int(transitions.starts[transitions.first[action]])
     length, gain = 0, 0.0
     for at in range(begin, end):
         state, weight = tree.states[at], tree.weights[at]
         gain += weight * tables.rewards[state, action]
         row = transitions.first[action] + state
         for entry in range(transitions.starts[row], transitions.starts[row + 1]):
-            following, part = transitions.symbols[entry], weight * transitions.chances[entry]
-            if tables.by_entry:
-                after[length], mass[length], rows[length] = following, part, entry
+            following, part = transitions.columns[entry], weight * transitions.values[entry]
+            if tables.by_transition:
+                after[length], mass[length], rows[length] = following, part, shift + int(entry)
                 length += 1
             elif tree.place[following] >= 0:
                 mass[tree.place[following]] += part

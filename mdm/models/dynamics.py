@@ -101,6 +101,18 @@ class Joint(NamedTuple):
     states: Indices
     observations: Indices
 
+    def only(self, which: npt.NDArray[np.bool_]) -> Joint:
+        """Return some of the pairs, given as a mask over them."""
+        return Joint(self.rows[np.flatnonzero(which)], self.states[which], self.observations[which])
+
+    def summed(self) -> Matrix:
+        """Return the sum over the observations, S x S', in CSR."""
+        size = self.rows.shape[1]
+        starts = self.rows.indptr[np.searchsorted(self.states, np.arange(size + 1))]
+        result = csr((self.rows.data, self.rows.indices, starts), (size, size))
+        result.sum_duplicates()
+        return result
+
 
 class Dynamics:
     """T, O and R of a model.
@@ -121,7 +133,8 @@ class Dynamics:
         self.discount = model.discount
         self.rewards: Vector = np.ascontiguousarray(self.model.rewards)
         """R(s, a): S x A."""
-        self.num_states, self.num_actions = self.rewards.shape
+        self.num_states: int = len(self.rewards)
+        self.num_actions: int = self.rewards.shape[1]
         self.num_observations = len(model.observation_space) if isinstance(model, POMDP) else 0
         """How many observations there are; 0 of an MDP."""
         self.by_transition = isinstance(model, POMDP) and model.event_observations
@@ -163,7 +176,7 @@ class Dynamics:
     def entries(self) -> int:
         """How many numbers a sweep over all states and actions reads."""
         if self.is_dense:
-            return int(self.num_actions * self.num_states**2)
+            return self.num_actions * self.num_states * self.num_states
         starts, first = self.transitions.starts, self.transitions.first
         lengths: list[int] = (starts[first + self.num_states] - starts[first]).tolist()
         return sum(lengths)

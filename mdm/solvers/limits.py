@@ -101,6 +101,10 @@ class Limits:
         """How many seconds it has left; below 0 where they are used up or it was interrupted."""
         return -1.0 if self._interrupted else self._time - self.seconds
 
+    def leaves(self, share: float) -> bool:
+        """Return whether more than a share of the time is left, for what may take no longer than the rest."""
+        return self.remaining > share * self._time if self._time < float("inf") else self.remaining > 0
+
     @property
     def room(self) -> int:
         """How many more bytes the process may hold, at least 0."""

@@ -16,20 +16,14 @@ import numpy as np
 from mdm.models.detection import check_no_false_negatives
 from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors
+from mdm.solvers.bounds import known_states
 from mdm.solvers.limits import Limits
-from mdm.solvers.mdp.policy_iteration import steps
-from mdm.solvers.mdp.rounds import rounding, rounds, sweeping
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from mdm.models import MDP
-    from mdm.models.matrices import Vector
     from mdm.solvers.solution import Solution
 
-__all__ = ["known_state", "qmdp"]
-
-_EACH = 15
+__all__ = ["qmdp"]
 
 
 def qmdp(model: MDP, *, limits: Limits | None = None) -> Solution:
@@ -51,7 +45,7 @@ def qmdp(model: MDP, *, limits: Limits | None = None) -> Solution:
     with Limits() if limits is None else limits as run:
         dynamics = Dynamics(model)
         belief = model.initial_belief
-        for iterations, (table, bounds) in enumerate(known_state(dynamics, run.gap), 1):
+        for iterations, (table, bounds) in enumerate(known_states(dynamics, run.gap), 1):
             upper = float((belief @ table).max()) if bounds else np.inf
             if run.ends(-np.inf, upper, iterations=iterations, size=dynamics.num_actions):
                 break
@@ -65,20 +59,3 @@ def qmdp(model: MDP, *, limits: Limits | None = None) -> Solution:
             iterations=iterations,
             size=dynamics.num_actions,
         )
-
-
-def known_state(dynamics: Dynamics, gap: float) -> Iterator[tuple[Vector, bool]]:
-    """Yield values of actions in known states, S x A, ever nearer to the optimal ones, and whether they bound them.
-
-    Args:
-        dynamics: The model.
-        gap: The last are so near; those of a discount of 1 are exact.
-    """
-    if dynamics.discount == 1:
-        for step in steps(dynamics):
-            yield step.table, step.stable
-        return
-    for now in rounds(dynamics, sweeping(dynamics, gap, _EACH)):
-        yield dynamics.q_values(now.values) + now.above, True
-        if now.above - now.below <= max(gap, rounding(dynamics, now)):
-            return

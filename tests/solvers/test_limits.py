@@ -95,3 +95,18 @@ def test_limits_below_zero_and_bounds_that_are_no_numbers_are_refused():
         Limits(gap=float("nan"))
     with pytest.raises(ModelError, match="no number"):
         Limits().ends(float("nan"), 1, iterations=1, size=1)
+
+
+def test_a_share_of_the_time_is_left():
+    limits = Limits(time=10, clock=ticking())
+    with limits:
+        left = [limits.leaves(0.5) for _ in range(10)]
+        limits.interrupt()
+        assert not limits.leaves(0.0)
+    assert left == [True] * left.count(True) + [False] * left.count(False)
+    assert 3 <= left.count(True) <= 5
+    endless = Limits()
+    with endless:
+        assert endless.leaves(0.9)
+        endless.interrupt()
+        assert not endless.leaves(0.9)

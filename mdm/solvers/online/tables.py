@@ -16,20 +16,17 @@ import numpy.typing as npt
 from mdm.errors import ModelError
 from mdm.models import POMDP
 from mdm.models.dynamics import Dynamics, Rows
-from mdm.policies.blind_policy import blind_values
+from mdm.solvers.bounds import blind_values, known_state_values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mdm.models import MDP
 
-__all__ = ["SearchTables", "known_state_values", "search_tables"]
+__all__ = ["SearchTables", "search_tables"]
 
 Whole = npt.NDArray[np.int64]
 Real = npt.NDArray[np.float64]
-
-_CLOSE = 1e-6
-_SWEEPS = 10_000
 
 
 class SearchTables(NamedTuple):
@@ -73,7 +70,6 @@ def search_tables(model: MDP, *, upper: Real | None, lower: tuple[Real, Sequence
     if model.discount >= 1:
         raise ModelError("a tree search needs a discount below 1: give the model one with with_discount(...)")
     dynamics = Dynamics(model)
-    count = dynamics.num_actions
     if isinstance(model, POMDP):
         observations, num_observations = dynamics.observations, dynamics.num_observations
     else:
@@ -82,9 +78,7 @@ def search_tables(model: MDP, *, upper: Real | None, lower: tuple[Real, Sequence
         missed = observations.columns == model.false_negative
         columns = np.where(missed, np.uint32(num_observations), observations.columns)
         observations = observations._replace(columns=columns)
-    matrices = [dynamics.model.transition_matrix(a) for a in range(count)]
-    values = blind_values(np.ascontiguousarray(dynamics.rewards.T), matrices, dynamics.discount, _CLOSE)
-    actions = list(range(count))
+    values, actions = blind_values(dynamics), list(range(dynamics.num_actions))
     if lower is not None:
         values, actions = np.concatenate([values, lower[0]]), [*actions, *lower[1]]
     return SearchTables(
@@ -98,19 +92,6 @@ def search_tables(model: MDP, *, upper: Real | None, lower: tuple[Real, Sequence
         lower=np.array(values.T, order="C"),
         actions=np.array(actions, dtype=np.int64),
     )
-
-
-def known_state_values(dynamics: Dynamics) -> Real:
-    """Return Q(s, a) of acting with the state known, S x A: never too small, and by less than 1e-6 too large."""
-    discount = dynamics.discount
-    values = np.full(dynamics.rewards.shape, dynamics.rewards.max() / (1 - discount))
-    for _ in range(_SWEEPS):
-        newer = dynamics.q_values(values.max(axis=1))
-        done = np.abs(values - newer).max() * discount <= _CLOSE * (1 - discount)
-        values = newer
-        if done:
-            break
-    return values
 
 
 def _next_states(dynamics: Dynamics) -> Rows:

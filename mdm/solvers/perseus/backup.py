@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from mdm.models.dynamics import Indices  # noqa: TC001 - the same
 from mdm.models.matrices import Vector  # noqa: TC001 - the fields' types are looked at
-from mdm.solvers.perseus.outlook import Indices  # noqa: TC001 - the same
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from mdm.models.matrices import Matrix
     from mdm.solvers.limits import Limits
-    from mdm.solvers.perseus.outlook import Only, Outlook
+    from mdm.solvers.perseus.joint_dynamics import JointDynamics, Only
 
 __all__ = ["Choice", "Vectors", "best", "choose", "improve", "needed"]
 
@@ -56,21 +56,21 @@ class Choice(NamedTuple):
     following: Indices
 
 
-def choose(outlook: Outlook, action: int, points: Matrix, vectors: Vector, only: Only | None = None) -> Choice:
-    """Return what an action is worth at some points, and the vectors that then follow. See `Outlook.follow`."""
-    during = outlook.during(action, points)
-    ahead, following = outlook.follow(action, during, vectors, only)
-    return Choice(during @ outlook.rewards[action] + outlook.discount * ahead, following)
+def choose(dynamics: JointDynamics, action: int, points: Matrix, vectors: Vector, only: Only | None = None) -> Choice:
+    """Return what an action is worth at some points, and the vectors that then follow. See `JointDynamics.follow`."""
+    during = dynamics.during(action, points)
+    ahead, following = dynamics.follow(action, during, vectors, only)
+    return Choice(during @ dynamics.rewards[action] + dynamics.discount * ahead, following)
 
 
-def best(outlook: Outlook, points: Matrix, vectors: Vector) -> tuple[Vector, Indices]:
+def best(dynamics: JointDynamics, points: Matrix, vectors: Vector) -> tuple[Vector, Indices]:
     """Return the vector and action that a backup makes at each point; of equal actions the lowest."""
-    each = [choose(outlook, action, points, vectors) for action in range(outlook.num_actions)]
+    each = [choose(dynamics, action, points, vectors) for action in range(dynamics.num_actions)]
     actions = np.argmax([choice.values for choice in each], axis=0)
-    result = np.empty((len(actions), outlook.size))
+    result = np.empty((len(actions), dynamics.size))
     for action in np.unique(actions).tolist():
         at = actions == action
-        result[at] = outlook.vectors(action, vectors, each[action].following[at])
+        result[at] = dynamics.vectors(action, vectors, each[action].following[at])
     return result, actions
 
 

@@ -24,7 +24,7 @@ from mdm.solvers.perseus.backup import Vectors, choose
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
     from mdm.solvers.limits import Limits
-    from mdm.solvers.perseus.outlook import Outlook
+    from mdm.solvers.perseus.joint_dynamics import JointDynamics
 
 __all__ = ["certified"]
 
@@ -34,11 +34,11 @@ _LATE = 0.5, 0.05
 """How long the last sweeps may take when the time is up: so many seconds, and such a share of the time before."""
 
 
-def certified(outlook: Outlook, points: Matrix, vectors: Vectors, precision: float, limits: Limits) -> Vectors:
+def certified(dynamics: JointDynamics, points: Matrix, vectors: Vectors, precision: float, limits: Limits) -> Vectors:
     """Return the vectors as values that choosing by them earns, at least.
 
     Args:
-        outlook: The model.
+        dynamics: The model.
         points: n x S.
         vectors: The vectors.
         precision: By how much they may be too low.
@@ -48,13 +48,13 @@ def certified(outlook: Outlook, points: Matrix, vectors: Vectors, precision: flo
     for action in np.unique(vectors.actions).tolist():
         at = np.flatnonzero(vectors.actions == action)
         blocks = np.array_split(vectors.points[at], len(at) // _BLOCK + 1)
-        chosen = [choose(outlook, action, points[block], vectors.values).following for block in blocks]
+        chosen = [choose(dynamics, action, points[block], vectors.values).following for block in blocks]
         groups.append((action, at, np.concatenate(chosen)))
 
     def backed(values: Vector) -> Vector:
         result = np.empty_like(values)
         for action, at, following in groups:
-            result[at] = outlook.vectors(action, values, following)
+            result[at] = dynamics.vectors(action, values, following)
         return result
 
     values = vectors.values
@@ -63,9 +63,9 @@ def certified(outlook: Outlook, points: Matrix, vectors: Vectors, precision: flo
         better = backed(values)
         change = float(np.abs(better - values).max())
         values = better
-        if change * outlook.discount <= precision * (1 - outlook.discount):
+        if change * dynamics.discount <= precision * (1 - dynamics.discount):
             break
         if limits.remaining < 0 and limits.seconds - began > _LATE[0] + _LATE[1] * began:
             break
     excess = max(float((values - backed(values)).max()), 0.0)
-    return vectors._replace(values=values - excess / (1 - outlook.discount))
+    return vectors._replace(values=values - excess / (1 - dynamics.discount))

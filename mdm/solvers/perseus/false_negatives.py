@@ -21,9 +21,10 @@ import numpy as np
 from mdm.solvers.perseus.backup import Vectors, choose, improve
 
 if TYPE_CHECKING:
+    from mdm.models.dynamics import Indices
     from mdm.models.matrices import Matrix, Vector
     from mdm.solvers.limits import Limits
-    from mdm.solvers.perseus.outlook import Indices, Outlook
+    from mdm.solvers.perseus.joint_dynamics import JointDynamics
 
 __all__ = ["Constrained"]
 
@@ -32,14 +33,14 @@ class Constrained:
     """Vectors of each action, improved together.
 
     Args:
-        outlook: The model.
+        dynamics: The model.
         points: The beliefs, n x S.
         start: A vector for each action, at least.
-        false_negative: Its place among the outlook's observations.
+        false_negative: Its place among the dynamics's observations.
     """
 
-    def __init__(self, outlook: Outlook, points: Matrix, start: Vectors, false_negative: int) -> None:
-        self._outlook = outlook
+    def __init__(self, dynamics: JointDynamics, points: Matrix, start: Vectors, false_negative: int) -> None:
+        self._dynamics = dynamics
         self._points = points
         self._false_negative = false_negative
         self.vectors = start
@@ -47,13 +48,13 @@ class Constrained:
     def round(self, random: np.random.Generator, limits: Limits, *, every: bool) -> float:
         """Improve each action's vectors at all points; return by how much at most."""
         old, parts, changes = self.vectors, [], []
-        for action in range(self._outlook.num_actions):
+        for action in range(self._dynamics.num_actions):
             own = np.flatnonzero(old.actions == action)
             before = old.taken(own)
 
             def backup(points: Matrix, action: int = action, own: Indices = own) -> tuple[Vector, Indices]:
-                chosen = choose(self._outlook, action, points, old.values, only=(self._false_negative, own))
-                values = self._outlook.vectors(action, old.values, chosen.following)
+                chosen = choose(self._dynamics, action, points, old.values, only=(self._false_negative, own))
+                values = self._dynamics.vectors(action, old.values, chosen.following)
                 return values, np.full(len(values), action)
 
             part, change = improve(before, self._points, backup, random, limits, every=every)

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mdm.models.dynamics import Dynamics, Indices
 from mdm.models.matrices import Vector  # noqa: TC001 - the fields' types are looked at
 from mdm.policies import FiniteStateController
 from mdm.solvers.perseus.backup import choose
 from mdm.solvers.perseus.bounds import upper_bound
-from mdm.solvers.perseus.outlook import Indices, Outlook
+from mdm.solvers.perseus.joint_dynamics import JointDynamics
 from mdm.solvers.perseus.points import sampled
 
 if TYPE_CHECKING:
@@ -53,17 +54,17 @@ def plan(
 
     Where it has to stop early, what is missing is planned for the initial belief alone.
     """
-    outlook = Outlook(model)
-    upper = upper_bound(outlook, first, limits, horizon)
-    points = outlook.points(sampled(model, outlook, model.initial_belief[None], beliefs, random, limits))
+    dynamics = JointDynamics(Dynamics(model), model.false_negative)
+    upper = upper_bound(dynamics, first, limits, horizon)
+    points = dynamics.points(sampled(model, dynamics, model.initial_belief[None], beliefs, random, limits))
     stages: list[_Stage] = []
-    values = np.zeros((1, outlook.size))
+    values = np.zeros((1, dynamics.size))
     stopped = False
     for stage in range(1, horizon + 1):
         stopped = stopped or limits.ends(-np.inf, upper, iterations=stage - 1, size=sum(len(s.actions) for s in stages))
-        stages.append(_stage(outlook, points[:1] if stopped or stage == horizon else points, values))
+        stages.append(_stage(dynamics, points[:1] if stopped or stage == horizon else points, values))
         values = stages[-1].values
-    controller = _controller(stages, outlook, len(model.observation_space))
+    controller = _controller(stages, dynamics, len(model.observation_space))
     lower = float(values[0] @ model.initial_belief)
     size = controller.num_nodes
     if not limits.ends(lower, upper, iterations=horizon, size=size):
@@ -71,23 +72,23 @@ def plan(
     return limits.solution(controller, _NAME, lower, upper, iterations=horizon, size=size)
 
 
-def _stage(outlook: Outlook, points: Matrix, values: Vector) -> _Stage:
+def _stage(dynamics: JointDynamics, points: Matrix, values: Vector) -> _Stage:
     """Back up points; return what is different."""
     found: dict[tuple[int, bytes], Indices] = {}
     for first in range(0, points.shape[0], _BLOCK):
         block = points[first : first + _BLOCK]
-        each = [choose(outlook, action, block, values) for action in range(outlook.num_actions)]
+        each = [choose(dynamics, action, block, values) for action in range(dynamics.num_actions)]
         for point, action in enumerate(np.argmax([choice.values for choice in each], axis=0).tolist()):
             following = each[action].following[point]
             found.setdefault((action, following.tobytes()), following)
     actions, following = np.array([action for action, _ in found]), np.stack(list(found.values()))
-    result = np.empty((len(found), outlook.size))
+    result = np.empty((len(found), dynamics.size))
     for action in np.unique(actions).tolist():
-        result[actions == action] = outlook.vectors(action, values, following[actions == action])
+        result[actions == action] = dynamics.vectors(action, values, following[actions == action])
     return _Stage(result, actions, following)
 
 
-def _controller(stages: list[_Stage], outlook: Outlook, num_observations: int) -> FiniteStateController:
+def _controller(stages: list[_Stage], dynamics: JointDynamics, num_observations: int) -> FiniteStateController:
     """Return the graph of what can be reached from the one node of the last stage, which is the first decision."""
     nodes = [(len(stages) - 1, 0)]
     number = {nodes[0]: 0}
@@ -95,11 +96,11 @@ def _controller(stages: list[_Stage], outlook: Outlook, num_observations: int) -
     for stage, place in nodes:  # which grows meanwhile
         row: list[int | None] = [None] * num_observations
         if stage:
-            for observation, after in zip(outlook.observations, stages[stage].following[place].tolist(), strict=True):
+            for observation, after in zip(dynamics.observations, stages[stage].following[place].tolist(), strict=True):
                 if (stage - 1, after) not in number:
                     number[stage - 1, after] = len(nodes)
                     nodes.append((stage - 1, after))
                 row[observation] = number[stage - 1, after]
         successors.append(row)
     actions = [int(stages[stage].actions[place]) for stage, place in nodes]
-    return FiniteStateController(actions, successors, outlook.num_actions)
+    return FiniteStateController(actions, successors, dynamics.num_actions)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.models.pomdp import POMDP
     from mdm.solvers.limits import Limits
-    from mdm.solvers.perseus.outlook import Outlook
+    from mdm.solvers.perseus.joint_dynamics import JointDynamics
 
 __all__ = ["sampled", "starts"]
 
@@ -45,7 +45,7 @@ def starts(model: POMDP) -> Vector:
 
 def sampled(
     model: POMDP,
-    outlook: Outlook,
+    dynamics: JointDynamics,
     first: Vector,
     beliefs: int | npt.ArrayLike,
     random: np.random.Generator,
@@ -55,7 +55,7 @@ def sampled(
 
     Args:
         model: The model; its false negatives are taken into account as a tracker does.
-        outlook: What its actions lead to.
+        dynamics: What its actions lead to.
         first: Its `starts`.
         beliefs: How many to find, fewer where no more are met or there is no room for them; or an n x S array of them.
         random: Draws actions and observations.
@@ -72,8 +72,8 @@ def sampled(
     if beliefs < 1:
         raise ConfigError(f"Perseus needs at least 1 belief, not {beliefs}", key="beliefs")
     found: list[Vector] = []
-    beliefs = max(1, min(int(beliefs), limits.room // (_COPIES * outlook.size)))
-    walks = _walks(_Step(model, outlook), first, model.discount, _TRIES * beliefs, random)
+    beliefs = max(1, min(int(beliefs), limits.room // (_COPIES * dynamics.size)))
+    walks = _walks(_Step(model, dynamics), first, model.discount, _TRIES * beliefs, random)
     for belief in _each_once(walks):
         found.append(belief)
         if len(found) == beliefs or limits.remaining < 0:
@@ -97,23 +97,23 @@ def _walks(step: _Step, first: Vector, discount: float, steps: int, random: np.r
 class _Step:
     """Takes a belief to one that a random action and what is then observed lead to."""
 
-    def __init__(self, model: POMDP, outlook: Outlook) -> None:
+    def __init__(self, model: POMDP, dynamics: JointDynamics) -> None:
         self._model = model
-        self._outlook = outlook
-        self._detected = np.array([o != model.false_negative for o in outlook.observations])
+        self._dynamics = dynamics
+        self._detected = np.array([o != model.false_negative for o in dynamics.observations])
 
     def __call__(self, belief: Vector, random: np.random.Generator) -> Vector | None:
         """Return the next belief; None where nothing is ever detected."""
-        action = int(random.integers(self._outlook.num_actions))
+        action = int(random.integers(self._dynamics.num_actions))
         misses = self._model.false_negative is not None
         before = self._model.resolvent(action).weights(belief) if misses else belief
-        symbols, states, weights = self._outlook.after(action, np.maximum(before, 0.0))
+        symbols, states, weights = self._dynamics.after(action, np.maximum(before, 0.0))
         chances = np.bincount(symbols, weights, minlength=len(self._detected)) * self._detected
         total = chances.sum()
         if not total > 0:
             return None
         chosen = random.choice(len(chances), p=chances / total)
-        belief = np.zeros(self._outlook.size)
+        belief = np.zeros(self._dynamics.size)
         belief[states[symbols == chosen]] = weights[symbols == chosen]
         return np.asarray(belief / belief.sum())
 

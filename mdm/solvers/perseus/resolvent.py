@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.compressed import csr, is_compressed
 from mdm.models.detection import Resolvent
 
 if TYPE_CHECKING:
@@ -26,26 +25,18 @@ _ROUNDING = 1e-5
 _ENDLESS = 1e9
 
 
-def discounted_resolvent(transition: Matrix, detected: list[Matrix], discount: float, name: str) -> Resolvent | None:
+def discounted_resolvent(steps: Matrix | None, discount: float, name: str) -> Resolvent | None:
     """Return the resolvent of an action's steps without a detection; None where every event is detected.
 
     Args:
-        transition: T of the action, S x S', dense or CSR.
-        detected: P(s', o | s, a) of each observation but the false negative, of the same kind.
+        steps: The probabilities of these steps, S x S', dense or CSR; None where there are none.
         discount: What a step is discounted by.
         name: The action's.
 
     Raises:
         ModelError: If the discount is 1 and nothing may ever be detected.
     """
-    steps = transition - sum(detected[1:], start=detected[0])
-    if is_compressed(steps):
-        steps = csr(steps)
-        steps.data = np.maximum(steps.data, 0.0)
-        steps.eliminate_zeros()
-    else:
-        steps = np.maximum(steps, 0.0)
-    if np.asarray(steps.sum(axis=1)).max() <= _ROUNDING:
+    if steps is None or np.asarray(steps.sum(axis=1)).max() <= _ROUNDING:
         return None
     endless = f"the discount is 1, and action {name!r} may go on for ever without anything being detected"
     try:

@@ -24,14 +24,15 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from mdm.errors import ConfigError, ModelError
+from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors
-from mdm.policies.blind_policy import blind_values
+from mdm.solvers.bounds import blind_values
 from mdm.solvers.limits import Limits
 from mdm.solvers.perseus.backup import Vectors, best, improve, needed
 from mdm.solvers.perseus.bounds import upper_bound
 from mdm.solvers.perseus.certificate import certified
 from mdm.solvers.perseus.false_negatives import Constrained
-from mdm.solvers.perseus.outlook import Outlook
+from mdm.solvers.perseus.joint_dynamics import JointDynamics
 from mdm.solvers.perseus.plan import plan
 from mdm.solvers.perseus.points import sampled, starts
 
@@ -96,14 +97,15 @@ def perseus(
         flat, first = model.flatten(), starts(model)
         if horizon is not None:
             return plan(flat, first, run, beliefs, random, horizon)
-        outlook = Outlook(flat.with_false_negatives(None))
+        plain = Dynamics(flat)
+        dynamics = JointDynamics(plain)
         # As it is for an agent that does not know how many false negatives there were: bounds are for that one.
-        actual = outlook if flat.false_negative is None else Outlook(flat)
+        actual = dynamics if flat.false_negative is None else JointDynamics(plain, flat.false_negative)
         upper = upper_bound(actual, first, run)
-        points = outlook.points(sampled(flat, outlook, first, beliefs, random, run))
-        search = _Search(first, outlook, actual, points, flat.false_negative, run)
+        points = dynamics.points(sampled(flat, dynamics, first, beliefs, random, run))
+        search = _Search(first, dynamics, actual, points, flat.false_negative, run)
         search.run(upper, random)
-        policy = AlphaVectors(search.sure.values, search.sure.actions.tolist(), outlook.num_actions)
+        policy = AlphaVectors(search.sure.values, search.sure.actions.tolist(), dynamics.num_actions)
         size = len(search.sure.actions)
         return run.solution(policy, _NAME, search.lower, upper, iterations=search.rounds, size=size)
 
@@ -114,8 +116,8 @@ class _Search:
     def __init__(
         self,
         first: Vector,
-        outlook: Outlook,
-        actual: Outlook,
+        dynamics: JointDynamics,
+        actual: JointDynamics,
         points: Matrix,
         false_negative: int | None,
         limits: Limits,
@@ -123,16 +125,15 @@ class _Search:
         self._starts = first
         self._points = points
         self._limits = limits
-        self._discount = outlook.discount
+        self._discount = dynamics.discount
         self._actual = actual
-        count = outlook.num_actions
-        close = 1e-6 * float(np.ptp(outlook.rewards)) / (1 - outlook.discount)
-        blind = blind_values(outlook.rewards, outlook.transitions, outlook.discount, close)
+        count = dynamics.num_actions
+        blind = blind_values(dynamics.dynamics)
         self.sure = Vectors(blind, np.arange(count), np.zeros(count, dtype=np.intp))
         self._function: _ValueFunction = (
-            _Plain(outlook, points, self.sure)
+            _Plain(dynamics, points, self.sure)
             if false_negative is None
-            else Constrained(outlook, points, self.sure, false_negative)
+            else Constrained(dynamics, points, self.sure, false_negative)
         )
         self.lower = self._value(self.sure)
         self.rounds = 0
@@ -174,13 +175,13 @@ class _Search:
 class _Plain:
     """One set of vectors for all actions."""
 
-    def __init__(self, outlook: Outlook, points: Matrix, start: Vectors) -> None:
-        self._outlook = outlook
+    def __init__(self, dynamics: JointDynamics, points: Matrix, start: Vectors) -> None:
+        self._dynamics = dynamics
         self._points = points
         self.vectors = start
 
     def round(self, random: np.random.Generator, limits: Limits, *, every: bool) -> float:
         """Improve the vectors at all points; return by how much at most."""
-        backup = partial(best, self._outlook, vectors=self.vectors.values)
+        backup = partial(best, self._dynamics, vectors=self.vectors.values)
         self.vectors, change = improve(self.vectors, self._points, backup, random, limits, every=every)
         return change

@@ -167,8 +167,9 @@ def new_graph(layout: Layout, bins: int) -> Graph:
 def room_for(layout: Layout) -> dict[int, int]:
     """Return what expanding one node and one backup take at most."""
     num_actions, num_states = layout.rewards.shape
-    num_symbols = int(layout.symbols.max()) + 1
-    entries = int((layout.seen_rows[num_states::num_states] - layout.seen_rows[:-1:num_states]).max())
+    num_symbols = int(layout.observations.columns.max()) + 1
+    starts, first = layout.observations.starts, layout.observations.first
+    entries = int((starts[first + num_states] - starts[first]).max())
     outcomes = min(num_symbols, entries)
     widest = int(np.diff(layout.first_state).max())
     return {
@@ -186,7 +187,7 @@ def room_for(layout: Layout) -> dict[int, int]:
 def new_scratch(layout: Layout, depth: int) -> Scratch:
     """Return room for the steps on a layout."""
     num_states = layout.rewards.shape[1]
-    num_symbols = int(layout.symbols.max()) + 1
+    num_symbols = int(layout.observations.columns.max()) + 1
     entries = room_for(layout)[WEIGHTS]
     return Scratch(
         predicted=np.zeros(num_states),

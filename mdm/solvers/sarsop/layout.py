@@ -1,4 +1,4 @@
-"""A POMDP as the arrays that SARSOP works on: sparse rows, and states in blocks that observations tell apart.
+"""The dynamics as SARSOP works on them, with the states in blocks that observations tell apart.
 
 Where part of the state is seen (mixed observability), beliefs never leave the states of one value of it. Such states
 make a block; states are renumbered so that a block's lie side by side, and vectors are over one block each.
@@ -6,17 +6,16 @@ make a block; states are renumbered so that a block's lie side by side, and vect
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from mdm.models.compressed import csr, is_compressed
+from mdm.models.dynamics import Dynamics, Indices, Rows
 from mdm.models.factored.mixed import MixedPOMDP
 
 if TYPE_CHECKING:
     from mdm.models import POMDP
-    from mdm.models.matrices import Vector
 
 __all__ = ["Layout", "layout_of"]
 
@@ -25,65 +24,50 @@ Long = npt.NDArray[np.int64]
 
 
 class Layout(NamedTuple):
-    """A model's numbers; the row of action a and state s is ``a * S + s``.
+    """A model's numbers.
 
     Attributes:
         discount: In (0, 1).
         rewards: A x S.
-        rows: Where each row of T begins.
-        next_states: The columns of T's entries.
-        chances: T's entries.
-        seen_rows: Where each row of O begins.
-        symbols: The columns of O's entries.
-        likelihoods: O's entries.
+        transitions: T.
+        observations: O.
         block: Each state's block.
         first_state: Where each block begins, and the end of the last.
     """
 
     discount: float
     rewards: npt.NDArray[np.float64]
-    rows: Long
-    next_states: Integers
-    chances: npt.NDArray[np.float64]
-    seen_rows: Long
-    symbols: Integers
-    likelihoods: npt.NDArray[np.float64]
+    transitions: Rows
+    observations: Rows
     block: Integers
     first_state: Long
 
 
-def layout_of(model: POMDP) -> tuple[Layout, npt.NDArray[np.intp]]:
+def layout_of(model: POMDP, dynamics: Dynamics) -> tuple[Layout, Indices]:
     """Return a model's layout, and the model's states in the layout's order."""
-    blocks = model.layout if isinstance(model, MixedPOMDP) else np.arange(len(model.state_space))[None, :]
-    order = blocks.ravel()
-    place = np.empty_like(order)
-    place[order] = np.arange(len(order))
-    actions = range(len(model.action_space))
-    rows, next_states, chances = _stacked([model.transition_matrix(a) for a in actions], order, place)
-    seen_rows, symbols, likelihoods = _stacked([model.observation_matrix(a) for a in actions], order, None)
+    blocks = model.layout if isinstance(model, MixedPOMDP) else np.arange(dynamics.num_states)[None, :]
+    order: Indices = blocks.ravel()
+    transitions, observations = dynamics.transitions, dynamics.observations
+    if len(blocks) > 1:
+        place = np.empty(len(order), dtype=np.uint32)
+        place[order] = np.arange(len(order))
+        transitions = _renumbered(transitions, order, len(order))
+        transitions = transitions._replace(columns=place[transitions.columns])
+        observations = _renumbered(observations, order, dynamics.num_observations)
     count, width = blocks.shape
     return Layout(
-        model.discount,
-        np.ascontiguousarray(model.rewards[order].T),
-        rows,
-        next_states,
-        chances,
-        seen_rows,
-        symbols,
-        likelihoods,
+        dynamics.discount,
+        np.ascontiguousarray(dynamics.rewards[order].T),
+        transitions,
+        observations,
         np.repeat(np.arange(count, dtype=np.int32), width),
         np.arange(count + 1, dtype=np.int64) * width,
     ), order
 
 
-def _stacked(
-    matrices: list[Any], order: npt.NDArray[np.intp], place: npt.NDArray[np.intp] | None
-) -> tuple[Long, Integers, Vector]:
-    """Return matrices below each other, as one in CSR, with rows and, with ``place``, columns in another order."""
-    starts, columns, data = [np.zeros(1, dtype=np.int64)], [], []
-    for matrix in matrices:
-        moved = (matrix if is_compressed(matrix) else csr(matrix))[order]
-        starts.append(starts[-1][-1] + moved.indptr[1:].astype(np.int64))
-        columns.append((moved.indices if place is None else place[moved.indices]).astype(np.int32))
-        data.append(moved.data)
-    return np.concatenate(starts), np.concatenate(columns), np.concatenate(data)
+def _renumbered(rows: Rows, order: Indices, width: int) -> Rows:
+    """Return rows with those of each action in another order."""
+    size = len(order)
+    begins = np.arange(0, len(rows.starts) - 1, size)
+    moved = rows.matrix(width)[(begins[:, None] + order).ravel()]
+    return Rows(rows.first, moved.indptr.astype(np.uint64), moved.indices.astype(np.uint32), moved.data)

@@ -170,7 +170,6 @@ def add_node(  # noqa: C901 - one pass, no calls
 @compiled
 def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray, node: int, action: int) -> None:  # noqa: C901 - one pass, no calls
     """Find what an action may lead to from a belief."""
-    num_states = layout.rewards.shape[1]
     edge = graph.first_edge[node] + action
     base = layout.first_state[graph.block[node]]
     predicted, touched = scratch.predicted, scratch.touched
@@ -181,12 +180,12 @@ def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray
         state = base + graph.place[k]
         weight = graph.weight[k]
         reward += weight * layout.rewards[action, state]
-        row = action * num_states + state
-        for j in range(layout.rows[row], layout.rows[row + 1]):
-            gain = weight * layout.chances[j]
+        row = layout.transitions.first[action] + state
+        for j in range(layout.transitions.starts[row], layout.transitions.starts[row + 1]):
+            gain = weight * layout.transitions.values[j]
             if gain == 0.0:  # so little that it is none; counted, a state would be new each time it is reached
                 continue
-            after = layout.next_states[j]
+            after = layout.transitions.columns[j]
             if predicted[after] == 0.0:
                 touched[count] = after
                 count += 1
@@ -195,9 +194,9 @@ def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray
     tally, offset, found = scratch.tally, scratch.offset, scratch.found
     num_found = 0
     for i in range(count):
-        row = action * num_states + touched[i]
-        for j in range(layout.seen_rows[row], layout.seen_rows[row + 1]):
-            symbol = layout.symbols[j]
+        row = layout.observations.first[action] + touched[i]
+        for j in range(layout.observations.starts[row], layout.observations.starts[row + 1]):
+            symbol = layout.observations.columns[j]
             if tally[symbol] == 0:
                 found[num_found] = symbol
                 num_found += 1
@@ -209,16 +208,16 @@ def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray
     for i in range(count):
         after = touched[i]
         place = after - layout.first_state[layout.block[after]]
-        row = action * num_states + after
-        for j in range(layout.seen_rows[row], layout.seen_rows[row + 1]):
-            symbol = layout.symbols[j]
+        row = layout.observations.first[action] + after
+        for j in range(layout.observations.starts[row], layout.observations.starts[row + 1]):
+            symbol = layout.observations.columns[j]
             at = offset[symbol]
             scratch.entry_place[at] = place
-            scratch.entry_weight[at] = predicted[after] * layout.likelihoods[j]
+            scratch.entry_weight[at] = predicted[after] * layout.observations.values[j]
             offset[symbol] = at + 1
         # The block that a symbol tells of: that of any state in which it is seen.
-        for j in range(layout.seen_rows[row], layout.seen_rows[row + 1]):
-            scratch.choice[layout.symbols[j]] = layout.block[after]
+        for j in range(layout.observations.starts[row], layout.observations.starts[row + 1]):
+            scratch.choice[layout.observations.columns[j]] = layout.block[after]
         predicted[after] = 0.0
     outcome = graph.counts[OUTCOMES]
     graph.first_outcome[edge] = outcome
@@ -316,23 +315,23 @@ def _back_up_vector(layout: Layout, graph: Graph, scratch: Scratch, node: int, a
         graph.counts[LINKS] += 1
     graph.num_links[vector] = last - first
     for state in range(base, end):
-        row = action * num_states + state
+        row = layout.transitions.first[action] + state
         total = 0.0
-        for j in range(layout.rows[row], layout.rows[row + 1]):
-            after = layout.next_states[j]
+        for j in range(layout.transitions.starts[row], layout.transitions.starts[row + 1]):
+            after = layout.transitions.columns[j]
             if scratch.stamp[after] != now:
                 scratch.stamp[after] = now
                 of = layout.block[after]
                 place = after - layout.first_state[of]
-                seen = action * num_states + after
+                seen = layout.observations.first[action] + after
                 value = 0.0
-                for i in range(layout.seen_rows[seen], layout.seen_rows[seen + 1]):
-                    chosen = scratch.choice[layout.symbols[i]]
+                for i in range(layout.observations.starts[seen], layout.observations.starts[seen + 1]):
+                    chosen = scratch.choice[layout.observations.columns[i]]
                     if chosen < 0:
                         chosen = graph.default_vector[of]
-                    value += layout.likelihoods[i] * graph.values[graph.first_value[chosen] + place]
+                    value += layout.observations.values[i] * graph.values[graph.first_value[chosen] + place]
                 scratch.backed[after] = value
-            total += layout.chances[j] * scratch.backed[after]
+            total += layout.transitions.values[j] * scratch.backed[after]
         graph.values[at + state - base] = layout.rewards[action, state] + layout.discount * total
     for k in range(first, last):
         scratch.choice[graph.symbol[k]] = -1

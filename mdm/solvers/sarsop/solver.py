@@ -23,11 +23,12 @@ from mdm.errors import ModelError, ModelWarning
 from mdm.models import POMDP
 from mdm.models.compilation import can_compile
 from mdm.models.detection import check_no_false_negatives
+from mdm.models.dynamics import Dynamics
 from mdm.models.factored.mixed import MixedPOMDP
 from mdm.policies import AlphaVectors, MixedAlphaVectors
+from mdm.solvers.bounds import blind_values, informed_values
 from mdm.solvers.limits import Limits
 from mdm.solvers.sarsop.graph import LINKS, NODES, POINTS, VECTORS, grown, lacking, new_graph, new_scratch, room_for
-from mdm.solvers.sarsop.initial import blind_values, informed_values
 from mdm.solvers.sarsop.layout import layout_of
 from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, parts_of, prune_points, prune_vectors
 from mdm.solvers.sarsop.search import add_node, add_vector, explore, refresh
@@ -44,8 +45,10 @@ __all__ = ["sarsop"]
 
 _BINS = 50
 _DEPTH = 1000
-_LEFT = 3
-"""First bounds take no more than a quarter of the time."""
+_LEFT = 0.9
+"""The share of the time that is left for the search when the first bounds are done."""
+_SLACK = 1e-12
+"""What rounding may have taken off the upper bound, as a share of the values."""
 _ROUNDING = 4e-12
 """How near bounds come, as a share of the values: what was taken off them for rounding."""
 _LEAST_VECTORS = 200
@@ -73,7 +76,7 @@ def sarsop(model: POMDP, *, limits: Limits | None = None) -> Solution:
         raise ModelError("SARSOP needs a discount below 1: bounds without end never meet; give one (--discount)")
     _warm_up()
     with Limits() if limits is None else limits as run:
-        search = _Search(model, lambda: run.remaining < _LEFT * run.seconds)
+        search = _Search(model, lambda: run.leaves(_LEFT))
         lower, upper = search.bounds()
         while not run.ends(lower, upper, iterations=search.backups, size=search.size):
             search.run(run)
@@ -99,28 +102,27 @@ def _warm_up() -> None:
 class _Search:
     """The state of a run."""
 
-    def __init__(self, model: POMDP, is_late: Callable[[], bool] = lambda: False) -> None:
+    def __init__(self, model: POMDP, goes_on: Callable[[], bool] = lambda: True) -> None:
         self._model = model
-        self._layout, self._order = layout_of(model)
-        most = float(np.abs(self._layout.rewards).max())
-        if not most / (1 - model.discount) < np.finfo(np.float64).max / 1e3:
-            raise ModelError(f"a reward of {most:g} in every step is too much for numbers: scale the rewards down")
+        dynamics = Dynamics(model)
+        self._layout, self._order = layout_of(model, dynamics)
+        blind = blind_values(dynamics)[:, self._order]
+        informed = informed_values(dynamics, goes_on)[self._order].T
+        self._informed = np.ascontiguousarray(informed + _SLACK * np.abs(informed).max())
         self._graph = new_graph(self._layout, _BINS)
         self._scratch = new_scratch(self._layout, _DEPTH)
         room = room_for(self._layout)
         self._room = np.array([room[count] for count in range(8)], dtype=np.int64)
-        self._informed = informed_values(self._layout, 1e-3, is_late)
         self.backups = 0
         self.kept = 0
         self._budget = 16
-        self._start()
+        self._start(blind)
         self._kept_vectors = self.size
         self._kept_points = 0
         self._kept_nodes = 0
 
-    def _start(self) -> None:
+    def _start(self, blind: Vector) -> None:
         layout = self._layout
-        blind = blind_values(layout)
         num_blocks = len(layout.first_state) - 1
         for action, values in enumerate(blind):
             for block in range(num_blocks):

@@ -13,8 +13,7 @@ from places import EXAMPLES
 from random_models import dense, distributions, flat_models
 
 import mdm
-from mdm.policies.blind_policy import blind_values
-from mdm.solvers.online.tables import known_state_values, search_tables
+from mdm.solvers.online.tables import search_tables
 from mdm.solvers.online.tree_search import Search
 
 TIGER = EXAMPLES / "tiger.pomdp"
@@ -145,11 +144,11 @@ def test_bounds_that_a_search_begins_from():
         best = values.max(axis=1)
         values = model.rewards + 0.9 * np.stack([model.transition_matrix(a) @ best for a in range(3)], axis=1)
         forever = np.stack([model.rewards[:, a] + 0.9 * model.transition_matrix(a) @ forever[a] for a in range(3)])
-    blind = blind_values(model.rewards.T, [model.transition_matrix(a) for a in range(3)], 0.9, 1e-6)
-    assert (known_state_values(model) >= values - 1e-12).all()
-    assert (blind <= forever + 1e-12).all()
-    np.testing.assert_allclose(known_state_values(model), values, atol=1e-5)
-    np.testing.assert_allclose(blind, forever, atol=1e-5)
+    tables = search_tables(model, upper=None, lower=None)
+    assert (tables.upper >= values - 1e-12).all()
+    assert (tables.lower <= forever.T + 1e-12).all()
+    np.testing.assert_allclose(tables.upper, values, atol=1e-5)
+    np.testing.assert_allclose(tables.lower, forever.T, atol=1e-5)
     policy = mdm.solvers.TreeSearch(model, expansions=2000)
     assert [policy.action(state) for state in range(5)] == values.argmax(axis=1).tolist()
 

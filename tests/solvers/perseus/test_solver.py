@@ -13,13 +13,14 @@ from random_models import dense, factored_models, flat_models
 
 from mdm import ConfigError, ModelError, ModelWarning, evaluate, load_model
 from mdm.models import POMDP, MixedPOMDP
+from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors
 from mdm.problems import tiger
 from mdm.solvers import Limits, controller_values, solve
-from mdm.solvers.perseus import outlook as outlooks, perseus
+from mdm.solvers.perseus import joint_dynamics, perseus
 from mdm.solvers.perseus.backup import Vectors
 from mdm.solvers.perseus.false_negatives import Constrained
-from mdm.solvers.perseus.outlook import Outlook
+from mdm.solvers.perseus.joint_dynamics import JointDynamics
 from mdm.solvers.perseus.points import sampled, starts
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -163,11 +164,11 @@ def test_backups_with_false_negatives_are_what_recursion_says(rounds):
             total += 0.85 * max(worth(belief @ joints[action][o], other, depth - 1) for other in range(2))
         return total
 
-    outlook = Outlook(model)
+    dynamics = JointDynamics(Dynamics(model))
     everything = [(None, row) for row in joints]
     beliefs = reachable(everything, model.initial_belief, rounds - 1)
     start = Vectors(np.stack(blind), np.arange(2), np.zeros(2, dtype=np.intp))
-    function = Constrained(outlook, beliefs, start, missed)
+    function = Constrained(dynamics, beliefs, start, missed)
     for _ in range(rounds):
         function.round(np.random.default_rng(0), Unhurried(), every=True)
     vectors = function.vectors
@@ -181,8 +182,8 @@ def test_backups_with_false_negatives_are_what_recursion_says(rounds):
 
 @pytest.mark.parametrize("sparse", [False, True])
 def test_what_is_never_detected_goes_on(monkeypatch, sparse):
-    monkeypatch.setattr(outlooks, "_SMALL", 0 if sparse else 10**9)
-    monkeypatch.setattr(outlooks, "_DENSE", 2.0)
+    monkeypatch.setattr(joint_dynamics, "_SMALL", 0 if sparse else 10**9)
+    monkeypatch.setattr(joint_dynamics, "_DENSE", 2.0)
     model = POMDP([np.eye(2)] * 2, [np.array([[1, 0], [1, 0]])] * 2, [[1, 2], [3, 1]], discount=0.5, sparse=sparse)
     model = model.with_false_negatives(0)
     for horizon in (None, 1, 2):
@@ -208,10 +209,10 @@ def test_sparse_and_dense_find_the_same(monkeypatch):
     model = events(7, told=0.95, size=9)
     found = []
     for small, wide in ((10**9, 10**9), (0, 10**9), (0, 0)):
-        monkeypatch.setattr(outlooks, "_SMALL", small)
-        monkeypatch.setattr(outlooks, "_DENSE", 2.0)
-        monkeypatch.setattr(outlooks, "_WIDE", wide)
-        monkeypatch.setattr(outlooks, "_NARROW", 2.0)
+        monkeypatch.setattr(joint_dynamics, "_SMALL", small)
+        monkeypatch.setattr(joint_dynamics, "_DENSE", 2.0)
+        monkeypatch.setattr(joint_dynamics, "_WIDE", wide)
+        monkeypatch.setattr(joint_dynamics, "_NARROW", 2.0)
         for missed in (None, 2):
             limits = Limits(iterations=5, gap=0)
             found.append(perseus(model.with_false_negatives(missed), beliefs=40, limits=limits).lower)
@@ -308,7 +309,7 @@ def test_refusals():
 def test_fewer_beliefs_are_sampled_where_there_is_no_room_for_all():
     model = tiger()
     limits = Limits(memory=1)
-    outlook = Outlook(model)
-    found = sampled(model, outlook, starts(model), 50, np.random.default_rng(0), limits)
+    dynamics = JointDynamics(Dynamics(model))
+    found = sampled(model, dynamics, starts(model), 50, np.random.default_rng(0), limits)
     assert len(found) == 1
-    assert len(sampled(model, outlook, starts(model), 50, np.random.default_rng(0), Limits())) > 1
+    assert len(sampled(model, dynamics, starts(model), 50, np.random.default_rng(0), Limits())) > 1

@@ -1,4 +1,4 @@
-"""What actions lead to: the model as Perseus reads it, one matrix of P(s', o | s, a) for each action.
+"""The joint dynamics: one matrix of P(s', o | s, a) for each action.
 
 A row holds all that may follow a state, a column for each pair of o and s' that ever go together, so that one product
 takes a block of beliefs to what they become after each observation, and one product makes vectors of those that follow.
@@ -10,19 +10,17 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from mdm.models.compressed import csr, is_compressed
+from mdm.models.dynamics import Dynamics, Indices, Joint
 from mdm.solvers.perseus.resolvent import discounted_resolvent
 
 if TYPE_CHECKING:
     from mdm.models.detection import Resolvent
     from mdm.models.matrices import Matrix, Vector
-    from mdm.models.pomdp import POMDP
 
-__all__ = ["Indices", "Only", "Outlook"]
+__all__ = ["JointDynamics", "Only"]
 
-Indices: TypeAlias = npt.NDArray[np.intp]
 Only: TypeAlias = tuple[int, Indices]
 
 _SMALL = 20_000
@@ -36,59 +34,71 @@ _TOGETHER = 8_000_000
 """So many numbers are gathered at once, at most, to make vectors of."""
 
 
-class Outlook:
-    """The dynamics and rewards of a flat model.
+class JointDynamics:
+    """P(s', o | s, a) and R of a model, as Perseus multiplies by them.
 
-    The model's false negative is left out. After it, and after an event without an observation, the action goes on.
+    Where the model has false negatives, or events without an observation, the action goes on after these.
 
     Args:
-        model: The POMDP, flat.
+        dynamics: The model.
+        false_negative: The observation that is a false negative: it is left out.
 
     Raises:
-        ModelError: If rewards are too large, or an action may go on for ever without a detection.
+        ModelError: If an action may go on for ever without a detection, and the discount is 1.
     """
 
-    def __init__(self, model: POMDP) -> None:
-        self.num_actions = len(model.action_space)
-        self.size = len(model.state_space)
-        self.discount = model.discount
-        self.rewards: Vector = np.ascontiguousarray(model.rewards.T)
+    def __init__(self, dynamics: Dynamics, false_negative: int | None = None) -> None:
+        self.dynamics = dynamics
+        self.num_actions, self.size = dynamics.num_actions, dynamics.num_states
+        self.discount = dynamics.discount
+        self.rewards: Vector = np.ascontiguousarray(dynamics.rewards.T)
         """R(s, a): A x S."""
-        self.observations = [o for o in range(len(model.observation_space)) if o != model.false_negative]
+        self.observations = [o for o in range(dynamics.num_observations) if o != false_negative]
         self.width = len(self.observations)
-        joints = [[model.joint_matrix(a, o) for o in self.observations] for a in range(self.num_actions)]
-        self._compressed = _is_sparse(joints, self.size)
+        place = np.full(dynamics.num_observations + 1, -1)
+        place[self.observations] = np.arange(self.width)
+        self.joints: list[Joint] = []
+        """P(s', o | s, a) of each action without what is left out; an observation is its place in ``observations``."""
+        missed: list[Matrix | None] = []
+        for action in range(self.num_actions):
+            joint = dynamics.joint(action)
+            places = place[joint.observations]
+            detected = places >= 0
+            missed.append(None if detected.all() else joint.only(~detected).summed())
+            self.joints.append(joint.only(detected)._replace(observations=places[detected]))
+        entries = sum(joint.rows.nnz for joint in self.joints)
+        count = self.num_actions * self.width * self.size**2
+        self._compressed = count > _SMALL and entries < _DENSE * count
+        self._resolvents: list[Resolvent | None] = [
+            discounted_resolvent(steps if steps is None else self._own(steps), self.discount, name)
+            for steps, name in zip(missed, dynamics.model.action_space.names, strict=True)
+        ]
         self.ahead: list[Matrix] = []
         """P(s', o | s, a) of each action: a row for each s, a column for each o and s' that go together."""
         self._symbols: list[Indices] = []
         self._successors: list[Indices] = []
-        for each in joints:
-            matrix = self._side_by_side(each)
-            columns = np.unique(matrix.nonzero()[1])
-            self.ahead.append(matrix[:, columns])
+        for joint in self.joints:
+            matrix, columns = self._side_by_side(joint)
             symbols, successors = np.divmod(columns, self.size)
+            self.ahead.append(matrix)
             self._symbols.append(symbols)
             self._successors.append(successors)
-        self.transitions = [self._own(model.transition_matrix(action)) for action in range(self.num_actions)]
-        self._resolvents: list[Resolvent | None] = [None] * self.num_actions
-        if model.false_negative is not None or model.event_observations:
-            for action, each in enumerate(joints):
-                detected = [self._own(matrix) for matrix in each]
-                name = model.action_space.names[action]
-                self._resolvents[action] = discounted_resolvent(self.transitions[action], detected, self.discount, name)
 
-    def _own(self, matrix: Matrix) -> Matrix:
-        """Return a matrix as this model's are."""
-        if self._compressed:
-            return csr(matrix, copy=False)
-        return np.asarray(matrix.toarray() if is_compressed(matrix) else matrix)
+    def _side_by_side(self, joint: Joint) -> tuple[Matrix, Indices]:
+        """Return the S x S' matrices of the observations side by side, without empty columns, and what these were."""
+        pairs = np.repeat(joint.observations, np.diff(joint.rows.indptr)) * self.size + joint.rows.indices
+        columns, indices = np.unique(pairs, return_inverse=True)
+        starts = joint.rows.indptr[np.searchsorted(joint.states, np.arange(self.size + 1))]
+        return self._own(csr((joint.rows.data, indices, starts), (self.size, len(columns)), copy=False)), columns
 
-    def _side_by_side(self, matrices: list[Matrix]) -> Matrix:
-        if not self._compressed:
-            return np.hstack([self._own(matrix) for matrix in matrices])
-        from scipy.sparse import hstack  # noqa: PLC0415 - takes as long to import as all the rest
+    def _own(self, matrix: Any) -> Matrix:
+        """Return a CSR matrix as this model's are."""
+        return matrix if self._compressed else matrix.toarray()
 
-        return csr(hstack([self._own(matrix) for matrix in matrices], format="csr"))
+    @property
+    def waits(self) -> bool:
+        """Whether an action may go on without a detection."""
+        return any(resolvent is not None for resolvent in self._resolvents)
 
     def points(self, beliefs: Vector) -> Matrix:
         """Return beliefs (n x S) as products like them: CSR where that is less to do, else dense."""
@@ -125,7 +135,7 @@ class Outlook:
         return csr(parts, (len(first), self.size), copy=False), keys[first]
 
     def follow(self, action: int, points: Matrix, vectors: Vector, only: Only | None = None) -> tuple[Vector, Indices]:
-        """Return the best vectors after each observation: what they are worth at points together, n, and which, n x O.
+        """Return the best vectors after each observation: what they are values at points together, n, and which, n x O.
 
         What cannot be observed is followed by the vector that is best for the uniform belief.
 
@@ -149,7 +159,7 @@ class Outlook:
         self, action: int, points: Vector, vectors: Vector, usual: Indices, place: int, refused: Any
     ) -> tuple[Vector, Indices]:
         after = np.asarray(self.ahead[action].T @ points.T)
-        worth = np.zeros(len(points))
+        values = np.zeros(len(points))
         following = np.repeat(usual[None], len(points), axis=0)
         bounds = np.searchsorted(self._symbols[action], np.arange(self.width + 1)).tolist()
         for observation, (first, last) in enumerate(pairwise(bounds)):
@@ -162,8 +172,8 @@ class Outlook:
             possible = part.any(axis=0)
             chosen = scores.argmax(axis=0)
             following[possible, observation] = chosen[possible]
-            worth += np.where(possible, scores[chosen, np.arange(len(points))], 0.0)
-        return worth, following
+            values += np.where(possible, scores[chosen, np.arange(len(points))], 0.0)
+        return values, following
 
     def _follow_narrow(
         self, action: int, points: Any, vectors: Vector, usual: Indices, place: int, refused: Any
@@ -175,9 +185,9 @@ class Outlook:
             scores[np.ix_(at % self.width == place, refused)] = -np.inf
         following = np.tile(usual, shape[0])
         following[at] = scores.argmax(axis=1)
-        worth = np.zeros(shape)
-        worth.flat[at] = scores[np.arange(len(at)), following[at]]
-        return worth.sum(axis=1), following.reshape(shape)
+        values = np.zeros(shape)
+        values.flat[at] = scores[np.arange(len(at)), following[at]]
+        return values.sum(axis=1), following.reshape(shape)
 
     def vectors(self, action: int, vectors: Vector, following: Indices) -> Vector:
         """Return the vectors of an action that are followed by others: k x S, of N x S and k x O."""
@@ -199,11 +209,3 @@ class Outlook:
         """Return what an action earns until something is detected and, with it, then: of what it earns in a step."""
         resolvent = self._resolvents[action]
         return values if resolvent is None else resolvent.values(values)
-
-
-def _is_sparse(joints: list[list[Matrix]], size: int) -> bool:
-    count = sum(map(len, joints)) * size**2
-    if count <= _SMALL:
-        return False
-    entries = sum(m.nnz if is_compressed(m) else int(np.count_nonzero(m)) for each in joints for m in each)
-    return bool(entries < _DENSE * count)

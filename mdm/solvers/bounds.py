@@ -1,0 +1,234 @@
+"""Bounds of a POMDP's value function, as vectors over the states.
+
+Below: blind policies, one action for ever, whatever is observed (M. Hauskrecht, *Incremental methods for computing
+bounds in partially observable Markov decision processes*, AAAI 1997). Above: the values of known states, those of the
+underlying MDP; and the fast informed bound, which lets the next action depend on the observation alone,
+
+    alpha_a(s) = R(s, a) + discount * sum over o of max over a' of sum over s' of P(s', o | s, a) alpha_a'(s')
+
+(M. Hauskrecht, *Value-function approximations for partially observable Markov decision processes*, Journal of
+Artificial Intelligence Research 13, 2000, sections 3.4 and 3.5).
+
+All of them are bounds wherever the sweeps end: sweeps of blind policies and of known states bound what is still to come
+(see `mdm.solvers.mdp.rounds`), those of the fast informed bound begin above and only lower. A sweep costs the entries
+of all T, that of the fast informed bound A times those of all P(s', o | s, a).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.models.compilation import can_compile
+from mdm.solvers.mdp.policy_iteration import steps
+from mdm.solvers.mdp.rounds import rounding, rounds, sweeping
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from mdm.models.dynamics import Dynamics, Joint
+    from mdm.models.matrices import Vector
+
+__all__ = ["InformedBound", "blind_values", "for_ever", "informed_values", "known_state_values", "known_states"]
+
+_BLIND_SWEEPS = 100_000
+_CLOSE = 1e-9
+"""How near blind policies and known states come to their limits, as a share of what rewards may add up to."""
+_INFORMED_CLOSE = 2e-6
+"""How near the fast informed bound comes to its limit, as a share of the range of its values."""
+_EACH = 15
+"""One of so many sweeps over known states looks for the best actions."""
+_ROUNDING = 1e-12
+_LARGE = 10_000
+"""From so many numbers in a sweep on, its compilation pays."""
+
+
+def for_ever(reward: float, discount: float) -> float:
+    """Return the value of a reward in every step.
+
+    Raises:
+        ModelError: If it is too much for numbers.
+    """
+    with np.errstate(over="ignore"):
+        value = float(np.float64(reward) / (1 - discount))
+    if not np.abs(value) < np.finfo(np.float64).max / 1e3:
+        raise ModelError(f"a reward of {reward:g} in every step is too much for numbers: scale the rewards down")
+    return value
+
+
+def blind_values(dynamics: Dynamics) -> Vector:
+    """Return a lower bound of the value of each action, done for ever: A x S.
+
+    Args:
+        dynamics: The model; its discount is below 1.
+
+    Raises:
+        ModelError: If the rewards are too large for numbers.
+    """
+    ahead = dynamics.discount / (1 - dynamics.discount)
+    close = _close(dynamics)
+    for_ever(np.abs(dynamics.rewards).max(), dynamics.discount)
+    result = np.empty((dynamics.num_actions, dynamics.num_states))
+    for action, rewards in enumerate(dynamics.rewards.T):
+        transition = dynamics.model.transition_matrix(action)
+        values = np.zeros(dynamics.num_states)
+        for _ in range(_BLIND_SWEEPS):
+            backed = rewards + dynamics.discount * (transition @ values)
+            change = backed - values
+            values = backed
+            if ahead * np.ptp(change) <= close:
+                break
+        # The limit is at least so far above the last sweep, but for rounding.
+        values = values + ahead * change.min()
+        result[action] = values - _ROUNDING * np.abs(values).max()
+    return result
+
+
+def known_states(dynamics: Dynamics, gap: float) -> Iterator[tuple[Vector, bool]]:
+    """Yield the values of actions in known states, ever nearer to the optimal ones, S x A, and whether they bound them.
+
+    Args:
+        dynamics: The model.
+        gap: The last are so near. With a discount of 1 these are exact, and those before are no bounds.
+
+    Raises:
+        ModelError: If the discount is 1, and values grow or fall without end.
+    """
+    if dynamics.discount == 1:
+        for step in steps(dynamics):
+            yield step.table, step.stable
+        return
+    for now in rounds(dynamics, sweeping(dynamics, gap, _EACH)):
+        yield dynamics.q_values(now.values) + now.above, True
+        if now.above - now.below <= max(gap, rounding(dynamics, now)):
+            return
+
+
+def known_state_values(dynamics: Dynamics, goes_on: Callable[[], bool] = lambda: True) -> Vector:
+    """Return an upper bound of the values of actions in known states, S x A.
+
+    Args:
+        dynamics: The model; its discount is below 1.
+        goes_on: Asked after each round of sweeps; False ends them.
+
+    Raises:
+        ModelError: If the rewards are too large for numbers.
+    """
+    for_ever(np.abs(dynamics.rewards).max(), dynamics.discount)
+    found = known_states(dynamics, _close(dynamics))
+    table, _ = next(found)
+    while goes_on() and (better := next(found, None)) is not None:
+        table, _ = better
+    return table
+
+
+def informed_values(dynamics: Dynamics, goes_on: Callable[[], bool] = lambda: True) -> Vector:
+    """Return the fast informed bound, S x A.
+
+    Args:
+        dynamics: A POMDP; its discount is below 1.
+        goes_on: Asked after each sweep; False ends them.
+
+    Raises:
+        ModelError: If the rewards are too large for numbers.
+    """
+    return InformedBound(dynamics).lowered(known_state_values(dynamics, goes_on), goes_on)
+
+
+def _close(dynamics: Dynamics) -> float:
+    rewards = dynamics.rewards
+    return _CLOSE * float(np.ptp(rewards) + _CLOSE * np.abs(rewards).max()) / (1 - dynamics.discount)
+
+
+class Waiting(Protocol):
+    """Moves values back along the steps of an action before something is detected."""
+
+    def __call__(self, action: int, values: Vector) -> Vector:
+        """Return the values at the beginning of the action, of those at the step that ends in a detection."""
+        ...
+
+
+class InformedBound:
+    """Backups of the fast informed bound.
+
+    Large models are swept by a compiled kernel where there is numba, each vector by the newest of the others
+    (Gauss-Seidel); others by products of matrices, all at once.
+
+    Args:
+        dynamics: A POMDP.
+        joints: P(s', o | s, a) of each action, where some observations are to be left out.
+        waiting: What is done after these; by default there are none.
+    """
+
+    def __init__(
+        self, dynamics: Dynamics, joints: Sequence[Joint] | None = None, waiting: Waiting | None = None
+    ) -> None:
+        self._dynamics = dynamics
+        self._waiting = waiting
+        self._given = joints
+        self._sweep: Callable[[Vector], float] = self._sweep_at_once
+        if waiting is None and dynamics.entries * dynamics.num_actions > _LARGE and can_compile():
+            self._sweep = self._compiled()
+
+    @cached_property
+    def _joints(self) -> Sequence[Joint]:
+        actions = range(self._dynamics.num_actions)
+        return [self._dynamics.joint(action) for action in actions] if self._given is None else self._given
+
+    def backup(self, table: Vector) -> Vector:
+        """Return the vectors of one decision more, S x A."""
+        dynamics = self._dynamics
+        result = np.empty_like(table)
+        for action, joint in enumerate(self._joints):
+            ahead = np.bincount(joint.states, (joint.rows @ table).max(axis=1), minlength=dynamics.num_states)
+            values = dynamics.rewards[:, action] + dynamics.discount * ahead
+            result[:, action] = values if self._waiting is None else self._waiting(action, values)
+        return result
+
+    def sweep(self, table: Vector) -> float:
+        """Lower vectors that are upper bounds, S x A, in place; return by how much at most."""
+        return self._sweep(table)
+
+    def lowered(self, table: Vector, goes_on: Callable[[], bool]) -> Vector:
+        """Return lower vectors, near the limit of sweeps, or those that were found until it went on no more.
+
+        Args:
+            table: Upper bounds, S x A.
+            goes_on: Asked after each sweep; False ends them.
+        """
+        discount = self._dynamics.discount
+        table = np.array(table, order="C")
+        while True:
+            change = self.sweep(table)
+            # A sweep shrinks the distance to the limit at least by the discount.
+            scale = float(np.ptp(table)) + _CLOSE * float(np.abs(table).max())
+            if change * discount <= _INFORMED_CLOSE * scale * (1 - discount) or not goes_on():
+                return table
+
+    def _sweep_at_once(self, table: Vector) -> float:
+        lower = np.minimum(self.backup(table), table)
+        change = float((table - lower).max())
+        table[:] = lower
+        return change
+
+    def _compiled(self) -> Callable[[Vector], float]:
+        from mdm.solvers.informed_sweep import informed_sweep, scratch  # noqa: PLC0415 - imports numba
+
+        dynamics = self._dynamics
+        room = scratch(dynamics.num_observations, dynamics.num_actions)
+
+        def sweep(table: Vector) -> float:
+            return informed_sweep(
+                dynamics.transitions,
+                dynamics.observations,
+                dynamics.by_transition,
+                dynamics.rewards,
+                dynamics.discount,
+                table,
+                room,
+            )
+
+        return sweep

@@ -55,3 +55,21 @@ def test_importing_loads_nothing_else():
     """What a program does not ask for costs it nothing."""
     program = "import sys, mdm; print(*(m for m in sys.modules if m.startswith(('mdm.', 'numpy', 'numba', 'scipy'))))"
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == "\n"
+
+
+def test_a_running_robot_loads_no_solver_format_or_compiler():
+    """What an ensemble with a table takes; scipy and numba, too, come with those who need them."""
+    program = """
+import sys
+import mdm
+robot = mdm.Ensemble("robot", policy=[0, 1], actions={"a": print, "b": print})
+async def main():
+    async with mdm.Runtime(log=None) as runtime:
+        await runtime.start(robot)
+        robot.publish_state(1)
+mdm.run(main)
+unwanted = ("mdm.solvers", "mdm.formats", "mdm.simulation", "mdm.cli", "mdm.views", "numba", "scipy")
+print(sorted(name for name in sys.modules if name.startswith(unwanted)))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip().endswith("[]")

@@ -7,7 +7,14 @@ from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.runner import run
 from mdm.runtime.runtime import Runtime, RuntimeStatistics
 from mdm.runtime.scheduler import Ticker
-from mdm.runtime.statistics import ActorStatistics, ChannelStatistics, DispatcherStatistics, Histogram, Latencies
+from mdm.runtime.statistics import (
+    ActorStatistics,
+    ChannelStatistics,
+    DispatcherStatistics,
+    Histogram,
+    Latencies,
+    LogStatistics,
+)
 from mdm.runtime.stream import Overflow, Stream
 from mdm.runtime.supervision import ActorFailure, Restart, Supervision
 from mdm.runtime.virtual import DeadlockError, VirtualClock, VirtualEventLoop
@@ -25,6 +32,7 @@ __all__ = [
     "DispatcherStatistics",
     "Histogram",
     "Latencies",
+    "LogStatistics",
     "Overflow",
     "Restart",
     "Runtime",

@@ -1,22 +1,27 @@
 """The log: a subscriber that renders faults, life-cycle and, at debug level, decisions.
 
-Messages come first and log lines after: a line is rendered when the turn has already called the action's callback.
+Messages come first and log lines after, on a thread of their own: what reads the log, or does not, delays nothing.
 """
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any, Literal
+
+from mdm.runtime.virtual import VirtualClock
+from mdm.runtime.writer import StandardError, Writer
 
 if TYPE_CHECKING:
     from mdm.messages import Decision, Fault, StateChange
     from mdm.runtime.runtime import Runtime
+    from mdm.runtime.statistics import LogStatistics
 
 __all__ = ["Log"]
 
 
 class Log:
     """Renders what happens in a runtime through structlog.
+
+    In virtual time lines are written at once: none is lost, and whoever reads them slowly slows the run down.
 
     Args:
         target: ``"console"`` or ``"json"`` for lines on standard error, or a structlog logger.
@@ -25,25 +30,32 @@ class Log:
 
     def __init__(self, target: Literal["console", "json"] | Any, *, debug: bool) -> None:
         self._debug = debug
-        self._logger = _logger(target) if isinstance(target, str) else target
+        self._writer = Writer()
+        self._logger = _logger(target, self._writer) if isinstance(target, str) else target
 
     def open(self, runtime: Runtime) -> None:
         """Listen to a runtime."""
-        runtime.faults.subscribe(self._fault)
-        runtime.lives.subscribe(self._life)
+        put = self._writer.put
+        if not isinstance(runtime.clock, VirtualClock):
+            self._writer.open()
+        runtime.faults.subscribe(lambda fault: put(self._fault, fault))
+        runtime.lives.subscribe(lambda change: put(self._life, change) if change.actor else None)
         if self._debug:
-            runtime.decisions.subscribe(self._decision)
+            runtime.decisions.subscribe(lambda decision: put(self._decision, decision))
 
     def close(self) -> None:
-        """Write out what is still in a buffer."""
-        sys.stderr.flush()
+        """Write out what waits, within a bound."""
+        self._writer.close()
+
+    def statistics(self) -> LogStatistics:
+        """Return how many lines were written, and how many lost."""
+        return self._writer.statistics()
 
     def _fault(self, fault: Fault) -> None:
         self._logger.error("fault", time=fault.time / 1e9, source=fault.source, kind=fault.kind, detail=fault.detail)
 
     def _life(self, change: StateChange) -> None:
-        if change.actor:
-            self._logger.info(change.state, time=change.time / 1e9, actor=change.actor)
+        self._logger.info(change.state, time=change.time / 1e9, actor=change.actor)
 
     def _decision(self, decision: Decision) -> None:
         self._logger.debug(
@@ -59,16 +71,15 @@ class Log:
         )
 
 
-def _logger(target: str) -> Any:
+def _logger(target: str, writer: Writer) -> Any:
     import structlog  # noqa: PLC0415 - 40 ms that a silent runtime need not spend
 
     if target not in {"console", "json"}:
         raise ValueError(f"a log is 'console', 'json', a structlog logger or None, not {target!r}")
+    standard_error = StandardError(lambda: writer.given_up)
     render = (
         structlog.processors.JSONRenderer()
         if target == "json"
-        else structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty(), pad_event_to=12)
+        else structlog.dev.ConsoleRenderer(colors=standard_error.colours, pad_event_to=12)
     )
-    return structlog.wrap_logger(
-        structlog.PrintLogger(sys.stderr), processors=[structlog.processors.add_log_level, render]
-    )
+    return structlog.wrap_logger(standard_error, processors=[structlog.processors.add_log_level, render])

@@ -15,7 +15,7 @@ from mdm.runtime.channel import Channel
 from mdm.runtime.clock import Clock, WallClock
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.log import Log
-from mdm.runtime.statistics import ActorStatistics, ChannelStatistics, DispatcherStatistics
+from mdm.runtime.statistics import ActorStatistics, ChannelStatistics, DispatcherStatistics, LogStatistics
 from mdm.runtime.supervision import ActorFailure
 from mdm.runtime.virtual import VirtualClock, VirtualEventLoop
 
@@ -36,6 +36,7 @@ class RuntimeStatistics(msgspec.Struct, frozen=True):
     dispatcher: DispatcherStatistics
     actors: tuple[ActorStatistics, ...]
     channels: tuple[ChannelStatistics, ...]
+    log: LogStatistics | None
 
 
 class Runtime:
@@ -51,6 +52,7 @@ class Runtime:
         clock: Whose time; where none is given, a `VirtualClock` inside a program that `mdm.run` runs in virtual time,
             else a `WallClock`.
         log: ``"console"`` or ``"json"`` lines on standard error, a structlog logger of your own, or None for silence.
+            Lines are written on a thread of their own; where nobody reads them, some are lost and counted.
         debug: Log decisions too, not life-cycle and faults alone.
 
     Raises:
@@ -203,6 +205,7 @@ class Runtime:
             dispatcher=self.dispatcher.statistics(),
             actors=tuple(actors),
             channels=tuple(channel.statistics() for channel in self._channels.values()),
+            log=None if self._log is None else self._log.statistics(),
         )
 
 

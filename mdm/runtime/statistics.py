@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["ActorStatistics", "ChannelStatistics", "DispatcherStatistics", "Histogram", "Latencies"]
+__all__ = ["ActorStatistics", "ChannelStatistics", "DispatcherStatistics", "Histogram", "Latencies", "LogStatistics"]
 
 _FOLD = 4096
 _BUCKETS = 8 * 64
@@ -46,6 +46,13 @@ class DispatcherStatistics(msgspec.Struct, frozen=True):
     interrupted: int
     from_threads: int
     refused: int
+
+
+class LogStatistics(msgspec.Struct, frozen=True):
+    """Lines of the log that were written, and lines that were lost: nobody read them in time, or nobody could."""
+
+    written: int
+    lost: int
 
 
 class Histogram(msgspec.Struct, frozen=True):

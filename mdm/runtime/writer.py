@@ -1,0 +1,130 @@
+"""The writer: does on a thread of its own what could keep the event loop waiting.
+
+Standard error may be a pipe that nobody reads. Then a write waits, and with it whoever writes.
+"""
+
+from __future__ import annotations
+
+import contextvars
+import os
+import select
+import sys
+import threading
+from contextlib import suppress
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, TextIO
+
+from mdm.runtime.statistics import LogStatistics
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["StandardError", "Writer"]
+
+_BOUND = 4096
+_LOOK = 0.05
+_PIPE = getattr(select, "PIPE_BUF", 512)
+
+
+class Writer:
+    """Calls functions in the order in which they came; what cannot be done at once waits, up to a bound.
+
+    A call that is one too many, or fails, is lost and counted. ``put`` never waits, and may be called from any thread.
+    """
+
+    def __init__(self) -> None:
+        self.given_up = False
+        self._queue: SimpleQueue[tuple[Callable[[Any], object], Any] | None] = SimpleQueue()
+        self._thread: threading.Thread | None = None
+        self._written = 0
+        self._failed = 0
+        self._refused = 0
+
+    def open(self) -> None:
+        """Write on a thread from now on, within the context variables of the caller."""
+        context = contextvars.copy_context()
+        self._thread = threading.Thread(target=context.run, args=(self._work,), name="mdm:log", daemon=True)
+        self._thread.start()
+
+    def put(self, write: Callable[[Any], object], message: object) -> None:
+        """Have a message written: by the thread, or at once where there is none."""
+        if self._thread is None:
+            self._call(write, message)
+        elif self._queue.qsize() < _BOUND:
+            self._queue.put((write, message))
+        else:
+            self._refused += 1
+
+    def close(self, seconds: float = 0.5) -> None:
+        """Write what waits, for no longer than some seconds; what is left then is lost."""
+        thread = self._thread
+        if thread is not None:
+            self._queue.put(None)
+            thread.join(seconds)
+            self.given_up = True
+            thread.join(2 * _LOOK)
+            self._thread = None
+
+    def _work(self) -> None:
+        while (item := self._queue.get()) is not None:
+            self._call(*item)
+
+    def _call(self, write: Callable[[Any], object], message: object) -> None:
+        try:
+            if self.given_up:
+                raise BrokenPipeError
+            write(message)
+        except Exception:  # a log that fails must end nothing
+            self._failed += 1
+        else:
+            self._written += 1
+
+    def statistics(self) -> LogStatistics:
+        """Return how many lines were written, and how many lost."""
+        return LogStatistics(written=self._written, lost=self._failed + self._refused)
+
+
+class StandardError:
+    """Standard error as it is now, written to without a buffer.
+
+    A thread that waits inside Python's buffer of standard error would end the interpreter with an error at its exit.
+
+    Args:
+        given_up: Tells whether to wait no longer for a reader.
+    """
+
+    def __init__(self, given_up: Callable[[], bool]) -> None:
+        self._given_up = given_up
+        self._stream: TextIO | None = sys.stderr
+        self._descriptor: int | None = None
+        if self._stream is not None and hasattr(select, "poll"):
+            with suppress(OSError, ValueError):  # else it is none of the operating system's
+                self._descriptor = self._stream.fileno()
+
+    @property
+    def colours(self) -> bool:
+        """Whether it is a terminal."""
+        return self._stream is not None and self._stream.isatty()
+
+    def write(self, line: str) -> None:
+        """Write a line.
+
+        Raises:
+            OSError: If there is no standard error, nobody reads it, or it takes no more.
+        """
+        if self._stream is None:
+            raise BrokenPipeError("there is no standard error")
+        if self._descriptor is None:
+            self._stream.write(line + "\n")
+            self._stream.flush()
+            return
+        data = memoryview(f"{line}\n".encode(self._stream.encoding, "backslashreplace"))
+        ready = select.poll()
+        ready.register(self._descriptor, select.POLLOUT)
+        while data:
+            if ready.poll(1000 * _LOOK):
+                data = data[os.write(self._descriptor, data[:_PIPE]) :]  # a pipe that is ready takes so much at once
+            elif self._given_up():
+                raise BrokenPipeError("nobody reads standard error")
+
+    debug = info = warning = error = write

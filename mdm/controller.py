@@ -371,7 +371,9 @@ class Controller:
                 sizes, arrays = packed
                 policy += [sorted(sizes.items()), *(part for name in sorted(arrays) for part in (name, arrays[name]))]
             model = None if self.model is None else digest(self.model)
-            self._configuration = of_parts([model, *policy, self.horizon, self.on_impossible])
+            tracked = type(self.information).__name__
+            rewards = [] if self._rewards is None else self._rewards
+            self._configuration = of_parts([model, *policy, tracked, self.horizon, self.on_impossible, *rewards])
         return self._configuration
 
     _configuration: str | None = None

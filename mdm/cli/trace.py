@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _system(arguments: argparse.Namespace) -> System:
-    from mdm.actors import Ensemble, FixedRate, OnEvent, PredicateManager  # noqa: PLC0415
+    from mdm.actors import ControlOptions, Ensemble, PredicateManager  # noqa: PLC0415
     from mdm.config import System, load_system  # noqa: PLC0415
     from mdm.config.functions import nothing  # noqa: PLC0415
     from mdm.formats import load_model, load_policy  # noqa: PLC0415
@@ -118,20 +118,20 @@ def _system(arguments: argparse.Namespace) -> System:
         model = model.with_discount(arguments.discount)
     policy = load_policy(arguments.policy, model, seed=arguments.seed)
     actions = policy.num_actions if model is None else len(model.action_space.factors[0])
-    try:
-        drive = OnEvent() if arguments.drive in {None, "event"} else FixedRate(float(arguments.drive))
-    except ValueError:
-        raise UsageError(f"--drive is 'event' or a rate in decisions per second, not {arguments.drive!r}") from None
+    if arguments.drive not in {None, "event"}:
+        try:
+            arguments.drive = float(arguments.drive)
+        except ValueError:
+            raise UsageError(f"--drive is 'event' or a rate in decisions per second, not {arguments.drive!r}") from None
+    given = [
+        (option, getattr(arguments, option, None)) for option in ControlOptions.__annotations__ if option != "seed"
+    ]
     ensemble = Ensemble(
         "ensemble",
         policy=policy,
         model=model,
         actions=dict.fromkeys(range(actions), nothing),
-        drive=drive,
-        horizon=arguments.horizon,
-        on_impossible=arguments.on_impossible or "predict",
-        on_no_observation=arguments.on_no_observation or "predict",
-        false_negative=arguments.false_negative,
+        **{option: value for option, value in given if value is not None},
     )
     return System(PredicateManager(), {"ensemble": ensemble}, [])
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import msgspec
 
-from mdm.actors import Binding, Ensemble, ObservationFactor, PredicateManager, StateFactor
+from mdm.actors import Binding, ControlOptions, Ensemble, ObservationFactor, PredicateManager, StateFactor
 from mdm.actors.drive import drive_of
 from mdm.actors.ensemble import MOST_LEVELS
 from mdm.actors.predicate_manager import ACTION_END
@@ -47,6 +47,12 @@ _KEYS = {
     "formula": ("formula", "held_for"),
     "latch": ("set", "reset", "initial"),
 }
+_OPTIONS = [
+    option
+    for option in ControlOptions.__annotations__
+    if option in EnsembleTable.__struct_fields__ and option not in {"drive", "rewards", "seed"}
+]
+"""The options of a control layer that the table of an ensemble has as they are."""
 T = TypeVar("T")
 
 
@@ -218,13 +224,8 @@ class _Builder:
                 safe_action=safe,
                 supervision=supervision,
                 drive=drive,
-                horizon=table.horizon,
-                on_impossible=table.on_impossible,
-                on_no_observation=table.on_no_observation,
                 rewards=rewards,
-                deadline=table.deadline,
-                initial_belief=table.initial_belief,
-                false_negative=table.false_negative,
+                **{option: getattr(table, option) for option in _OPTIONS},
             )
             return ensemble
         return None

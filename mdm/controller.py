@@ -319,9 +319,9 @@ class Controller:
             ModelError: If it is no belief over the states.
         """
         checked = self.symbols.belief_of(belief)
-        held = self.snapshot()
+        held = snapshot(self.information)
         self.information.reset(checked)
-        self.restore(held)
+        restore(self.information, held)
         self._initial = checked
 
     @property
@@ -359,7 +359,7 @@ class Controller:
         every process that tracks beliefs in the same way (with numba, or without). A policy of your own counts by
         the name of its class, unless it has ``packed()``.
         """
-        return of_parts([self.configuration, self.snapshot()])
+        return of_parts([self.snapshot()])
 
     @property
     def configuration(self) -> str:
@@ -381,6 +381,7 @@ class Controller:
     def snapshot(self) -> bytes:
         """Return what it takes to go on from here: with `restore`, the same calls then give the same steps."""
         held = [
+            self.configuration,
             self.epoch,
             self.last_action,
             self.given,
@@ -394,17 +395,18 @@ class Controller:
         """Go on from a snapshot of a controller with the same `configuration`.
 
         Raises:
-            ModelError: If it is of another kind.
+            ModelError: If it is none, or of another configuration; nothing has changed.
         """
         try:
-            held = msgspec.msgpack.decode(snapshot)
-            self.epoch, self.last_action, self.given, self._probability, initial, information = held
-            self._initial = None if initial is None else np.array(initial)
-            restore(self.information, information)
+            configuration, epoch, action, given, probability, initial, information = msgspec.msgpack.decode(snapshot)
         except (msgspec.MsgspecError, TypeError, ValueError) as error:
-            raise ModelError(f"this is no snapshot of such a controller: {error}") from None
-
-    # -- Symbols -------------------------------------------------------------------------------------------------
+            raise ModelError(f"this is no snapshot of a controller: {error}") from None
+        if configuration != self.configuration:
+            raise ModelError("the snapshot is of a controller with another model, policy or options")
+        restore(self.information, information)
+        self.epoch, self.last_action, self.given, self._probability = epoch, action, given, probability
+        self._initial = None if initial is None else np.array(initial)
+        self.problem = None
 
     # -- Construction --------------------------------------------------------------------------------------------
 

@@ -323,7 +323,8 @@ def test_what_cannot_be_told_is_refused():
         (lambda: beliefs.see(0), "decides on what is observed, not on states"),
         (lambda: beliefs.start([0.5, 0.6]), "sums to 1.1"),
         (lambda: beliefs.believe("tiger-lft"), "did you mean 'tiger-left'"),
-        (lambda: beliefs.restore(b"nonsense"), "this is no snapshot of such a controller"),
+        (lambda: beliefs.restore(b"nonsense"), "this is no snapshot of a controller"),
+        (lambda: beliefs.restore(states.snapshot()), "of a controller with another model, policy or options"),
     ):
         with pytest.raises(mdm.ModelError) as caught:
             call()

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 Indices = Any
 
-__all__ = ["CrowdBeliefs", "grouped", "product"]
+__all__ = ["BatchTracker", "grouped", "product"]
 
 _ONE_THREAD = 1 << 18
 """Multiplications in one product up to which OpenBLAS works without a second thread."""
 
 
-class CrowdBeliefs:
+class BatchTracker:
     """Tracks the beliefs of many episodes, as `BeliefTracker` does that of one.
 
     Args:

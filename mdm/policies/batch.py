@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from mdm.beliefs.batch import CrowdBeliefs
+from mdm.beliefs.batch import BatchTracker
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -106,21 +106,21 @@ class BeliefBatch:
     """
 
     def __init__(self, policy: Any, model: POMDP) -> None:
-        self._crowd = CrowdBeliefs(model)
+        self._tracker = BatchTracker(model)
         self._policy = policy
 
     def begin(self, states: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
         """Return the first actions."""
-        self._crowd.begin(states)
-        actions: Indices = self._policy.actions_at(self._crowd.beliefs)
+        self._tracker.begin(states)
+        actions: Indices = self._policy.actions_at(self._tracker.beliefs)
         return actions
 
     def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
         """Return the next actions."""
-        self._crowd.update(episodes, actions, seen)
-        chosen: Indices = self._policy.actions_at(self._crowd.beliefs[episodes])
+        self._tracker.update(episodes, actions, seen)
+        chosen: Indices = self._policy.actions_at(self._tracker.beliefs[episodes])
         return chosen
 
     def keep(self, which: npt.NDArray[np.bool_]) -> None:
         """Drop the other episodes' beliefs."""
-        self._crowd.keep(which)
+        self._tracker.keep(which)

@@ -24,7 +24,7 @@ from mdm.loading import model_of, policy_of
 from mdm.models import POMDP
 from mdm.models.matrices import Vector
 from mdm.policies import mismatch
-from mdm.simulation.episodes import Together, limits, one_by_one
+from mdm.simulation.episodes import EpisodeBatch, limits, one_by_one
 
 if TYPE_CHECKING:
     from mdm.loading import GivenModel, GivenPolicy
@@ -125,9 +125,9 @@ def evaluate(
         count = 1_000 if episodes is None else episodes
         returns, moves = one_by_one(model, policy, ends, episodes=count, seed=seed)
     else:
-        crowd = Together(model, batch, ends, observed=takes != "state")
+        run = EpisodeBatch(model, batch, ends, observed=takes != "state")
         chunk = min(_CHUNK, max(_TOGETHER, _NUMBERS // len(model.state_space)))
-        returns, moves = _in_chunks(crowd, 10_000 if episodes is None else episodes, chunk, seed)
+        returns, moves = _in_chunks(run, 10_000 if episodes is None else episodes, chunk, seed)
     seconds = time.perf_counter() - began
     return Evaluation.of(returns, int(min(ends)), seed, moves, seconds)
 
@@ -144,11 +144,11 @@ def _check(model: MDP, policy: Any, episodes: int | None, steps: int | None) -> 
         raise ConfigError(wrong)
 
 
-def _in_chunks(crowd: Together, episodes: int, chunk: int, seed: int) -> tuple[Vector, int]:
+def _in_chunks(run: EpisodeBatch, episodes: int, chunk: int, seed: int) -> tuple[Vector, int]:
     """Run episodes in parts that the memory holds, each with numbers of its own."""
     sizes = [min(chunk, episodes - first) for first in range(0, episodes, chunk)]
     streams = np.random.SeedSequence(seed).spawn(len(sizes))
-    parts = [crowd(size, np.random.default_rng(stream)) for size, stream in zip(sizes, streams, strict=True)]
+    parts = [run(size, np.random.default_rng(stream)) for size, stream in zip(sizes, streams, strict=True)]
     returns = np.concatenate([part for part, _ in parts])
     returns.setflags(write=False)
     return returns, sum(moves for _, moves in parts)

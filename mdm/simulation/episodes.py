@@ -11,8 +11,9 @@ from mdm.beliefs import Support
 from mdm.controller import Controller
 from mdm.errors import ConfigError
 from mdm.models import POMDP
+from mdm.models.dynamics import Dynamics
 from mdm.policies.batch import ENDED
-from mdm.simulation.crowd import Crowd
+from mdm.simulation.batch_sampler import BatchSampler, ended_states
 from mdm.simulation.sampler import Sampler
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.policies.batch import Batch
 
-__all__ = ["Limits", "Moment", "Single", "Together", "limits", "one_by_one"]
+__all__ = ["EpisodeBatch", "EpisodeStep", "Limits", "Single", "limits", "one_by_one"]
 
 _REST = 1e-6
 """The weight of what comes after the last step, where the discount ends an episode."""
@@ -59,7 +60,7 @@ def limits(model: MDP, policy: Any, steps: int | None) -> Limits:
     return Limits(horizon, math.inf)
 
 
-class Together:
+class EpisodeBatch:
     """Runs many episodes in step.
 
     Args:
@@ -70,12 +71,12 @@ class Together:
     """
 
     def __init__(self, model: MDP, batch: Batch, ends: Limits, *, observed: bool) -> None:
-        self._crowd = Crowd(model, observed=observed)
+        self._sampler = BatchSampler(model, observed=observed)
         self._discount = model.discount
         self._batch = batch
         self._observed = observed
         false_negative = model.false_negative
-        self._false_negative = self._crowd.nothing if false_negative is None else false_negative
+        self._false_negative = self._sampler.nothing if false_negative is None else false_negative
         self._ends = ends
 
     def __call__(self, episodes: int, random: np.random.Generator) -> tuple[Vector, int]:
@@ -83,13 +84,13 @@ class Together:
 
         Every episode has its own numbers at every step, whatever the policy did and which others have ended.
         """
-        crowd = self._crowd
+        sampler = self._sampler
         returns = np.zeros(episodes)
-        states = crowd.first(random.random(episodes))
+        states = sampler.first(random.random(episodes))
         actions = self._batch.begin(states, random.random(episodes))
         decisions, waited, going = np.ones_like(states), np.zeros_like(states), np.arange(episodes)
         weight, moves, time = 1.0, 0, 0
-        goes = ~crowd.ended[states]
+        goes = ~sampler.ended[states]
         while True:
             if not goes.all():
                 states, actions, decisions = states[goes], actions[goes], decisions[goes]
@@ -97,18 +98,18 @@ class Together:
                 self._batch.keep(goes)
             if not len(going):
                 return returns, moves
-            returns[going] += weight * crowd.rewards[states, actions]
+            returns[going] += weight * sampler.rewards[states, actions]
             weight *= self._discount
             time += 1
             moves += len(going)
             if time >= self._ends.moves:
                 return returns, moves
             numbers = random.random((3, episodes))[:, going]
-            states, seen = crowd.move(states, actions, numbers)
-            goes = (decisions < self._ends.decisions) & ~crowd.ended[states]
+            states, seen = sampler.move(states, actions, numbers)
+            goes = (decisions < self._ends.decisions) & ~sampler.ended[states]
             decides = goes
             if self._observed:
-                decides = goes & (seen != self._false_negative) & (seen != crowd.nothing)
+                decides = goes & (seen != self._false_negative) & (seen != sampler.nothing)
                 waited = np.where(decides, 0, waited + 1)
                 goes &= waited < _LONGEST
             which = np.flatnonzero(decides)
@@ -120,7 +121,7 @@ class Together:
             goes[which[chosen == ENDED]] = False
 
 
-class Moment(NamedTuple):
+class EpisodeStep(NamedTuple):
     """A step of time in an episode.
 
     Attributes:
@@ -150,9 +151,9 @@ class Single:
         self._model = model
         self._controller = Controller(policy, model)
         self._sampler = Sampler(model)
-        self._ended = Crowd(model, observed=False).ended
+        self._ended = ended_states(Dynamics(model))
 
-    def __call__(self, seed: int | np.random.SeedSequence | None) -> Iterator[Moment]:
+    def __call__(self, seed: int | np.random.SeedSequence | None) -> Iterator[EpisodeStep]:
         """Run an episode until nothing more can come of it; the caller may end it at any moment."""
         model, sampler, controller = self._model, self._sampler, self._controller
         sees, false_negative = controller.takes == "state", model.false_negative
@@ -166,7 +167,7 @@ class Single:
             step = controller.start(model.belief_at_start(state) if knows else None)
         decided = True
         while not self._ended[state] and waited < _LONGEST:
-            yield Moment(state, self._known(), step.action, seen, decided)
+            yield EpisodeStep(state, self._known(), step.action, seen, decided)
             if controller.over:
                 return
             before, state = state, sampler.next_state(state, step.action)

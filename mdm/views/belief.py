@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
     from mdm.models.matrices import Vector
-    from mdm.simulation.episodes import Moment
+    from mdm.simulation.episodes import EpisodeStep
 
 __all__ = ["belief_figure", "doubt_figure"]
 
@@ -101,7 +101,7 @@ def belief_figure(model: MDP, policy: Any, steps: int, seed: int) -> Any:
         steps: Decisions, at most.
         seed: Of the episode.
     """
-    moments: list[Moment] = []
+    moments: list[EpisodeStep] = []
     for moment in Single(model, policy)(seed):
         if moment.decided:
             moments.append(moment)

@@ -24,8 +24,6 @@ from mdm.policies import (
     StatePolicy,
     StochasticPolicy,
 )
-from mdm.simulation.crowd import Crowd
-from mdm.simulation.draws import Draws
 from mdm.simulation.episodes import Limits, one_by_one
 from mdm.solvers import exact_values
 
@@ -294,39 +292,6 @@ def test_mistakes_are_told():
         *given_, options = arguments
         with pytest.raises(ConfigError, match=words):
             evaluate(*given_, **options)
-
-
-@given(SEEDS, st.booleans())
-@settings(max_examples=30)
-def test_draws_follow_their_rows_and_never_leave_them(seed, shared):
-    from scipy import sparse
-
-    random = np.random.default_rng(seed)
-    matrices = [distributions(random, 3, 7), sparse.csr_array(distributions(random, 3, 7))]
-    if shared:
-        matrices.append(matrices[0])
-    draws = Draws(matrices)
-    for which, matrix in enumerate(matrices):
-        for row in range(3):
-            probabilities = dense(matrix)[row]
-            numbers = np.concatenate([(np.arange(2000) + 0.5) / 2000, [0.0, np.nextafter(1, 0)]])
-            at = np.full(len(numbers), which), np.full(len(numbers), row)
-            drawn = draws.columns[draws(*at, numbers)]
-            assert (probabilities[drawn] > 0).all()
-            assert (np.diff(drawn[:2000]) >= 0).all()
-            counts = np.bincount(drawn[:2000], minlength=7) / 2000
-            np.testing.assert_allclose(counts, probabilities, atol=1.1e-3)
-
-
-@pytest.mark.parametrize("sparse", [False, True])
-def test_a_crowd_knows_where_episodes_are_over(sparse):
-    """States 0 and 1 lead to each other for ever, 2 leads to them, and by one action to 3, which earns."""
-    ring = [[0, 1, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
-    out = [[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1], [1, 0, 0, 0]]
-    model = MDP([ring, out], [[0, 0], [0, 0], [0, 0], [0, 1]], discount=0.9, sparse=sparse)
-    assert Crowd(model).ended.tolist() == [True, True, False, False]
-    assert not Crowd(model.with_discount(0.5)).ended[2:].any()
-    assert Crowd(MDP([ring], np.zeros((4, 1)), discount=0.9)).ended.all()
 
 
 def test_a_staged_policy_goes_through_its_stages():

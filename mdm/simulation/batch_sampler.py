@@ -1,0 +1,136 @@
+"""Sampling for many episodes of a model at once, without a loop over them: see `Sampler` for one at a time."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.models.dynamics import Dynamics, Indices, Rows, stacked
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from mdm.models import MDP
+    from mdm.models.matrices import Vector
+
+__all__ = ["BatchSampler", "Draws", "ended_states"]
+
+
+class BatchSampler:
+    """Draws first states, and next states with observations.
+
+    Args:
+        model: The model.
+        observed: Whether observations are drawn; policies over states need none.
+    """
+
+    def __init__(self, model: MDP, *, observed: bool = True) -> None:
+        dynamics = Dynamics(model)
+        self.rewards = dynamics.rewards
+        self.ended = ended_states(dynamics)
+        """The states from which nothing more can be earned: an episode that is there is over."""
+        self.nothing = dynamics.num_observations
+        """What is drawn where nothing is observed: no observation's index."""
+        self._first = Draws(stacked([model.initial_belief[None, :]]))
+        self._transitions = Draws(dynamics.transitions)
+        self._by_transition = dynamics.by_transition
+        self._observations = Draws(dynamics.observations) if observed and dynamics.num_observations else None
+
+    def first(self, numbers: Vector) -> Indices:
+        """Draw first states, one for each number from [0, 1)."""
+        zeros = np.zeros(len(numbers), dtype=np.intp)
+        return self._first.columns[self._first(zeros, zeros, numbers)]
+
+    def move(self, states: Indices, actions: Indices, numbers: Vector) -> tuple[Indices, Indices]:
+        """Draw what follows.
+
+        Args:
+            states: E of them.
+            actions: Of each episode.
+            numbers: From [0, 1), 2 x E: for the transitions, and for the observations.
+
+        Returns:
+            The next states, and what is observed; ``nothing`` where events leave it open.
+        """
+        entries = self._transitions(actions, states, numbers[0])
+        after = self._transitions.columns[entries]
+        draws = self._observations
+        if draws is None:
+            return after, np.zeros_like(after)
+        rows = entries - self._transitions.first_entry[actions] if self._by_transition else after
+        return after, draws.columns[draws(actions, rows, numbers[1])]
+
+
+class Draws:
+    """Rows as distributions to draw from.
+
+    A draw is a bisection of the row's cumulative probabilities, for all rows in step: as many rounds as the longest row
+    has bits in its length. It finds an entry.
+
+    Args:
+        rows: Rows that sum to 1.
+    """
+
+    def __init__(self, rows: Rows) -> None:
+        self._first_row = rows.first
+        self._starts = rows.starts.astype(np.intp)
+        self.first_entry: Indices = self._starts[rows.first]
+        """The first entry of each action's rows."""
+        self.columns: Indices = rows.columns.astype(np.intp)
+        """The column of each entry."""
+        self._levels = _levels(rows, self._starts)
+        self._rounds = int(np.diff(self._starts).max() - 1).bit_length()
+
+    def __call__(self, actions: Indices, rows: Indices, numbers: Vector) -> Indices:
+        """Draw an entry from a row for each number.
+
+        Args:
+            actions: The actions.
+            rows: A row of each action's.
+            numbers: From [0, 1).
+        """
+        at = self._first_row[actions] + rows
+        low: Indices = self._starts[at]
+        high = self._starts[at + 1] - 1
+        for _ in range(self._rounds):
+            middle = (low + high) >> 1
+            beyond = self._levels[middle] <= numbers
+            low = np.where(beyond, middle + 1, low)
+            high = np.where(beyond, high, middle)
+        return low
+
+
+def _levels(rows: Rows, starts: Indices) -> Vector:
+    """Return the cumulative probabilities of each row; the last is beyond any draw, and so rounding is, too."""
+    levels = np.empty(len(rows.values))
+    blocks = np.append(np.unique(rows.first), len(starts) - 1)
+    for begin, end in pairwise(blocks):  # sums over all would lose digits
+        own = starts[begin : end + 1]
+        total = np.cumsum(rows.values[own[0] : own[-1]])
+        before = np.concatenate(([0.0], total))[own[:-1] - own[0]]
+        levels[own[0] : own[-1]] = total - np.repeat(before, np.diff(own))
+    levels[starts[1:] - 1] = 2.0
+    return levels
+
+
+def ended_states(dynamics: Dynamics) -> npt.NDArray[np.bool_]:
+    """Return from which states no action ever leads to a reward."""
+    size = dynamics.num_states
+    earning = np.flatnonzero((dynamics.rewards != 0).any(axis=1))
+    ended = np.zeros(size, dtype=bool)
+    if len(earning) == size:
+        return ended
+    from scipy.sparse import coo_array  # noqa: PLC0415 - as long to import as all the rest
+    from scipy.sparse.csgraph import breadth_first_order  # noqa: PLC0415
+
+    # Backwards, from one more node that stands before all states with rewards.
+    ways = dynamics.transitions.matrix(size).tocoo()
+    rows = np.concatenate([ways.col, np.full(len(earning), size)])
+    columns = np.concatenate([ways.row % size, earning])
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size + 1, size + 1)).tocsr()
+    ended[:] = True
+    found = breadth_first_order(graph, size, return_predecessors=False)
+    ended[found[found < size]] = False
+    return ended

@@ -1,4 +1,4 @@
-"""Models of files whose numbers are known to be inexact, without the warnings that tell of it."""
+"""Files written for a test, and models of files whose numbers are known to be inexact."""
 
 from __future__ import annotations
 
@@ -9,9 +9,16 @@ from mdm.errors import ModelWarning
 
 
 def load(path, **options):
-    """Return a file's model; a factored one is flattened."""
+    """Return a file's model without warnings of its numbers; a factored one is flattened."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
         model = load_model(path, **options)
         model.flatten()
         return model
+
+
+def written(folder, text, name="x.policy"):
+    """Return the path of a file with a text."""
+    path = folder / name
+    path.write_text(text)
+    return path

@@ -30,10 +30,3 @@ def assert_refused(path, text, line, words):
     assert words in str(caught.value)
     assert caught.value.line == line
     assert caught.value.file == str(path)
-
-
-def written(folder, text, name="x.policy"):
-    """Return the path of a file with a text."""
-    path = folder / name
-    path.write_text(text)
-    return path

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from loading import written
 from places import POLICIES
-from policy_files import written
 from random_policies import (
     KINDS,
     alpha,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from policy_files import model_of, written
+from loading import written
+from policy_files import model_of
 
 from mdm import FormatError, load_policy
 from mdm.policies import QTable, StochasticPolicy

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from policy_files import written
+from loading import written
 from random_policies import floats
 
 from mdm import FormatError

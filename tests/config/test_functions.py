@@ -1,0 +1,61 @@
+"""Functions that files name: found beside the file first, and never another module's."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import pytest
+from loading import written
+from robot_file import CALLBACKS, GOOD
+
+from mdm import (
+    ConfigError,
+    load_system,
+)
+from mdm.config.functions import find_function
+
+
+def test_a_module_of_the_same_name_from_another_folder_is_not_taken_for_this_one(folder, tmp_path_factory):
+    load_system(written(folder, GOOD, "robot.toml"))
+    other = tmp_path_factory.mktemp("other")
+    (other / "robot_code.py").write_text(CALLBACKS)
+    (other / "below.policy").write_text("[2](1,0)")
+    with pytest.raises(ConfigError, match="another module 'robot_code' is already loaded, from .*: rename"):
+        load_system(written(other, GOOD, "robot.toml"))
+
+
+def test_functions_are_found_beside_the_file_and_anywhere_else(folder):
+    assert find_function("robot_code:rest", folder).__name__ == "rest"
+    assert find_function("os.path:join", folder) is os.path.join
+    (folder / "package").mkdir()
+    (folder / "package" / "__init__.py").write_text("def inside(): pass\n")
+    assert find_function("package:inside", folder).__name__ == "inside"
+    sys.modules.pop("package")
+
+
+@pytest.mark.parametrize(
+    ("reference", "words"),
+    [
+        ("rest", "a function is named as 'module:name', not 'rest'"),
+        (":rest", "a function is named as 'module:name'"),
+        ("robot_code:", "a function is named as 'module:name'"),
+        ("robot_cod:rest", "there is no module 'robot_cod'; modules are looked for beside the file first"),
+        ("robot_code:rst", "module 'robot_code' has no 'rst'; did you mean 'rest'"),
+        ("robot_code:number", "'robot_code:number' is a int, not a function"),
+        ("broken_code:x", "module 'broken_code' cannot be imported: ZeroDivisionError: division by zero"),
+        ("leaving_code:x", "module 'leaving_code' cannot be imported: SystemExit: 3"),
+        ("asking_code:x", "there is no module 'nowhere', which 'asking_code' imports"),
+    ],
+)
+def test_what_is_no_function_is_told(folder, reference, words):
+    (folder / "asking_code.py").write_text("import nowhere\n")
+    with pytest.raises(ConfigError) as caught:
+        find_function(reference, folder)
+    assert words in str(caught.value)
+
+
+def test_a_module_of_python_itself_is_not_taken_for_the_one_beside(folder):
+    (folder / "sys.py").write_text("def path(): pass\n")
+    with pytest.raises(ConfigError, match="another module 'sys' is already loaded, from Python itself"):
+        find_function("sys:exit", folder)

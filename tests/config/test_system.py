@@ -1,0 +1,66 @@
+"""The system of a file: its tasks, and how many ensembles may lie below each other."""
+
+from __future__ import annotations
+
+import pytest
+from loading import written
+from robot_file import CALLBACKS, GOOD
+
+from mdm import (
+    ActorFailure,
+    ConfigError,
+    load_system,
+)
+from mdm.testing import run_virtual
+
+
+def test_a_task_that_fails_is_named(folder):
+    async def main(runtime):
+        await runtime.start(load_system(written(folder, GOOD, "robot.toml")))
+        await runtime.wait()
+
+    (folder / "robot_code.py").write_text(CALLBACKS.replace('system.predicates.sense("A", True)', "1 / 0"))
+    with pytest.raises(ActorFailure, match=r"task 'sense' failed: ZeroDivisionError: division by zero \(at .*:4\)"):
+        run_virtual(main)
+
+
+def chain(levels):
+    text = ""
+    for level in range(levels):
+        below = f"{{ ensemble = 'e{level + 1}' }}" if level < levels - 1 else "'robot_code:rest'"
+        text += f"[ensembles.e{level}]\npolicy = [0]\n[ensembles.e{level}.actions]\ngo = {below}\n"
+    return text
+
+
+def test_a_hierarchy_of_a_hundred_levels_runs_and_deeper_ones_are_refused(folder):
+    system = load_system(written(folder, chain(100), "robot.toml"))
+
+    async def main(runtime):
+        await runtime.start(system)
+        for ensemble in system.ensembles.values():
+            ensemble.publish_state(0)
+        assert system.ensembles["e99"].action.ended == {"succeeded": 1}
+
+    run_virtual(main)
+    for levels in (101, 121, 1200):
+        with pytest.raises(ConfigError, match="start each other on more than 100 levels"):
+            load_system(written(folder, chain(levels), "robot.toml"))
+
+
+def test_ensembles_begin_with_the_system_unless_another_starts_them(folder):
+    system = load_system(written(folder, chain(3), "robot.toml"))
+    assert [ensemble.name for ensemble in system.top] == ["e0"]
+    assert list(system.ensembles) == ["e0", "e1", "e2"]
+    assert [child.name for child in system.children] == ["predicates", "e0"]
+    assert [line.split(" (")[0] for line in system.tree().splitlines()] == [
+        "e0",
+        "  go: e1",
+        "    go: e2",
+        "      go: rest()",
+    ]
+
+    async def main(runtime):
+        await runtime.start(system)
+        return [channel.name for channel in runtime.channels]
+
+    assert "e0/action" in run_virtual(main)  # not system/e0/action

@@ -1,0 +1,98 @@
+"""Every mistake in a file is told with its key."""
+
+from __future__ import annotations
+
+import pytest
+from loading import written
+from robot_file import GOOD
+
+from mdm import (
+    ConfigError,
+    load_system,
+)
+
+WRONG = [
+    ("[predicates]", "[predicats]", "predicats", "there is no key 'predicats'"),
+    ('B = "not A"', 'B = "not AA"', "predicates", "'B' uses 'AA', which is not declared; did you mean 'A'"),
+    ('B = "not A"', 'B = "not"', "predicates.B", "(column 4)"),
+    ('B = "not A"', 'B = "C"\nC = "B"', "predicates", "circle"),
+    ("max_age = 60.0", "max_age = -1.0", "predicates.A", "max_age"),
+    ("max_age = 60.0", "max_age = inf", "predicates.A.max_age", "1000000000"),
+    ("max_age = 60.0", "max_age = nan", "predicates.A.max_age", "> 0.0"),
+    ("initial = false", "sensor = false", "predicates.A", "needs a 'formula'"),
+    ('formula = "A", ', 'formula = "A", initial = true, ', "predicates.Long", "'initial' means nothing for a formula"),
+    ("held_for = 2.0", "held_for = inf", "predicates.Long.held_for", "1000000000"),
+    ('Up = "A"', 'Up = "A or"', "events.Up", "(column 5)"),
+    ('Up = "A"', 'Up = "Aa"', "events.Up", "'Up' uses 'Aa', which is not declared; did you mean 'A'"),
+    ("max_age = 60.0", "maxage = 60.0", "predicates.A.maxage", "did you mean 'max_age'"),
+    ("max_age = 60.0", 'max_age = "x"', "predicates.A.max_age", "float"),
+    ('formula = "A", ', "", "predicates.Long", "give the formula"),
+    (', reset = "Ping"', "", "predicates.Seen", "both 'set' and 'reset'"),
+    ('"Work.succeeded"', '"Wrok.succeeded"', "predicates", "no ensemble has; did you mean 'Work'"),
+    ('set = "Work', 'formula = "A", set = "Work', "predicates.Seen", "not both"),
+    ("policy = [0, 1]", "policy = [0, 2]", "ensembles.top.policy", "is 2"),
+    ("policy = [0, 1]", "policy = [0, 1, 1]", "ensembles.top.states", "make 2 states, but the policy is for 3"),
+    ("policy = [0, 1]\n", "", "ensembles.top", "no key 'policy'"),
+    ('policy = "below.policy"', 'policy = "belw.policy"', "ensembles.below.policy", "no such file"),
+    ('policy = "below.policy"', 'policy = "cut.policy"', "ensembles.below.policy", "before the brackets"),
+    ('policy = "below.policy"', 'policy = "three.policy"', "ensembles.below.states", "the policy is for 3"),
+    ('policy = "below.policy"', 'model = "no.mdp"\npolicy = "below.policy"', "ensembles.below.model", "no such file"),
+    ("drive = 2.0", "drive = -2.0", "ensembles.below.drive", "rate"),
+    ("drive = 2.0", "drive = 1e-9", "ensembles.below.drive", "a rate is at least 0.000001"),
+    ("drive = 2.0", "drive = nan", "ensembles.below.drive", "a rate is at least 0.000001"),
+    ("drive = 2.0", "drive = inf", "ensembles.below.drive", "rate"),
+    ("drive = 2.0", "deadline = 0.0", "ensembles.below.deadline", "> 0.0"),
+    ("drive = 2.0", "deadline = inf", "ensembles.below.deadline", "1000000000"),
+    ("drive = 2.0", "seed = -1", "ensembles.below.seed", ">= 0"),
+    ("drive = 2.0", 'rewards = "no.rewards"', "ensembles.below.rewards", "no such file"),
+    ("drive = 2.0", 'rewards = ""', "ensembles.below.rewards", "path of a file"),
+    ('"below.policy"', '"below\\u0000.policy"', "ensembles.below.policy", "path of a file"),
+    ("{ restart = 2 }", "{ restart = -2 }", "ensembles.below.supervision.restart", ">= 0"),
+    ("{ restart = 2 }", "{ restrt = 2 }", "ensembles.below.supervision.restrt", "did you mean 'restart'"),
+    ("{ restart = 2 }", '"pray"', "ensembles.below.supervision", "'pray' is none of 'stop', 'escalate'"),
+    ("[ensembles.below]", "[ensembles.predicates]", "ensembles.predicates", "give it another name"),
+    ("[ensembles.below]", '[ensembles.""]', "ensembles.", "give it another name"),
+    ("drive = 2.0", 'drive = "often"', "ensembles.below.drive", "often"),
+    ("horizon = 5", "horizn = 5", "ensembles.below.horizn", "did you mean 'horizon'"),
+    ("horizon = 5", "horizon = 0", "ensembles.below.horizon", "at least 1"),
+    ('"hold"', '"keep"', "ensembles.below.states.a.on_violation", "'keep' is none of 'first', 'hold', 'error'"),
+    ('predicates = ["A"]', 'predicates = ["Aa"]', "ensembles.below.states.a", "'Aa'"),
+    ('b = ["B"]', 'b = ["Ping"]', "ensembles.top.states.b", "no declared predicate"),
+    ('safe_action = "Rest"', 'safe_action = "Reset"', "ensembles.top.safe_action", "'Reset' is none of"),
+    ('Rest = "robot_code:rest"\n[ensembles.below]', "[ensembles.below]", "ensembles.top", "0 to 0"),
+    ("robot_code:work", "robot_code:wrk", "ensembles.below.actions.Work", "no 'wrk'; did you mean 'work'"),
+    ("robot_code:work", "robot_cod:work", "ensembles.below.actions.Work", "no module 'robot_cod'"),
+    ("robot_code:work", "broken_code:work", "ensembles.below.actions.Work", "ZeroDivisionError"),
+    ("robot_code:work", "leaving_code:work", "ensembles.below.actions.Work", "SystemExit"),
+    ("robot_code:work", "robot_code:number", "ensembles.below.actions.Work", "is a int, not a function"),
+    ("robot_code:work", "work", "ensembles.below.actions.Work", "'module:name'"),
+    ("timeout = 3.0", "timeout = -3.0", "ensembles.below.actions.Work.timeout", "> 0.0"),
+    ("timeout = 3.0", "timeut = 3.0", "ensembles.below.actions.Work.timeut", "did you mean 'timeout'"),
+    ('ensemble = "below"', 'ensemble = "bellow"', "ensembles.top.actions.Below", "did you mean 'below'"),
+    ('ensemble = "below"', 'ensemble = "top"', "ensembles.top.actions.Below", "circle: top -> top"),
+    (
+        'ensemble = "below"',
+        'call = "robot_code:rest", ensemble = "below"',
+        "ensembles.top.actions.Below",
+        "one of them",
+    ),
+    ('Rest = "robot_code:rest"\n[ensembles.below]', 'Rest = { ensemble = "below" }\n[ensembles.below]', "", ""),
+    ('tasks = ["robot_code:sense"]', 'tasks = ["robot_code:not_async"]', "tasks", "not an async function"),
+    ('tasks = ["robot_code:sense"]', 'tasks = ["robot_code:no_argument"]', "tasks", "one argument, the System"),
+    ('tasks = ["robot_code:sense"]', 'tasks = "robot_code:sense"', "tasks", "a list of functions"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "key", "words"), WRONG)
+def test_every_mistake_is_told_with_its_key(folder, old, new, key, words):
+    assert GOOD.count(old) >= 1
+    text = GOOD.replace(old, new, 1)
+    if not words:
+        assert load_system(
+            written(folder, text, "robot.toml")
+        ).top  # two actions of one parent may start the same ensemble
+        return
+    with pytest.raises(ConfigError) as caught:
+        load_system(written(folder, text, "robot.toml"))
+    assert any(str(problem).startswith(f"{folder / 'robot.toml'}: {key}") for problem in caught.value.problems)
+    assert words in str(caught.value)

@@ -80,12 +80,12 @@ async def ticks(policy: Any, model: mdm.models.MDP, count: int) -> list[float]:
     return late[:count]
 
 
-class InTheLoop:
+class InTheLoop(mdm.policies.BeliefPolicy):
     """A search that a control layer calls as any other policy, within its turn."""
 
     def __init__(self, search: mdm.solvers.TreeSearch) -> None:
         search.prepare()
-        self.input, self.num_states, self.num_actions = search.input, search.num_states, search.num_actions
+        self.num_states, self.num_actions = search.num_states, search.num_actions
         self.action, self.value = search.action, search.value
 
 

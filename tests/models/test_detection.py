@@ -18,7 +18,7 @@ from mdm.errors import ModelWarning
 from mdm.models import MDP, POMDP, Factor, MixedPOMDP, Space
 from mdm.models.compressed import csr
 from mdm.models.detection import Resolvent
-from mdm.policies import AlphaVectors, FiniteStateController
+from mdm.policies import AlphaVectors
 from mdm.solvers import solve
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -259,9 +259,6 @@ def test_an_ensemble_s_option_is_the_model_s():
     model = tiger_like()
     policy = AlphaVectors(np.zeros((1, 4)), [0], 2)
     ensemble = Ensemble("robot", policy=policy, model=model, actions={0: print, 1: print}, false_negative="nothing")
-    assert ensemble.control.model.false_negative == 0
-    nodes = FiniteStateController([0], [[0, 0, 0]], 2)
-    ensemble = Ensemble("robot", policy=nodes, model=model, actions={0: print, 1: print}, false_negative="nothing")
-    assert ensemble.control.model.false_negative == 0
+    assert ensemble.controller.model.false_negative == 0
     with pytest.raises(ConfigError, match=r"ensembles\.robot\.false_negative.*no symbol 'silence'"):
         Ensemble("robot", policy=policy, model=model, actions={0: print, 1: print}, false_negative="silence")

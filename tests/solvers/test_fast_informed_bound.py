@@ -25,7 +25,7 @@ def joints(model):
     return np.array(result)
 
 
-def plain(model, joint, backups=400):
+def plain(model, joint, backups=600):
     """Return the bound's vectors by its equation, from values that are too high."""
     vectors = np.full(model.rewards.T.shape, np.abs(model.rewards).max() / (1 - model.discount))
     for _ in range(backups):

@@ -492,7 +492,7 @@ class Controller:
         array = np.asarray(belief, dtype=np.float64)
         if not (np.isfinite(array).all() and (array >= 0).all() and abs(array.sum() - 1) < 1e-6):
             raise ModelError(
-                "the tracker's belief is no distribution: its numbers are negative, not finite, or do not sum to 1"
+                "the tracker's belief is not a distribution: its numbers are negative, not finite, or do not sum to 1"
             )
 
 

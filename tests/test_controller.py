@@ -243,7 +243,7 @@ class Broken(Halving):
 def test_no_belief_that_is_none_is_acted_on():
     controller = Controller(EXAMPLES / "tiger.vf", tiger(), tracker=Broken())
     controller.start()
-    with pytest.raises(mdm.ModelError, match="the tracker's belief is no distribution"):
+    with pytest.raises(mdm.ModelError, match="the tracker's belief is not a distribution"):
         controller.observe(0)
 
 

@@ -102,7 +102,7 @@ class BeliefTracker:
         """Begin from a belief (S numbers that sum to 1, or a `Support`), or from the model's initial one.
 
         Raises:
-            ModelError: If it is no distribution over the states; the belief stays as it was.
+            ModelError: If it is not a distribution over the states; the belief stays as it was.
         """
         self._support = None
         if belief is None:
@@ -244,7 +244,7 @@ def _checked(belief: Support, size: int) -> Support:
     """Return a belief by its support, if it is one, exactly normalised.
 
     Raises:
-        ModelError: If a state does not exist or comes twice, or the probabilities are no distribution.
+        ModelError: If a state does not exist or comes twice, or the probabilities are not a distribution.
     """
     states = np.asarray(belief.states)
     whole = states.ndim == 1 and len(states) > 0 and states.dtype.kind in "iu"

@@ -98,11 +98,11 @@ def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], l
     from mdm.errors import FormatError, ModelError  # noqa: PLC0415
     from mdm.formats import load_model  # noqa: PLC0415
     from mdm.models.diagnosis import diagnose  # noqa: PLC0415
-    from mdm.models.validation import Problem, collecting  # noqa: PLC0415
+    from mdm.models.validation import Problem, collect_problems  # noqa: PLC0415
 
     odd: list[str] = []
     kind = None
-    with collecting() as collected:
+    with collect_problems() as collected:
         try:
             model = load_model(file)
             model.flatten()

@@ -14,7 +14,7 @@ from mdm.formats.pgmx import reader as pgmx
 from mdm.formats.pomdpx import reader as pomdpx
 from mdm.formats.recognition import beginning, holds_policy, root
 from mdm.formats.source import Source, suffixes
-from mdm.models.validation import collecting
+from mdm.models.validation import collect_problems
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,7 +70,7 @@ def load_model(path: str | Path, *, sparse: bool | None = None, normalize: bool 
     reader = _reader(Path(path))
     if not normalize:
         return reader(path, sparse=sparse)
-    with collecting(sums_only=True) as problems:
+    with collect_problems(sums_only=True) as problems:
         model = reader(path, sparse=sparse)
         model.flatten()  # here, where problems are collected
     if problems:

@@ -1,8 +1,7 @@
-"""Compilation of kernels by numba, where the extra ``mdm[fast]`` is installed; they run uncompiled otherwise.
+"""Compilation of kernels by numba (the extra ``mdm[fast]``); without numba they run as plain Python.
 
-numba takes longer to import than all the rest, so modules with kernels are imported where a kernel is chosen, never
-with the package. What was compiled is kept on disk, beside the module or in the user's cache. Set ``MDM_COMPILE=0``
-to do without.
+numba is slow to import, so a module with kernels is imported only when one of them is chosen. Compiled code is cached
+on disk, beside the module or in the user's cache. ``MDM_COMPILE=0`` turns compilation off.
 """
 
 from __future__ import annotations
@@ -22,12 +21,12 @@ _Function = TypeVar("_Function", bound="Callable[..., Any]")
 
 @cache
 def can_compile() -> bool:
-    """Whether kernels are compiled: numba is there, and ``MDM_COMPILE`` is not 0."""
+    """Whether kernels are compiled: numba is installed, and ``MDM_COMPILE`` is not 0."""
     return os.environ.get("MDM_COMPILE", "1") != "0" and find_spec("numba") is not None
 
 
 def compiled(function: _Function) -> _Function:
-    """Compile a function of numbers and arrays at its first call; return it as it is where there is no numba."""
+    """Compile a function of numbers and arrays at its first call; without numba, return it unchanged."""
     if not can_compile():
         return function
     import numba  # noqa: PLC0415 - see above

@@ -1,4 +1,4 @@
-"""Compressed (CSR) matrices, by scipy, which is imported when the first is made: it takes as long as all the rest."""
+"""CSR matrices. scipy is slow to import, so it is imported with the first of them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ __all__ = ["csr", "csr_identity", "is_compressed"]
 
 
 def is_compressed(matrix: object) -> bool:
-    """Whether something is a sparse matrix of scipy's, of whatever layout."""
+    """Whether an object is a sparse matrix of scipy, in any layout."""
     return not isinstance(matrix, np.ndarray) and hasattr(matrix, "tocsr")
 
 
 def csr(matrix: Any, shape: tuple[int, int] | None = None, *, copy: bool = True) -> Any:
-    """Return a CSR matrix of floats, of a dense or sparse one, or from ``(data, indices, starts of rows)``."""
+    """Return a CSR matrix of floats from a dense or sparse matrix, or from ``(data, indices, row starts)``."""
     from scipy.sparse import csr_array  # noqa: PLC0415 - see above
 
     return csr_array(matrix, shape=shape, dtype=np.float64, copy=copy)

@@ -1,9 +1,9 @@
-"""False negatives: events that happen and are not detected, any number of them before the next that is.
+"""False negatives: undetected events, any number of which may precede a detected one.
 
-With H_o(s, s') = T(s, a, s') P(o | s, a, s') and f the false negative, what leads to the next detected event is one
-step of H_o after none, one, two, ... of H_f. The sum of the powers of H_f is its resolvent (I - H_f)^-1 (J. V. Messias,
-M. T. J. Spaan and P. U. Lima, *Asynchronous execution in multiagent POMDPs: reasoning over partially-observable
-events*, MSDM 2013). It is factorised once for each action, never summed term by term.
+Let H_o(s, s') = T(s, a, s') P(o | s, a, s'), and f be the false negative. Then the transition to the next detected
+event is one step of H_o after 0, 1, 2, ... steps of H_f. The powers of H_f add up to its resolvent (I - H_f)^-1 (J. V.
+Messias, M. T. J. Spaan and P. U. Lima, *Asynchronous execution in multiagent POMDPs: reasoning over
+partially-observable events*, MSDM 2013), which is factorised once per action.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ _CERTAIN = 1e-12
 
 
 class Resolvent:
-    """(I - H)^-1 of a matrix H whose rows sum to at most 1: all that may happen in no, one, two, ... steps of it.
+    """The resolvent (I - H)^-1 of a matrix H with row sums of at most 1: the sum of its powers from 0 on.
 
-    A dense matrix is inverted, a CSR one factorised.
+    A dense matrix is inverted, a CSR matrix factorised.
 
     Args:
         steps: H, S x S', dense or CSR.
@@ -41,17 +41,17 @@ class Resolvent:
         self._steps = steps
         self._inverse: Vector | None = None
         self._factors: Any = None
-        # By its transpose, no column of which sums to less than 0: factorised without a row exchanged, it gives sums
-        # of positive numbers alone, and where nothing leads exactly 0.
+        # The transpose has no negative column sum, so it is factorised without row exchanges. Every entry is then a
+        # sum of positive numbers, and exactly 0 between unconnected states.
         if not is_compressed(steps):
             self._inverse = np.linalg.inv((np.eye(steps.shape[0]) - steps).T).T
             return
-        from scipy.sparse.linalg import splu  # noqa: PLC0415 - takes as long to import as all the rest
+        from scipy.sparse.linalg import splu  # noqa: PLC0415 - slow to import
 
         self._factors = splu((csr_identity(steps.shape[0]) - steps).T.tocsc())
 
     def weights(self, rows: Matrix) -> Matrix:
-        """Return weights of states times the resolvent: one row of S, or n x S, dense or CSR; the same kind."""
+        """Return rows of weights times the resolvent, in the kind given: S or n x S numbers, dense or CSR."""
         if self._inverse is not None:
             return rows @ self._inverse
         if is_compressed(rows):
@@ -61,21 +61,20 @@ class Resolvent:
         return np.ascontiguousarray(self._factors.solve(np.asarray(rows.T, order="F")).T)
 
     def values(self, columns: Vector) -> Vector:
-        """Return the resolvent times values of states: S, or S x n, dense."""
+        """Return the resolvent times columns of values: S or S x n numbers, dense."""
         if self._inverse is not None:
             return np.asarray(self._inverse @ columns)
         return np.asarray(self._factors.solve(columns, trans="T"))
 
     def __reduce__(self) -> tuple[type[Resolvent], tuple[Matrix]]:
-        """Let it be copied: the factors of a CSR matrix cannot be, but come again from the matrix."""
+        """Support copies: factors of a CSR matrix cannot be copied, and are made anew."""
         return Resolvent, (self._steps,)
 
 
 def leading_to_detection(joint: Matrix) -> Matrix:
-    """Return H_f without the rows of the states from which no event is ever detected.
+    """Return H_f without the rows of states from which no event is ever detected.
 
-    From these nothing but false negatives follows: they add nothing to what is detected, and would leave I - H_f
-    without an inverse.
+    They contribute nothing to detected events, and would make I - H_f singular.
 
     Args:
         joint: P(s', f | s, a) of the false negative and an action, S x S', dense or CSR.
@@ -94,13 +93,13 @@ def leading_to_detection(joint: Matrix) -> Matrix:
 
 
 def check_no_false_negatives(model: MDP, solver: str) -> None:
-    """Refuse a model with false negatives, for a solver that cannot plan for them.
+    """Refuse a model with false negatives, on behalf of a solver that does not support them.
 
     Raises:
         ModelError: If the model has any.
     """
     if model.false_negative is not None:
         raise ModelError(
-            f"{solver} takes every event to be detected, but the model has false negatives: solve it with perseus, or "
-            f"without them (model.with_false_negatives(None))"
+            f"{solver} does not support false negatives: solve the model with perseus, or without them "
+            f"(model.with_false_negatives(None))"
         )

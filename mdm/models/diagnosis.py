@@ -1,4 +1,4 @@
-"""What is worth knowing of a model before it is used: parts that nothing leads to, that nobody leaves or sees."""
+"""Diagnosis of a model: unreachable and absorbing states, actions without effect, impossible observations."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _NAMED = 5
 
 
 def diagnose(model: MDP) -> list[str]:
-    """Return what is odd about a model, a sentence each.
+    """Return the oddities of a model, a sentence each.
 
-    States that nothing leads to from the start; states that no action leaves (absorbing); actions that change nothing
-    anywhere; observations that can never occur; values of factors, and symbols of agents, that occur in nothing that
-    is possible.
+    They are states that are unreachable from the start; absorbing states; actions that never change the state;
+    observations that never occur; factor values and agents' observations that occur in no possible state or
+    observation.
     """
     states = model.state_space
     reached = reachable_states(model)
@@ -52,7 +52,7 @@ def diagnose(model: MDP) -> list[str]:
 
 
 def reachable_states(model: MDP) -> Mask:
-    """Return which states have a chance to come about, from the start, whatever is done."""
+    """Return which states are reachable from the start, by any actions."""
     reached = model.initial_belief > 0
     matrices = _distinct(model)
     fresh = reached.copy()
@@ -84,7 +84,7 @@ def _stays(matrix: Any) -> Mask:
 
 
 def _observable(model: POMDP, reached: Mask) -> Mask:
-    """Return which observations may follow a transition between states that can be reached."""
+    """Return which observations are possible in the reachable states."""
     seen = np.zeros(len(model.observation_space), dtype=bool)
     events = model.events
     for action in range(len(model.action_space)):
@@ -102,7 +102,7 @@ def _observable(model: POMDP, reached: Mask) -> Mask:
 
 
 def _unused(space: Space, possible: Mask, what: str, of: str) -> list[str]:
-    """Return the symbols of factors that occur in nothing possible."""
+    """Return the symbols of factors that occur in no possible joint symbol."""
     if len(space.factors) == 1:
         return []
     grid = possible.reshape(space.shape)

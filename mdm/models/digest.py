@@ -1,7 +1,6 @@
-"""Digests of models: short stable texts that differ where models do.
+"""Digests of models: a short text that identifies a model in any process, on any machine.
 
-They are made of names, discount and numbers, bit by bit: of a flat model its matrices, of a factored one its network.
-The same model in another process, or on another machine, has the same digest.
+It covers names, discount and every bit of the numbers: a flat model's matrices, a factored model's network.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""Observations of events: P(o | s, a, s'), told by a transition rather than by the state that it leads to.
+"""Event observations, P(o | s, a, s'): they depend on a transition rather than on the next state alone.
 
-An event model says what is observed at a change of state. Where a transition has probability 0 what is said of its
-observations has no meaning: there, rows need not sum to 1. Elsewhere a row may sum to less: what is missing is the
-probability of an event that the model has no name for (real models leave a few per cent open), and a belief that is
-updated with what was observed is not moved by it. So rows are kept as they are given; only where they sum to more than
-1, and problems are collected, they are normalised.
+Rows of impossible transitions have no meaning, and need not sum to 1. Other rows may sum to less than 1: the rest is
+the probability of an event without a name (real models leave a few per cent open), which no belief update uses. Rows
+are therefore kept as given. A sum above 1 is an error; a validation that collects problems normalises it.
 """
 
 from __future__ import annotations
@@ -31,7 +29,7 @@ _TOLD = 100
 
 
 class EventObservations(Protocol):
-    """What is observed at the transitions of each action."""
+    """The observations of each action's transitions."""
 
     num_observations: int
 
@@ -49,7 +47,7 @@ class EventObservations(Protocol):
 
 
 class DenseEvents:
-    """An O x S x S' array per action, kept as it is given.
+    """An O x S x S' array per action, kept as given.
 
     Args:
         transitions: T per action, dense.
@@ -58,7 +56,7 @@ class DenseEvents:
         states: Names the states.
 
     Raises:
-        ModelError: If, where T is not 0, a number is no probability or a row sums to more than 1.
+        ModelError: If, where T is not 0, a number is not a probability or a row sums to more than 1.
     """
 
     def __init__(
@@ -86,7 +84,7 @@ class DenseEvents:
             divisors = np.ones(transition.shape)
             divisors[possible] = _divisors(sums)
             finite = np.isfinite(event)
-            if not finite.all() or divisors.max() > 1:  # what is not finite spoils products with T even where T is 0
+            if not finite.all() or divisors.max() > 1:  # NaN and infinity spoil products with T even where T is 0
                 event = np.where(finite, event, 0.0) / divisors  # noqa: PLW2901 - the same, put right
             kept.append(read_only(event))
         _warn(least)
@@ -108,7 +106,7 @@ class DenseEvents:
 
 
 class TransitionEvents:
-    """A row over the observations for each transition that is possible: each entry of T's CSR matrices.
+    """A row over the observations for each possible transition, that is, for each entry of T in CSR.
 
     Args:
         transitions: T per action, in CSR.
@@ -117,7 +115,7 @@ class TransitionEvents:
         states: Names the states.
 
     Raises:
-        ModelError: If a number is no probability or a row sums to more than 1.
+        ModelError: If a number is not a probability or a row sums to more than 1.
     """
 
     def __init__(
@@ -177,7 +175,7 @@ def event_observations(
     """Return event observations from an S x S' matrix, dense or sparse, per action and observation.
 
     Raises:
-        ModelError: If shapes do not fit or, where T is not 0, a number is no probability or a row sums to more than 1.
+        ModelError: If shapes do not fit or, where T is not 0, a number is not a probability or a row exceeds 1.
     """
     size = len(states)
     if len(given) != len(actions):
@@ -206,7 +204,7 @@ def _checked(least: Vector, sums: Vector, places: Any, actions: Space, states: S
     wrong = ~((least >= 0) & (sums <= 1 + TOLERANCE))
     for at in np.flatnonzero(wrong)[:_TOLD].tolist():
         state, next_state = (states.names[int(place[at])] for place in places)
-        what = f"sum to {sums[at]:.6g}, more than 1" if least[at] >= 0 else "hold a number that is no probability"
+        what = f"sum to {sums[at]:.6g}, more than 1" if least[at] >= 0 else "hold a number that is not a probability"
         problem = (
             f"O of action {actions.names[action]!r}: the observations of the transition from {state!r} to "
             f"{next_state!r} {what}"
@@ -217,20 +215,20 @@ def _checked(least: Vector, sums: Vector, places: Any, actions: Space, states: S
 
 
 def _divisors(sums: Vector) -> Vector:
-    """Return the divisors of rows: a sum above 1, which was reported before, or 1."""
+    """Return the divisors of rows: 1, or a sum above 1, which was reported before."""
     return np.where(sums > 1 + TOLERANCE, sums, 1.0)
 
 
 def _warn(least: float) -> None:
     if least < 1 - TOLERANCE:
-        text = f"O of some transitions sums to as little as {least:.6g}; the rest is taken to be no observation at all"
+        text = f"O of some transitions sums to as little as {least:.6g}; the rest counts as no observation"
         warnings.warn(text, ModelWarning, stacklevel=5)
 
 
 def by_entry(events: EventObservations, action: int, transition: Matrix) -> Matrix:
-    """Return P(o | s, a, s') for each entry of T's, in their order, as CSR.
+    """Return P(o | s, a, s') for each entry of T, in their order, as CSR.
 
-    A row has one more column than there are observations, for what is left to none of them.
+    An additional last column is the probability of no observation.
     """
     if isinstance(events, TransitionEvents):
         told = csr(events.events[action])
@@ -239,7 +237,7 @@ def by_entry(events: EventObservations, action: int, transition: Matrix) -> Matr
         told = csr(events.events[action][:, *np.nonzero(transition)].T)
     rest = 1 - np.asarray(told.sum(axis=1)).ravel()
     rest[rest <= ROUNDING] = 0
-    from scipy.sparse import hstack  # noqa: PLC0415 - as long to import as all the rest
+    from scipy.sparse import hstack  # noqa: PLC0415 - slow to import
 
     result = csr(hstack([told, csr(rest[:, None])]))
     result.eliminate_zeros()

@@ -32,22 +32,22 @@ __all__ = [
 
 Vector: TypeAlias = npt.NDArray[np.float64]
 Matrix: TypeAlias = Any
-"""An ndarray or a scipy.sparse.csr_array; scipy has no types of its own to say so."""
+"""An ndarray or a scipy.sparse.csr_array; scipy ships no types."""
 
 TOLERANCE = 1e-4
-"""How far from 1 a row of probabilities may sum to be normalised."""
+"""The largest error in a row's sum that is normalised."""
 ROUNDING = 1e-9
 _LARGE = 1_000_000
 _TOLD = 100
-"""Problems of one matrix that are told one by one."""
+"""The number of problems per matrix that are reported one by one."""
 _DENSE = 0.25
 
 
 class RowError(ModelError):
-    """A row of probabilities is none.
+    """A row is not a probability distribution.
 
     Attributes:
-        what: Of which matrices: ``T`` or ``O``.
+        what: The kind of matrix: ``T`` or ``O``.
         action: The action's index.
         row: The row's index.
     """
@@ -60,7 +60,7 @@ class RowError(ModelError):
 
 
 class Checked(tuple[Matrix, ...]):
-    """Matrices, one per action, that were checked already: of one kind, read-only, and used as they are."""
+    """Matrices that were validated before: one per action, of one kind, read-only."""
 
     __slots__ = ()
 
@@ -74,25 +74,25 @@ def stochastic_matrices(
     columns: int,
     sparse_: bool | None,
 ) -> tuple[Matrix, ...]:
-    """Return one rows x columns matrix per action, whose rows sum to 1.
+    """Return a validated rows x columns matrix per action.
 
-    Rows that are off by at most 1e-4 are normalised, with one warning that counts them.
+    Row sums that are off by at most 1e-4 are normalised, with one warning that counts them.
 
     Args:
-        given: The matrices, dense or sparse, or one array of three dimensions. One matrix object that stands for
-            several actions is checked once.
-        what: What they are, for messages: ``T`` or ``O``.
-        actions: Names the matrices.
-        rows: Names the rows.
-        columns: How many columns each must have.
+        given: The matrices, dense or sparse, or an array of three dimensions. A matrix shared by several actions is
+            validated once.
+        what: The kind of matrix, for messages: ``T`` or ``O``.
+        actions: The names of the matrices.
+        rows: The names of the rows.
+        columns: The required number of columns.
         sparse_: Force CSR or dense; None chooses by size and density.
 
     Raises:
-        ModelError: At a wrong shape, a number that is no probability, or a row that does not sum to 1.
+        ModelError: If a shape is wrong, a number is not a probability, or a row does not sum to 1.
     """
     if isinstance(given, Checked):
         return given
-    matrices = list(given)  # kept alive while they are told apart by their identities
+    matrices = list(given)  # keeps them alive while their ids are keys
     if len(matrices) != len(actions):
         raise ModelError(f"{what} is given for {len(matrices)} actions, but the model has {len(actions)}")
     as_sparse = _choose_sparse(matrices, len(rows), columns) if sparse_ is None else sparse_
@@ -113,7 +113,7 @@ def stochastic_matrices(
 
 
 def _choose_sparse(matrices: Sequence[Any], rows: int, columns: int) -> bool:
-    """Return whether CSR suits matrices, one per action: large, and few entries that are not zero."""
+    """Return whether the matrices are large and sparse enough for CSR."""
     size = len(matrices) * rows * columns
     if size <= _LARGE:
         return False
@@ -148,7 +148,7 @@ def _checked(matrix: Any, what: str, rows: Space, columns: int, as_sparse: bool)
 
 
 def _check_numbers(matrix: Matrix, what: str, rows: Space) -> None:
-    """Refuse numbers that are no probabilities; set them to 0 while problems are collected."""
+    """Refuse numbers that are not probabilities; while problems are collected, set them to 0."""
     data = matrix.data if is_compressed(matrix) else matrix
     wrong = ~((data >= 0) & np.isfinite(data))
     if not wrong.any():
@@ -157,14 +157,14 @@ def _check_numbers(matrix: Matrix, what: str, rows: Space) -> None:
     compressed = is_compressed(matrix)
     found = np.searchsorted(matrix.indptr, places[0], side="right") - 1 if compressed else places[0]
     for row, value in zip(found[:_TOLD].tolist(), data[places].tolist(), strict=False):
-        problem = f"{what}: {value:g} in the row of {rows.names[row]!r} is no probability"
+        problem = f"{what}: {value:g} in the row of {rows.names[row]!r} is not a probability"
         if not report(problem):
             raise RowError(problem, row)
     data[wrong] = 0
 
 
 def _check_sums(matrix: Matrix, sums: Vector, what: str, rows: Space) -> tuple[Matrix, Vector]:
-    """Refuse rows that do not sum to 1; return rows that can be normalised while problems are collected."""
+    """Refuse rows that do not sum to 1; while problems are collected, return rows that can be normalised."""
     errors = np.abs(sums - 1)
     wrong = np.flatnonzero(errors > TOLERANCE)
     worst = [int(errors.argmax()), *wrong[:_TOLD].tolist()]  # the error is about the worst
@@ -175,7 +175,7 @@ def _check_sums(matrix: Matrix, sums: Vector, what: str, rows: Space) -> tuple[M
     if len(wrong) > _TOLD:
         report(f"{what}: {len(wrong) - _TOLD} more rows do not sum to 1", is_sum=True)
     empty = np.flatnonzero(sums == 0)
-    if len(empty):  # the way out of nothing: stay, or see the first symbol
+    if len(empty):  # an empty row stays in its state, or sees the first symbol
         columns = empty % matrix.shape[1]
         if is_compressed(matrix):
             starts = np.concatenate(([0], np.cumsum(sums == 0)))
@@ -186,28 +186,28 @@ def _check_sums(matrix: Matrix, sums: Vector, what: str, rows: Space) -> tuple[M
 
 
 def numbers(given: npt.ArrayLike, what: str) -> Vector:
-    """Return a copy of what is given as an array of floats.
+    """Return a copy of numbers as an array of floats.
 
     Raises:
-        ModelError: If it is no array of numbers, such as one whose rows differ in length.
+        ModelError: If they do not form one, as when rows differ in length.
     """
     try:
         return np.array(given, dtype=np.float64)
     except (TypeError, ValueError):
-        raise ModelError(f"{what} is no array of numbers with rows of one length") from None
+        raise ModelError(f"{what} is not an array of numbers with rows of one length") from None
 
 
 def distribution(given: npt.ArrayLike, *, what: str, size: int) -> Vector:
     """Return a read-only copy of a probability distribution, exactly normalised.
 
     Raises:
-        ModelError: If it has another size, a number that is no probability, or a sum that is not 1 within 1e-4.
+        ModelError: If the size is wrong, a number is not a probability, or the sum is not 1 within 1e-4.
     """
     vector = numbers(given, what)
     if vector.shape != (size,):
         raise ModelError(f"{what} has shape {vector.shape}; it needs {size} numbers")
     for at in np.flatnonzero(~((vector >= 0) & np.isfinite(vector))).tolist():
-        problem = f"{what}: {vector[at]:g} at {at} is no probability"
+        problem = f"{what}: {vector[at]:g} at {at} is not a probability"
         if not report(problem):
             raise ModelError(problem)
         vector[at] = 0
@@ -225,7 +225,7 @@ def distribution(given: npt.ArrayLike, *, what: str, size: int) -> Vector:
 
 
 def read_only(matrix: Any) -> Any:
-    """Return the same array, no longer writeable."""
+    """Return the same array, made read-only."""
     for array in (matrix.data, matrix.indices, matrix.indptr) if is_compressed(matrix) else (matrix,):
         array.flags.writeable = False
     return matrix

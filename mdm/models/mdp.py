@@ -26,17 +26,25 @@ class MDP:
 
     Args:
         transitions: P(s' | s, a): an A x S x S array, or one S x S matrix per action, dense or sparse.
-        rewards: The immediate reward: R(s) (S numbers), R(s, a) (S x A) or R(a, s, s') (A x S x S); what is finer
-            than R(s, a) is kept, for `reward`.
+        rewards: The immediate reward: R(s) (S numbers), R(s, a) (S x A) or R(a, s, s') (A x S x S). `reward` answers
+            for single outcomes of the last form.
         discount: In (0, 1].
-        states: Their names, how many there are, or a `Space`; by default counted.
+        states: Names, a number, or a `Space`; by default numbers from 0.
         actions: The same; a `Space` with one factor per agent makes a team.
         initial_belief: The distribution of the first state (S numbers); uniform by default.
-        outcome_rewards: What the expected rewards R(s, a) were made of, where that is kept elsewhere.
+        outcome_rewards: The rewards of single outcomes, if ``rewards`` is their expectation.
         sparse: Force CSR or dense matrices; None chooses by size and density.
 
     Raises:
-        ModelError: If shapes do not fit or numbers are no probabilities.
+        ModelError: If shapes do not fit or numbers are not probabilities.
+
+    Example::
+
+        stay, go = [[1, 0], [0, 1]], [[0.2, 0.8], [0, 1]]
+        rewards = [[0, -1], [5, 4]]  # of stay and go at home, and at work
+        model = mdm.models.MDP([stay, go], rewards, discount=0.9, states=["home", "work"], actions=["stay", "go"])
+        model.transition("go", "home", "work")  # 0.8
+        mdm.solve(model).policy.action(0)  # 1
     """
 
     kind: Literal["MDP", "POMDP"] = "MDP"
@@ -93,14 +101,14 @@ class MDP:
     def _set_rewards(self, rewards: npt.ArrayLike, outcome_rewards: OutcomeRewards | None) -> None:
         given = reward_numbers(rewards, len(self.action_space))
         self.outcome_rewards = outcome_rewards if given.ndim == 2 else RewardArray(given)
-        """The rewards of single outcomes, where they are finer than R(s, a)."""
+        """The rewards of single outcomes, if there are any; else None."""
         expected = given if given.ndim == 2 else expected_rewards(given, self._transitions, self._chances)
         check_finite(expected, self.state_space, self.action_space)
         self._rewards: Vector = read_only(expected)
 
     def _chances(self, action: int, states: Any, next_states: Any) -> Vector:  # noqa: ARG002 - a POMDP's
         """Return P(o | s, a, s') for some transitions, a row for each."""
-        raise ModelError("rewards over observations need a model that has observations")
+        raise ModelError("rewards of observations need a POMDP")
 
     @property
     def rewards(self) -> Vector:
@@ -114,12 +122,12 @@ class MDP:
 
     @property
     def num_agents(self) -> int:
-        """How many agents act: one per factor of the action space."""
+        """The number of agents: one per factor of the action space."""
         return len(self.action_space.factors)
 
     @property
     def is_sparse(self) -> bool:
-        """Whether its matrices are CSR."""
+        """Whether the matrices are CSR."""
         return is_compressed(self.transition_matrix(0))
 
     def transition_matrix(self, action: Symbol) -> Matrix:
@@ -133,7 +141,7 @@ class MDP:
     def transition(self, action: Symbol, state: Symbol, next_state: Symbol) -> float: ...
 
     def transition(self, action: Symbol, state: Symbol, next_state: Symbol | None = None) -> Vector | float:
-        """Return P(s' | s, a), by names or indices: the row over s' (S numbers), or one number."""
+        """Return P(s' | s, a), by names or indices: the row over s' (S numbers), or a single entry."""
         matrix = self.transition_matrix(action)
         row = self.state_space.index(state)
         if next_state is not None:
@@ -147,7 +155,7 @@ class MDP:
         next_state: Symbol | None = None,
         observation: Symbol | None = None,
     ) -> float:
-        """Return the immediate reward, by names or indices: R(s, a), or that of an outcome where the model tells it."""
+        """Return the immediate reward, by names or indices: of an outcome if the model has it, else R(s, a)."""
         a, s = self.action_space.index(action), self.state_space.index(state)
         if next_state is None or self.outcome_rewards is None:
             return float(self.rewards[s, a])
@@ -166,25 +174,25 @@ class MDP:
 
     @property
     def false_negative(self) -> int | None:
-        """The index of the observation that is a false negative; None where every event is detected, as in an MDP."""
+        """The index of the false negative among the observations; None if there is none, as in an MDP."""
         return None
 
     def with_false_negatives(self, symbol: Symbol | None) -> Self:
-        """Return the same model with an observation that is a false negative: see `POMDP.with_false_negatives`.
+        """Return the model itself for None: an MDP has no observations. See `POMDP.with_false_negatives`.
 
         Raises:
-            ModelError: An MDP has no observations.
+            ModelError: If an observation is named.
         """
         if symbol is None:
             return self
         raise ModelError("an MDP has no observations, and so no false negatives")
 
     def flatten(self) -> MDP:
-        """Return the model as matrices: itself, where it is not factored."""
+        """Return the model as matrices; a flat model returns itself."""
         return self
 
     def marginalize(self, factor: str) -> MDP:
-        """Return the model without a state factor, where nothing else depends on that factor's present value.
+        """Return the model without a state factor on whose present value nothing else depends.
 
         Raises:
             ModelError: If there is no such factor, it is the only one, or transitions or rewards depend on it.
@@ -198,17 +206,17 @@ class MDP:
 
 
 def as_space(name: str, given: Space | Iterable[str] | int | None, count: int) -> Space:
-    """Return the space that names, a number, or nothing stand for."""
+    """Return the space of some names or a number; by default, of a count."""
     if isinstance(given, Space):
         return given
     return Space.single(name, count if given is None else given)
 
 
 def checked_discount(discount: float) -> float:
-    """Return a discount that is in (0, 1].
+    """Return a discount.
 
     Raises:
-        ModelError: If it is not.
+        ModelError: If it is not in (0, 1].
     """
     if not 0 < discount <= 1:
         raise ModelError(f"a discount is more than 0 and at most 1, not {discount:g}")

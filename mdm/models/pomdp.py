@@ -31,25 +31,40 @@ if TYPE_CHECKING:
 __all__ = ["POMDP"]
 
 _INVERSES = 4_000_000
-"""So many numbers may be held as the inverse matrices of all actions' resolvents; larger CSR ones are factorised."""
+"""The largest total size of the actions' inverses for which resolvents of CSR matrices are dense."""
 
 
 class POMDP(MDP):
-    """A partially observable Markov decision process: an `MDP` whose state shows in observations alone.
+    """A partially observable Markov decision process: an `MDP` whose state is known only by observations.
 
     Args:
         transitions: As for `MDP`.
         observations: P(o | a, s'): an A x S' x O array, or one S' x O matrix per action, dense or sparse. For event
-            observations P(o | s, a, s'): an A x O x S x S' array, or one S x S' matrix per action and observation, or
-            what another model has of them.
+            observations P(o | s, a, s'): an A x O x S x S' array, one S x S' matrix per action and observation, or
+            another model's ``events``.
         rewards: As for `MDP`; or R(a, s, s', o), A x S x S' x O.
-        observation_names: Names of the observations, how many there are, or a `Space` with a factor per agent.
-        event_observations: Whether observations tell of transitions, P(o | s, a, s').
+        observation_names: Names of the observations, their number, or a `Space` with a factor per agent.
+        event_observations: Whether ``observations`` are those of events, P(o | s, a, s').
 
     The other arguments are those of `MDP`.
 
     Raises:
-        ModelError: If shapes do not fit or numbers are no probabilities.
+        ModelError: If shapes do not fit or numbers are not probabilities.
+
+    Example::
+
+        stuck = [[1, 0], [0, 1]]
+        noisy, blind = [[0.9, 0.1], [0.1, 0.9]], [[0.5, 0.5], [0.5, 0.5]]
+        model = mdm.models.POMDP(
+            [stuck, stuck],
+            [noisy, blind],
+            rewards=[[-1, 10], [-1, -10]],
+            discount=0.9,
+            states=["good", "bad"],
+            actions=["look", "take"],
+            observation_names=["shiny", "dull"],
+        )
+        mdm.BeliefTracker(model).update("look", "shiny")  # 0.5
     """
 
     kind: Literal["MDP", "POMDP"] = "POMDP"
@@ -99,19 +114,19 @@ class POMDP(MDP):
 
     @property
     def events(self) -> EventObservations | None:
-        """How observations tell of transitions; None where they tell of states."""
+        """The event observations; None if observations depend on the next state alone."""
         return self._events
 
     @property
     def event_observations(self) -> bool:
-        """Whether observations tell of transitions, P(o | s, a, s'), rather than of states."""
+        """Whether observations are those of events, P(o | s, a, s')."""
         return self._events is not None
 
     def observation_matrix(self, action: Symbol) -> Matrix:
         """Return P(o | a, s') as an S' x O matrix, read-only.
 
         Raises:
-            ModelError: If the observations are events: they depend on the state that a transition leaves, too.
+            ModelError: If the observations are events, which depend on the state before as well.
         """
         if self.event_observations:
             raise ModelError("the observations of this model are events, P(o | s, a, s'): ask for event_matrix(a, o)")
@@ -123,11 +138,11 @@ class POMDP(MDP):
         Where T(s, a, s') is 0 it has no meaning; in CSR it is 0 there.
 
         Raises:
-            ModelError: If the observations are no events.
+            ModelError: If the observations are not events.
         """
         if self._events is None:
             raise ModelError(
-                "the observations of this model tell of states, P(o | a, s'): ask for observation_matrix(a)"
+                "the observations of this model are of states, P(o | a, s'): ask for observation_matrix(a)"
             )
         return self._events.matrix(self.action_space.index(action), self.observation_space.index(observation))
 
@@ -151,16 +166,16 @@ class POMDP(MDP):
     def observation(
         self, action: Symbol, next_state: Symbol, observation: Symbol | None = None, *, state: Symbol | None = None
     ) -> Any:
-        """Return P(o | a, s'), by names or indices: the row over o (O numbers), or one number.
+        """Return P(o | a, s'), by names or indices: the row over o (O numbers), or a single entry.
 
         Args:
             action: The action.
-            next_state: The state that it led to.
-            observation: Asks for one number.
-            state: The state before, which event observations depend on.
+            next_state: The state after it.
+            observation: The entry; None for the row.
+            state: The state before it, for event observations.
 
         Raises:
-            ModelError: If the state before is missing and needed.
+            ModelError: If event observations lack the state before.
         """
         a, s = self.action_space.index(action), self.state_space.index(next_state)
         if not self.event_observations:
@@ -186,20 +201,20 @@ class POMDP(MDP):
 
     @property
     def false_negative(self) -> int | None:
-        """The index of the observation that is a false negative; None where every event is detected."""
+        """The index of the false negative among the observations; None if every event is detected."""
         return self._false_negative
 
     def with_false_negatives(self, symbol: Symbol | None) -> Self:
-        """Return the same model with an observation that is a false negative: an event that nobody detects.
+        """Return the same model with one observation as its false negative: an undetected event.
 
-        Any number of such events may precede each one that is observed. Trackers, solvers, simulations and evaluations
-        take that into account: after a false negative the action goes on, and nothing is decided.
+        Any number of false negatives may precede a detected event. Trackers, solvers, simulations and evaluations
+        account for them: after a false negative the action goes on, without a decision.
 
         Args:
-            symbol: The observation, by name or index; None for none, as at first.
+            symbol: The observation, by name or index; None for no false negatives.
 
         Raises:
-            ModelError: If there is no such observation, or no other.
+            ModelError: If there is no such observation, or it is the only one.
         """
         index = None if symbol is None else self.observation_space.index(symbol)
         if index is not None and len(self.observation_space) == 1:
@@ -215,15 +230,15 @@ class POMDP(MDP):
         return other
 
     def resolvent(self, action: Symbol) -> Resolvent:
-        """Return (I - H_f)^-1 of an action: all the false negatives that may precede a detected event.
+        """Return the resolvent (I - H_f)^-1 of an action: the false negatives before a detected event.
 
-        It is made when it is first asked for, once for all copies of the model with other discounts.
+        It is computed once, on first use, and shared by copies of the model with other discounts.
 
         Raises:
             ModelError: If the model has no false negatives.
         """
         if self._false_negative is None:
-            raise ModelError("the model has no false negatives: name the observation, with with_false_negatives(...)")
+            raise ModelError("the model has no false negatives: declare them by with_false_negatives(observation)")
         a = self.action_space.index(action)
         if a not in self._resolvents:
             joint = leading_to_detection(self.joint_matrix(a, self._false_negative))
@@ -233,28 +248,28 @@ class POMDP(MDP):
         return self._resolvents[a]
 
     def flatten(self) -> POMDP:
-        """Return the model as matrices: itself, where it is not factored."""
+        """Return the model as matrices; a flat model returns itself."""
         return self
 
     def revealed(self) -> POMDP:
-        """Return the model as its agent sees it, a `MixedPOMDP`, where factors of the state are fully observed.
+        """Return the `MixedPOMDP` in which fully observed state factors are part of the observations.
 
-        Any other model is returned as it is.
+        A model without fully observed factors returns itself.
 
         Raises:
             ModelError: If factors are fully observed, and observations are events or one is a false negative.
         """
         return self
 
-    def belief_at_start(self, state: int) -> Vector:  # noqa: ARG002 - a model that shows some of it needs it
-        """Return the belief of an agent before its first action, in an episode that begins in some state."""
+    def belief_at_start(self, state: int) -> Vector:  # noqa: ARG002 - for mixed observability
+        """Return the belief before the first action of an episode that begins in a state."""
         return self.initial_belief
 
     def marginalize(self, factor: str) -> POMDP:
-        """Return the model without a state factor, where nothing else depends on that factor's present value.
+        """Return the model without a state factor on whose present value nothing else depends.
 
-        What is observed may tell of the factor's value after the transition; it is weighed by P(f' | x, a, y), and then
-        tells of the transition from x to y: the observations become events, unless they do not depend on x.
+        Observations may depend on the factor's next value f': they are averaged by P(f' | x, a, y). The result depends
+        on the transition from x to y, so observations become events, unless they turn out not to depend on x.
 
         Raises:
             ModelError: If there is no such factor, it is the only one, or transitions or rewards depend on it.

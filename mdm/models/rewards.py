@@ -1,8 +1,8 @@
-"""Rewards in all their forms, reduced to the expected immediate reward R(s, a).
+"""Rewards of all forms, reduced to the expected immediate reward R(s, a).
 
 R(s, a) = sum over s' of T(s' | s, a) times the sum over o of O(o | a, s') R(a, s, s', o) (L. P. Kaelbling, M. L.
 Littman and A. R. Cassandra, *Planning and acting in partially observable stochastic domains*, Artificial Intelligence
-101, 1998, section 3). The finer form is kept beside it, for those who look at one outcome.
+101, 1998, section 3). The rewards of single outcomes are kept beside it.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ __all__ = ["OutcomeRewards", "RewardArray", "check_finite", "expected_rewards", 
 
 
 class OutcomeRewards(Protocol):
-    """Rewards that depend on what an action leads to."""
+    """Rewards that depend on the outcome of an action."""
 
     def at(self, action: int, state: int, next_state: int, observation: int | None) -> float:
-        """Return R(a, s, s', o); without an observation, that of a transition which does not depend on it."""
+        """Return R(a, s, s', o); the observation may be None if the reward does not depend on it."""
         ...
 
     def array(self, largest: int) -> Vector | None:
-        """Return them as A x S x S' or A x S x S' x O; None where these would be more numbers than ``largest``."""
+        """Return an A x S x S' or A x S x S' x O array; None if it would have more than ``largest`` entries."""
         ...
 
 
@@ -46,7 +46,7 @@ class RewardArray:
         """Return R(a, s, s', o).
 
         Raises:
-            ModelError: If it depends on the observation, and none is given.
+            ModelError: If it depends on the observation, and that is None.
         """
         if self.values.ndim == 3:
             return float(self.values[action, state, next_state])
@@ -55,7 +55,7 @@ class RewardArray:
         return float(self.values[action, state, next_state, observation])
 
     def array(self, largest: int) -> Vector | None:
-        """Return the array, if it is not too large."""
+        """Return the array; None if it has more than ``largest`` entries."""
         return self.values if self.values.size <= largest else None
 
 
@@ -84,8 +84,8 @@ def expected_rewards(
     Args:
         outcomes: A x S x S', or A x S x S' x O.
         transitions: T per action.
-        chances: Where rewards depend on the observation: P(o | s, a, s') for an action and arrays of states and next
-            states, as a row for each.
+        chances: For rewards of observations: returns P(o | s, a, s'), a row per transition, for an action and arrays
+            of states and next states.
     """
     result = np.zeros((outcomes.shape[1], outcomes.shape[0]))
     for action, transition in enumerate(transitions):

@@ -20,14 +20,14 @@ Symbol = str | SupportsIndex | Sequence[str | int]
 
 
 _UNNAMED = re.compile(r"state|agent\d*")
-"""What readers call the factors of models that do not name them."""
+"""Generated names of factors."""
 
 _COMPARED = 10_000
-"""Names that a wrong one is compared with, to find what was meant."""
+"""The number of names compared with an unknown one for suggestions."""
 
 
 class _Counted(Sequence[str]):
-    """Names that are a prefix and a number, made when they are asked for."""
+    """Names made of a prefix and a number, generated on access."""
 
     __slots__ = ("_numbers", "prefix")
 
@@ -50,7 +50,7 @@ class _Counted(Sequence[str]):
         return f"{self.prefix}{self._numbers[index]}"
 
     def find(self, name: str) -> int | None:
-        """Return where a name stands."""
+        """Return the index of a name; None if there is no such name."""
         digits = name.removeprefix(self.prefix) if name.startswith(self.prefix) else ""
         number = int(digits) if digits.isdecimal() and len(digits) < 20 else len(self)
         return number if number < len(self) and str(number) == digits else None
@@ -75,8 +75,15 @@ class Factor:
 
     Args:
         name: The component's name.
-        names: Its symbols in order, or how many there are.
-        prefix: What generated names begin with, before the index.
+        names: Its symbols in order, or their number.
+        prefix: The prefix of generated names.
+
+    Raises:
+        ModelError: If there is no symbol, or two have one name.
+
+    Example::
+
+        mdm.models.Factor("door", ["open", "closed"]).index("closed")  # 1
     """
 
     __slots__ = ("_index", "name", "names")
@@ -91,7 +98,7 @@ class Factor:
             self._index = {symbol: index for index, symbol in enumerate(self.names)}
             if len(self._index) != len(self.names):
                 twice = next(symbol for index, symbol in enumerate(self.names) if self._index[symbol] != index)
-                raise ModelError(f"{name!r} names {twice!r} twice; each symbol needs a name of its own")
+                raise ModelError(f"{name!r} has two symbols {twice!r}; names must differ")
         if not len(self.names):
             raise ModelError(f"{name!r} has no symbols; it needs at least one")
 
@@ -102,7 +109,7 @@ class Factor:
         """Return the index of a symbol, given by name or by index.
 
         Raises:
-            ModelError: If there is no such symbol; it names those closest to it.
+            ModelError: If there is no such symbol; the message suggests similar ones.
         """
         if isinstance(symbol, str):
             found = self.names.find(symbol) if isinstance(self.names, _Counted) else self._index.get(symbol)
@@ -128,7 +135,7 @@ class Factor:
 
 
 class _JointNames(Sequence[str]):
-    """The names of joint symbols, made when they are asked for: the components' names, joined by blanks."""
+    """The names of joint symbols, generated on access: the components' names, joined by blanks."""
 
     __slots__ = ("_space",)
 
@@ -173,7 +180,17 @@ class Space:
     A space of 10^6 joint symbols costs no more than its factors.
 
     Args:
-        factors: The components, in order; one where the space is not factored.
+        factors: The components, in order; a single one for a space that is not factored.
+
+    Raises:
+        ModelError: If there is no factor, or the joint symbols are too many to index.
+
+    Example::
+
+        robot, door = mdm.models.Factor("robot", ["hall", "lab"]), mdm.models.Factor("door", ["open", "closed"])
+        states = mdm.models.Space([robot, door])
+        states.index("lab open")  # 2
+        states.names[3]  # 'lab closed'
     """
 
     __slots__ = ("__dict__", "_size", "_strides", "factors")
@@ -188,7 +205,7 @@ class Space:
         self._strides = tuple(strides)
         self._size = math.prod(map(len, self.factors))
         if self._size > sys.maxsize:
-            raise ModelError(f"{self._size} joint symbols are more than can be counted")
+            raise ModelError(f"{self._size} joint symbols are too many to index")
 
     @classmethod
     def single(cls, name: str, names: Iterable[str] | int, *, prefix: str = "") -> Space:
@@ -200,24 +217,24 @@ class Space:
 
     @cached_property
     def names(self) -> Sequence[str]:
-        """The names of the (joint) symbols, in order; a joint name is its components' names with blanks between."""
+        """The names of the (joint) symbols, in order; a joint name is the components' names joined by blanks."""
         return self.factors[0].names if len(self.factors) == 1 else _JointNames(self)
 
     @property
     def is_named(self) -> bool:
-        """Whether the model names its factors: one at least is not called ``state``, ``agent`` or ``agent0``, …."""
+        """Whether at least one factor has a name that is not generated (``state``, ``agent``, ``agent0``, …)."""
         return not all(_UNNAMED.fullmatch(factor.name) for factor in self.factors)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The factors' sizes."""
+        """The sizes of the factors."""
         return tuple(map(len, self.factors))
 
     def ravel(self, components: Sequence[int]) -> int:
         """Return the joint index of one index per factor.
 
         Raises:
-            ModelError: If their number is wrong or one is out of range.
+            ModelError: If their number is wrong, or one is out of range.
         """
         if len(components) != len(self.factors):
             raise ModelError(f"a joint symbol has {len(self.factors)} components, not {len(components)}")
@@ -229,7 +246,7 @@ class Space:
         return int(total)
 
     def unravel(self, index: int) -> tuple[int, ...]:
-        """Return the index of each factor's symbol in a joint one.
+        """Return the components of a joint index.
 
         Raises:
             ModelError: If the index is out of range.
@@ -243,13 +260,12 @@ class Space:
 
         Args:
             symbol: An index, as a number or in decimal digits; a name; for a joint symbol the components' names or
-                indices with blanks between, or a sequence of one name or index per factor. A name that is made of
-                digits goes before the index.
+                indices, joined by blanks or as a sequence. A name made of digits takes precedence over the index.
 
         Raises:
             ModelError: If there is no such symbol.
         """
-        # Texts first: to ask for an index costs twenty times a look-up.
+        # Strings first: the check for SupportsIndex costs twenty times a look-up.
         if isinstance(symbol, str):
             if len(self.factors) == 1:
                 return self.factors[0].index(symbol)
@@ -262,11 +278,11 @@ class Space:
         words: Sequence[str | int] = self._words(symbol) if isinstance(symbol, str) else symbol
         if len(words) != len(self.factors):
             agents = ", ".join(factor.name for factor in self.factors)
-            raise ModelError(f"{symbol!r} is no joint symbol: it needs a word for each of {agents}")
+            raise ModelError(f"{symbol!r} is not a joint symbol: it needs a component for each of {agents}")
         return self.ravel([factor.index(word) for factor, word in zip(self.factors, words, strict=True)])
 
     def _words(self, symbol: str) -> list[str]:
-        """Return the components of a joint name; names may hold blanks themselves."""
+        """Return the components of a joint name; they may contain blanks themselves."""
         words = symbol.split()
         if len(words) == len(self.factors):
             return words

@@ -1,4 +1,4 @@
-"""Validation of models: the first problem is an error, unless the caller collects them all."""
+"""Validation of models: the first problem raises an error, unless the caller collects all problems."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["Problem", "collecting", "is_collecting", "report"]
+__all__ = ["Problem", "collect_problems", "is_collecting", "report"]
 
 
 class Problem(NamedTuple):
-    """Something wrong with a model.
+    """A problem of a model.
 
     Attributes:
-        text: What, in a sentence.
-        is_sum: Whether it is that a distribution does not sum to 1, though to more than 0: it can be normalised.
+        text: The problem, in a sentence.
+        is_sum: Whether a distribution does not sum to 1, but can be normalised.
     """
 
     text: str
@@ -33,14 +33,14 @@ _COLLECTION: ContextVar[_Collection | None] = ContextVar("collection", default=N
 
 
 @contextmanager
-def collecting(*, sums_only: bool = False) -> Iterator[list[Problem]]:
-    """Collect problems instead of raising errors while a model is read or made, and repair what can be repaired.
+def collect_problems(*, sums_only: bool = False) -> Iterator[list[Problem]]:
+    """Collect problems instead of raising errors while a model is read or made; what can be repaired is repaired.
 
     Args:
-        sums_only: Collect only rows that do not sum to 1, which are normalised; any other problem is an error.
+        sums_only: Collect only distributions that can be normalised; any other problem raises an error.
 
     Yields:
-        The problems, which grow.
+        The list of problems found so far.
     """
     collection = _Collection([], sums_only)
     token = _COLLECTION.set(collection)
@@ -51,7 +51,7 @@ def collecting(*, sums_only: bool = False) -> Iterator[list[Problem]]:
 
 
 def report(problem: str, *, is_sum: bool = False) -> bool:
-    """Report a problem to the collection. Return whether it was taken: the caller then repairs it, else it raises."""
+    """Report a problem. Return whether it was collected: the caller then repairs it, else raises an error."""
     collection = _COLLECTION.get()
     if collection is None or (collection.sums_only and not is_sum):
         return False
@@ -60,5 +60,5 @@ def report(problem: str, *, is_sum: bool = False) -> bool:
 
 
 def is_collecting() -> bool:
-    """Whether problems are collected."""
+    """Whether problems are being collected."""
     return _COLLECTION.get() is not None

@@ -92,8 +92,7 @@ class Walk:
         """Begin anew.
 
         Raises:
-            ModelError: If a belief is given and the values of nodes are not known, or it is no distribution over their
-                states; the nodes stay as they were.
+            ModelError: If a belief is given, but the nodes have no values for it; the nodes stay as they were.
         """
         given = self._initial if belief is None else belief
         if given is None:

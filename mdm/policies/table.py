@@ -102,7 +102,7 @@ class StochasticPolicy(_Table):
         seed: Makes the draws reproducible.
 
     Raises:
-        ModelError: If a column is no distribution.
+        ModelError: If a column is not a distribution.
     """
 
     kind: ClassVar[str] = "stochastic"
@@ -119,7 +119,7 @@ class StochasticPolicy(_Table):
             state = int(bad.argmax())
             column = ", ".join(f"{p:g}" for p in matrix[:, state])
             raise ModelError(
-                f"the probabilities of actions in state {state} are no distribution: {column} sum to {sums[state]:g}"
+                f"the probabilities of actions in state {state} are not a distribution: {column} sum to {sums[state]:g}"
             )
         matrix /= np.where(np.abs(sums - 1) > _ROUNDING, sums, 1.0)
         matrix.setflags(write=False)

@@ -32,7 +32,7 @@ def forest(
         discount: In (0, 1].
 
     Raises:
-        ModelError: If there are fewer than two ages, or the risk of fire is no probability.
+        ModelError: If there are fewer than two ages, or the risk of fire is not a probability.
     """
     if ages < 2:
         raise ModelError(f"a forest needs at least two classes of age, not {ages}")

@@ -51,7 +51,7 @@ def grid_world(
         discount: In (0, 1].
 
     Raises:
-        ModelError: If the layout has an unknown character or no cell to begin in, or the slip is no probability.
+        ModelError: If the layout has an unknown character or no cell to begin in, or the slip is not a probability.
     """
     grid = Grid(layout)
     unknown = set(grid.marks) - set(".+-s")

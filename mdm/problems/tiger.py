@@ -28,7 +28,7 @@ def tiger(accuracy: float = 0.85, *, discount: float = 0.95) -> POMDP:
         discount: In (0, 1].
 
     Raises:
-        ModelError: If the accuracy is no probability.
+        ModelError: If the accuracy is not a probability.
     """
     if not 0 <= accuracy <= 1:
         raise ModelError(f"the accuracy is a probability, not {accuracy}")

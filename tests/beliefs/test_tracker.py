@@ -187,7 +187,7 @@ def test_begins_from_a_support():
         ([1, 1], [0.5, 0.5], "a state twice"),
         ([0, 1], [0.5, 0.6], "sums to 1.1"),
         ([0, 1], [1.0], "needs 2 numbers"),
-        ([0, 1], [np.nan, 1.0], "no probability"),
+        ([0, 1], [np.nan, 1.0], "not a probability"),
     ],
 )
 def test_a_support_that_is_none_is_refused_and_changes_nothing(states, probabilities, message):
@@ -261,7 +261,7 @@ def test_what_is_no_distribution_is_refused_and_changes_nothing(belief):
     [(1, 0, "no action 1"), (-1, 0, "no action -1"), (0, 2, "no observation 2"), (0, -1, "no observation -1")]
     + [
         (0, (0, None), "1 components, not 2"),
-        (0, (0, 1), "needs a word for each of agent"),
+        (0, (0, 1), "needs a component for each of agent"),
         (0, (5,), "no symbol 5"),
         (3, None, "no action 3"),
     ],

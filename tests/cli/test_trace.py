@@ -95,7 +95,7 @@ def test_trace_names_the_wrong_line_after_the_decisions_before_it(mdm, line, wor
 
 
 def test_a_wrong_belief_or_a_derived_name_is_refused_with_its_line(mdm, tmp_path):
-    for belief, words in (("[1]", "needs 2 numbers"), ("[0.5,0.6]", "sums to 1.1"), ("[2,-1]", "no probability")):
+    for belief, words in (("[1]", "needs 2 numbers"), ("[0.5,0.6]", "sums to 1.1"), ("[2,-1]", "not a probability")):
         status, lines, errors = traced(mdm, *TIGER, stdin=f'{{"belief": {belief}}}')
         assert (status, len(lines)) == (1, 1)
         assert "standard input:1: the belief" in errors

@@ -244,7 +244,7 @@ def test_what_makes_no_sense_is_refused():
 
 @pytest.mark.parametrize("solver", ["sarsop", "qmdp", "fib", "jesp"])
 def test_solvers_that_cannot_plan_for_them_refuse(solver):
-    with pytest.raises(ModelError, match=r"takes every event to be detected.*perseus.*with_false_negatives\(None\)"):
+    with pytest.raises(ModelError, match=r"does not support false negatives.*perseus.*with_false_negatives\(None\)"):
         solve(tiger_like().with_false_negatives(0), solver)
 
 

@@ -11,7 +11,7 @@ from random_models import dense, factored_models, flat_models
 from mdm.errors import ModelWarning
 from mdm.models import MDP, POMDP, Factor, Space
 from mdm.models.diagnosis import diagnose, reachable_states
-from mdm.models.validation import collecting
+from mdm.models.validation import collect_problems
 
 
 def plainly_reached(model):
@@ -84,13 +84,13 @@ def test_values_and_symbols_that_nothing_uses():
 def test_problems_are_collected_and_put_right():
     transitions = [[[0.5, 0.25, 0], [np.nan, 1, 0], [0, 0, 0]], np.eye(3), [[2, 0, 0], [0, -1, 2], [0, 0, 1]]]
     for sparse in (False, True):
-        with collecting() as problems:
+        with collect_problems() as problems:
             model = MDP(transitions, np.zeros((3, 3)), discount=0.9, initial_belief=[0.5, 0, 0], sparse=sparse)
         assert [(problem.text, problem.is_sum) for problem in problems] == [
-            ("T of action '0': nan in the row of '1' is no probability", False),
+            ("T of action '0': nan in the row of '1' is not a probability", False),
             ("T of action '0': the row of '0' sums to 0.75, not to 1", True),
             ("T of action '0': the row of '2' sums to 0, not to 1", False),
-            ("T of action '2': -1 in the row of '1' is no probability", False),
+            ("T of action '2': -1 in the row of '1' is not a probability", False),
             ("T of action '2': the row of '0' sums to 2, not to 1", True),
             ("T of action '2': the row of '1' sums to 2, not to 1", True),
             ("the start sums to 0.5, not to 1", True),

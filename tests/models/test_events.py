@@ -134,7 +134,7 @@ def test_what_cannot_be_is_refused():
     transitions, half = [np.eye(2)], np.full((1, 2, 2, 2), 0.5)
     with pytest.raises(ModelError, match="more than 1"):
         POMDP(transitions, half * 1.5, np.zeros((2, 1)), discount=0.9, event_observations=True)
-    with pytest.raises(ModelError, match="no probability"):
+    with pytest.raises(ModelError, match="not a probability"):
         POMDP(transitions, -half, np.zeros((2, 1)), discount=0.9, event_observations=True)
     with pytest.raises(ModelError, match="2 x 2 matrix for every observation"):
         POMDP(transitions, half[..., :1], np.zeros((2, 1)), discount=0.9, event_observations=True)

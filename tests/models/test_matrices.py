@@ -39,9 +39,9 @@ def test_one_matrix_for_several_actions_is_kept_once():
 
 @pytest.mark.parametrize("given", [[["a", "b"]] * 2, [[1.0], [0.0, 1.0]], [[None, {}], [0, 1]]])
 def test_what_is_no_array_of_numbers_is_refused(given):
-    with pytest.raises(ModelError, match="T of action '0' is no array of numbers"):
+    with pytest.raises(ModelError, match="T of action '0' is not an array of numbers"):
         MDP([given, given], REWARDS, discount=0.9)
-    with pytest.raises(ModelError, match="first matrix of observations is no array of numbers"):
+    with pytest.raises(ModelError, match="first matrix of observations is not an array of numbers"):
         POMDP([np.eye(2)] * 2, [given, given], REWARDS, discount=0.9)
 
 
@@ -53,7 +53,7 @@ def test_observations_need_two_dimensions(given):
 
 @pytest.mark.parametrize("given", [["a", "b"], [[0.5], [0.25, 0.25]], [{}, 1]])
 def test_a_distribution_is_numbers(given):
-    with pytest.raises(ModelError, match="the belief is no array of numbers"):
+    with pytest.raises(ModelError, match="the belief is not an array of numbers"):
         distribution(given, what="the belief", size=2)
 
 

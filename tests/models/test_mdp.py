@@ -61,7 +61,7 @@ def test_arrays_cannot_be_changed():
         ({"transitions": [np.eye(2)]}, "T is given for 1 actions, but the model has 2"),
         ({"transitions": [np.eye(2), np.eye(3)]}, "T of action '1' is 3x3"),
         ({"transitions": [np.eye(2), [[0.5, 0.4], [0, 1]]]}, r"T of action '1': the row of '0' sums to 0.9"),
-        ({"transitions": [np.eye(2), [[1.5, -0.5], [0, 1]]]}, r"-0.5 in the row of '0' is no probability"),
+        ({"transitions": [np.eye(2), [[1.5, -0.5], [0, 1]]]}, r"-0.5 in the row of '0' is not a probability"),
         ({"transitions": [np.eye(2), [[np.nan, 1], [0, 1]]]}, "nan in the row of '0'"),
         ({"rewards": [[0, np.inf], [0, 0]]}, "reward of action '1' in state '0' is inf"),
         ({"rewards": [[[0, 1]]]}, "actions x states x states"),

@@ -49,7 +49,7 @@ def test_each_kind_of_observations_says_how_it_is_asked():
         events.observation_matrix(0)
     with pytest.raises(ModelError, match=r"are events: name the state before, too \(state=\)"):
         events.observation(0, 0)
-    with pytest.raises(ModelError, match=r"tell of states.*: ask for observation_matrix\(a\)"):
+    with pytest.raises(ModelError, match=r"are of states.*: ask for observation_matrix\(a\)"):
         plain.event_matrix(0, 0)
     assert (plain.events, plain.event_observations, events.event_observations) == (None, False, True)
 

@@ -51,7 +51,7 @@ def test_expectations_by_single_outcomes(seed, size, count, width, sparse, event
 
 
 def test_rewards_over_observations_need_some():
-    with pytest.raises(ModelError, match="need a model that has observations"):
+    with pytest.raises(ModelError, match="rewards of observations need a POMDP"):
         MDP([np.eye(2)], np.zeros((1, 2, 2, 3)), discount=0.9)
     model = POMDP([np.eye(2)], [np.eye(2)], np.arange(8.0).reshape(1, 2, 2, 2), discount=0.9)
     with pytest.raises(ModelError, match="depends on the observation: name one"):

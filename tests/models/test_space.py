@@ -42,7 +42,7 @@ def test_a_huge_joint_space_costs_no_more_than_its_factors():
     ("call", "message"),
     [
         (lambda s: s.index("lisen hear"), r"'first' has no symbol 'lisen'; did you mean 'listen'"),
-        (lambda s: s.index("listen"), "a word for each of first, second"),
+        (lambda s: s.index("listen"), "a component for each of first, second"),
         (lambda s: s.index(4), "no symbol 4; the 4 symbols count from 0"),
         (lambda s: s.index(-1), "no symbol -1"),
         (lambda s: s.unravel(4), "no symbol 4"),
@@ -57,7 +57,7 @@ def test_wrong_symbols_are_named(call, message):
 
 
 def test_names_must_differ():
-    with pytest.raises(ModelError, match="'a' twice"):
+    with pytest.raises(ModelError, match="two symbols 'a'"):
         Factor("agent", ["a", "b", "a"])
 
 

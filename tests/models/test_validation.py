@@ -20,13 +20,13 @@ from mdm.models import (
     Table,
     TwoSliceNetwork,
 )
-from mdm.models.validation import Problem, collecting, is_collecting, report
+from mdm.models.validation import Problem, collect_problems, is_collecting, report
 
 
 def test_no_report_is_taken_unless_problems_are_collected():
     assert not is_collecting()
     assert not report("wrong", is_sum=True)
-    with collecting() as problems:
+    with collect_problems() as problems:
         assert is_collecting()
         assert report("wrong")
         assert report("too little", is_sum=True)
@@ -36,15 +36,15 @@ def test_no_report_is_taken_unless_problems_are_collected():
 
 
 def test_sums_alone_may_be_collected():
-    with collecting(sums_only=True) as problems:
+    with collect_problems(sums_only=True) as problems:
         assert not report("wrong")
         assert report("too little", is_sum=True)
     assert [problem.text for problem in problems] == ["too little"]
 
 
 def test_the_innermost_collection_takes_what_is_found_and_ends_with_an_error():
-    with collecting() as outer:
-        with pytest.raises(ModelError, match="stop"), collecting(sums_only=True) as inner:
+    with collect_problems() as outer:
+        with pytest.raises(ModelError, match="stop"), collect_problems(sums_only=True) as inner:
             report("inner", is_sum=True)
             raise ModelError("stop")
         assert report("outer")
@@ -54,7 +54,7 @@ def test_the_innermost_collection_takes_what_is_found_and_ends_with_an_error():
 
 def test_another_thread_collects_for_itself():
     told = []
-    with collecting() as problems:
+    with collect_problems() as problems:
         thread = threading.Thread(target=lambda: told.append(report("elsewhere")))
         thread.start()
         thread.join()
@@ -62,7 +62,7 @@ def test_another_thread_collects_for_itself():
 
 
 def test_sums_are_put_right_in_every_part_of_a_model():
-    with collecting(sums_only=True) as problems:
+    with collect_problems(sums_only=True) as problems:
         model = POMDP([[[1, 1], [0, 0.5]]], [[[3, 1], [1, 1]]], np.zeros((2, 1)), discount=0.9, initial_belief=[1, 3])
     assert len(problems) == 5
     assert all(problem.is_sum for problem in problems)
@@ -79,7 +79,7 @@ def test_events_that_sum_to_more_than_1_are_put_right_others_kept(sparse):
     told[0, :, 1, 1] = [0, 3]
     options = {"discount": 0.9, "event_observations": True, "sparse": sparse}
     transitions = [[[0.5, 0.5], [0, 1]]]
-    with collecting(sums_only=True) as problems, pytest.warns(UserWarning, match="as little as 0.75"):
+    with collect_problems(sums_only=True) as problems, pytest.warns(UserWarning, match="as little as 0.75"):
         model = POMDP(transitions, told, np.zeros((2, 1)), **options)
     assert [problem.text[-45:] for problem in problems] == [
         "transition from '0' to '0' sum to 2, more than 1"[-45:],
@@ -106,7 +106,7 @@ def network(initial, moves):
 
 
 def test_factors_that_nothing_is_possible_for_are_told_and_the_rest_is_read_on():
-    with collecting() as problems:
+    with collect_problems() as problems:
         model = FactoredMDP(network([0, 0], np.zeros((2, 2))), discount=0.9).flatten()
     assert [problem.text for problem in problems][:3] == [
         "the probabilities of 'x': they sum to 0, not to 1",

@@ -97,7 +97,7 @@ def test_agrees_with_madp(problem, discount):
         (([[1.0, np.nan]], [0]), "vector 0 has a number that is not finite"),
         (([[1.0], [2.0]], [0, -1]), "vector 1 is for action -1"),
         (([[1.0], [2.0]], [0, 0.5]), "vector 1 is for action 0.5; actions are whole numbers"),
-        (([[1.0], [2.0, 3.0]], [0, 0]), "no array of numbers"),
+        (([[1.0], [2.0, 3.0]], [0, 0]), "not an array of numbers"),
         (([[1.0], [2.0]], [0, 3], 3), "vector 1 is for action 3, but the actions are 0 to 2"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Factored models: two-slice networks of potentials, what they flatten to, and mixed observability."""
+"""Factored models: two-slice networks of potentials, their flattening, and mixed observability."""
 
 from mdm.models.factored.mixed import MixedPOMDP
 from mdm.models.factored.model import FactoredMDP, FactoredPOMDP

@@ -1,7 +1,7 @@
-"""Any model as a two-slice network: joint distributions taken apart by the chain rule.
+"""Any model as a two-slice network: joint distributions factored by the chain rule.
 
-P(x, y | z) = P(x | z) P(y | x, z): the first factor depends on what was before, each further one on those before it,
-too. What comes out is as large as the joint distribution; it says the same in the form of factored models.
+P(x, y | z) = P(x | z) P(y | x, z): each factor depends on the conditions and on the factors before it. The tables are
+as large as the joint distribution.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _LARGEST = 20_000_000
 
 
 def as_network(model: MDP) -> TwoSliceNetwork:
-    """Return a model's network: its own where it is factored, else one by the chain rule.
+    """Return a factored model's own network, or one by the chain rule.
 
     Raises:
         ModelError: If its tables would be too large.
@@ -46,7 +46,7 @@ def as_network(model: MDP) -> TwoSliceNetwork:
     if total > _LARGEST:
         raise ModelError(
             f"the model has {total} entries, too many for the tables of a factored format (at most {_LARGEST}); "
-            f"write an archive (.npz)"
+            f"write an archive (.npz) instead"
         )
     transitions = np.stack([_dense(model.transition_matrix(a)) for a in range(len(actions))])
     before = [*_nodes("action", actions), *_nodes("state", states)]
@@ -102,13 +102,13 @@ def _utility(model: MDP) -> Table:
 
 
 def _chain(joint: Vector, role: Role, space: Space, given: list[Node]) -> list[Table]:
-    """Return the distribution of each factor of a joint one, given those before it.
+    """Return the distribution of each factor, given the factors before it.
 
     Args:
-        joint: An axis per variable of ``given``, then the joint one.
-        role: What the factors are.
+        joint: The joint distribution: an axis per variable of ``given``, then the joint symbols.
+        role: The role of the factors.
         space: The joint symbols.
-        given: What the joint distribution depends on.
+        given: The conditions.
     """
     values = joint.reshape(joint.shape[:-1] + space.shape)
     scope = list(given)
@@ -117,7 +117,7 @@ def _chain(joint: Vector, role: Role, space: Space, given: list[Node]) -> list[T
         weights = values.sum(axis=tuple(range(len(scope) + 1, values.ndim)))  # of the factors up to this one
         if place:
             totals = weights.sum(axis=-1, keepdims=True)
-            uniform = np.full(weights.shape, 1 / weights.shape[-1])  # where nothing is possible, any will do
+            uniform = np.full(weights.shape, 1 / weights.shape[-1])  # for impossible conditions, any will do
             weights = np.divide(weights, totals, out=uniform, where=totals > 0)
         scope.append(Node(role, place))
         tables.append(Table(scope, weights))

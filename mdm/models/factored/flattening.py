@@ -1,8 +1,8 @@
 """Flattening: the matrices of a two-slice network, from products of its potentials.
 
-Joint distributions are grown variable by variable: what has probability so far is repeated once for each value that the
-next variable can take. Only what is not zero is ever held, so that nothing is larger than the result, and no step is
-taken for one state at a time.
+Joint distributions grow variable by variable: each possible partial assignment is repeated for every possible value of
+the next variable. Zeros are never stored, so nothing is larger than the result, and every step handles all states at
+once.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _BLOCK = 1 << 20
 
 
 class _Joint(NamedTuple):
-    """Joint values that are possible: for each the row it grew from, its joint index and its probability."""
+    """Possible joint values: for each its row, its joint index and its probability."""
 
     rows: Indices
     values: Indices
@@ -57,13 +57,13 @@ def first_distribution(network: TwoSliceNetwork) -> Vector:
 
 
 def first_states(network: TwoSliceNetwork) -> tuple[Indices, Vector]:
-    """Return the states that an episode may begin in, and their probabilities."""
+    """Return the support of the initial belief: states and their probabilities."""
     joint = _grow(network, "state", 1, {})
     return joint.values, joint.probabilities
 
 
 def following(network: TwoSliceNetwork, action: int, states: Indices) -> tuple[Indices, Indices, Vector]:
-    """Return what may follow some states: to which of them each belongs, the next state, and its probability."""
+    """Return the transitions from some states: the place of the state, the next state, and the probability."""
     actions = _digits("action", np.array([action]), network.actions.shape)
     return _grow(network, "next_state", len(states), _digits("state", states, network.states.shape) | actions)
 
@@ -71,7 +71,7 @@ def following(network: TwoSliceNetwork, action: int, states: Indices) -> tuple[I
 def observed_chances(
     network: TwoSliceNetwork, action: int, states: Indices | None, next_states: Indices, observations: Sequence[int]
 ) -> Vector:
-    """Return P(one of some observations | s, a, s') of some transitions; ``states`` are needed for events alone."""
+    """Return P(one of some observations | s, a, s') of some transitions; only events need ``states``."""
     digits = _digits("action", np.array([action]), network.actions.shape)
     digits |= _digits("next_state", next_states, network.states.shape)
     if states is not None:
@@ -82,7 +82,7 @@ def observed_chances(
 
 
 def transition_matrices(network: TwoSliceNetwork) -> list[Any]:
-    """Return T as one S x S CSR matrix per joint action; actions that act alike share theirs."""
+    """Return T as an S x S CSR matrix per joint action; actions of equal effect share one."""
     count = len(network.states)
     states = _digits("state", np.arange(count), network.states.shape)
 
@@ -93,7 +93,7 @@ def transition_matrices(network: TwoSliceNetwork) -> list[Any]:
 
 
 def observation_matrices(network: TwoSliceNetwork) -> list[Any]:
-    """Return O as one S' x O CSR matrix per joint action, for observations that are no events."""
+    """Return O as an S' x O CSR matrix per joint action, for observations of states."""
     assert network.observations is not None
     count = len(network.states)
     states = _digits("next_state", np.arange(count), network.states.shape)
@@ -106,14 +106,14 @@ def observation_matrices(network: TwoSliceNetwork) -> list[Any]:
 
 
 def transition_events(network: TwoSliceNetwork, action: int, states: Indices, next_states: Indices) -> Any:
-    """Return P(o | s, a, s') for some transitions of an action, as a transitions x O CSR matrix."""
+    """Return P(o | s, a, s') of some transitions of an action, as a transitions x O CSR matrix."""
     assert network.observations is not None
     joint = _grow(network, "observation", len(states), _transition_digits(network, action, states, next_states))
     return _compressed(joint, (len(states), len(network.observations)))
 
 
 def expected_rewards(network: TwoSliceNetwork, transitions: list[Any]) -> Vector:
-    """Return R(s, a), S x A: the sum of the utilities, in expectation over what comes after s and a."""
+    """Return R(s, a), S x A: the expected sum of the utilities."""
     count, num_actions = len(network.states), len(network.actions)
     result = np.zeros((count, num_actions))
     now = [u for u in network.utilities if all(node.role in {"state", "action"} for node in u.scope)]
@@ -138,7 +138,7 @@ def expected_rewards(network: TwoSliceNetwork, transitions: list[Any]) -> Vector
 
 
 def _outcome_values(network: TwoSliceNetwork, utility: Potential, digits: dict[Node, Indices], count: int) -> Vector:
-    """Return a utility for some transitions, in expectation over what is observed."""
+    """Return the expectation of a utility over the observations, for some transitions."""
     if all(node.role != "observation" for node in utility.scope):
         return _values(network, utility, digits, count)
     assert network.observations is not None
@@ -150,7 +150,7 @@ def _outcome_values(network: TwoSliceNetwork, utility: Potential, digits: dict[N
 
 
 def _by_action(network: TwoSliceNetwork, potentials: tuple[Potential, ...], build: Callable[..., Any]) -> list[Any]:
-    """Return what is built for each joint action, once for those that none of the potentials tells apart."""
+    """Build something per joint action, once for actions that no potential distinguishes."""
     used = sorted({node.place for potential in potentials for node in potential.scope if node.role == "action"})
     done: dict[tuple[int, ...], Any] = {}
     result = []
@@ -164,13 +164,13 @@ def _by_action(network: TwoSliceNetwork, potentials: tuple[Potential, ...], buil
 
 
 def _grow(network: TwoSliceNetwork, role: Role, count: int, given: dict[Node, Indices]) -> _Joint:
-    """Return the joint distribution of a role's variables in each of some rows, given the values of others there."""
+    """Return the joint distribution of a role's variables in each row, given the values of other variables there."""
     factors = network.factors(role)
     strides = [math.prod(map(len, factors[index + 1 :])) for index in range(len(factors))]
     every = np.arange(count)
     joint = _Joint(every, np.zeros(count, dtype=np.intp), np.ones(count))
     for index in network.orders[role]:
-        if not joint.rows.size:  # nothing is possible at all, as where an event is never told of
+        if not joint.rows.size:  # nothing is possible, as for an action without any event
             break
         potential = network.potentials(role)[index]
         child = Node(role, index)
@@ -186,7 +186,7 @@ def _grow(network: TwoSliceNetwork, role: Role, count: int, given: dict[Node, In
         fixed = {node: given[node] for node in parents if node not in varying}
         shape = tuple(len(network.factor(node)) for node in varying)
         if math.prod(shape) <= len(joint.rows):
-            # Few different distributions: each is looked at once.
+            # Few different distributions: each is computed once.
             cases: Any = np.unravel_index(np.arange(math.prod(shape)), shape) if shape else ()
             of_row = np.zeros(len(joint.rows), dtype=np.intp)
             for node, factor_size in zip(varying, shape, strict=True):
@@ -216,7 +216,7 @@ def _spread(varying: list[Node], cases: Any, fixed: dict[Node, Indices]) -> dict
 
 
 def _extend(joint: _Joint, distributions: Vector, of_row: Indices, stride: int) -> _Joint:
-    """Repeat each joint value for every value that the next variable can take with it."""
+    """Repeat each joint value for every possible value of the next variable."""
     cases, values = np.nonzero(distributions)
     chances = distributions[cases, values]
     counts = np.bincount(cases, minlength=len(distributions))
@@ -235,7 +235,7 @@ def _extend(joint: _Joint, distributions: Vector, of_row: Indices, stride: int) 
 
 
 def _values(network: TwoSliceNetwork, utility: Potential, digits: dict[Node, Indices], count: int) -> Vector:
-    """Return a potential without a child in each of some rows."""
+    """Return the values of a utility in each row."""
     varying = [node for node in utility.scope if digits[node].size > 1]
     fixed = {node: digits[node] for node in utility.scope if node not in varying}
     shape = tuple(len(network.factor(node)) for node in varying)
@@ -279,7 +279,7 @@ def _compressed(joint: _Joint, shape: tuple[int, int]) -> Any:
 
 
 def _blocks(matrix: Any, size: int) -> Iterator[tuple[int, int]]:
-    """Yield ranges of rows that hold about so many entries."""
+    """Yield ranges of rows with about ``size`` entries each."""
     starts = matrix.indptr.astype(np.int64)
     first = 0
     while first < matrix.shape[0]:

@@ -1,7 +1,7 @@
-"""Dropping a state factor whose present value nothing else depends on.
+"""Marginalisation of a state factor on whose present value nothing else depends.
 
-With x the rest of the state and f the factor, T'(y | x, a) is the sum over f' of T(y, f' | x, a), and what is observed
-is weighed by the factor's value: P'(o | x, a, y) is the sum over f' of P(f' | x, a, y) P(o | x, a, y, f').
+With x the rest of the state and f the factor, T'(y | x, a) is the sum over f' of T(y, f' | x, a), and P'(o | x, a, y)
+the sum over f' of P(f' | x, a, y) P(o | x, a, y, f').
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def marginalize(model: MDP, name: str) -> MDP:
     if name not in names:
         raise ModelError(f"there is no state factor {name!r}; there are {', '.join(names)}")
     if len(factors) == 1:
-        raise ModelError(f"{name!r} is the only state factor: nothing would be left")
+        raise ModelError(f"{name!r} is the only state factor: it cannot be dropped")
     at = names.index(name)
     states = Space(factor for index, factor in enumerate(factors) if index != at)
     every = np.arange(len(model.state_space)).reshape(model.state_space.shape)
@@ -55,7 +55,7 @@ def marginalize(model: MDP, name: str) -> MDP:
         raise ModelError(f"the rewards depend on {name!r}: it cannot be dropped")
     actions = range(len(model.action_space))
     summed = [_summed(model.transition_matrix(action), groups, total, name, "transitions") for action in actions]
-    # Events stand in the order of T's entries: these are the ones that the result will have.
+    # Events follow the order of T's entries in the result.
     transitions = Checked(
         stochastic_matrices(
             summed, what="T", actions=model.action_space, rows=states, columns=len(states), sparse_=True
@@ -93,7 +93,7 @@ def marginalize(model: MDP, name: str) -> MDP:
 
 
 def _summed(matrix: Matrix, groups: npt.NDArray[np.intp], total: Any, name: str, what: str) -> Any:
-    """Return a matrix summed over the factor's next values, which must not depend on its present one."""
+    """Return a matrix summed over the factor's next values; refuse one that depends on its present value."""
     compressed = csr(matrix)
     result = csr(compressed[groups[0]] @ total)
     for group in groups[1:]:
@@ -116,7 +116,7 @@ def _by_transition(transition: Any, joint: list[Any]) -> Any:
 
 
 def _of_states(transition: Any, joint: list[Any]) -> Any:
-    """Return P(o | a, y) as a Y x O matrix where it is the same from every x, else None."""
+    """Return P(o | a, y) as a Y x O matrix; None if it depends on x."""
     events = _by_transition(transition, joint)
     dense = np.zeros((transition.shape[1], events.shape[1]))
     values = events.toarray()
@@ -126,5 +126,5 @@ def _of_states(transition: Any, joint: list[Any]) -> Any:
         return None
     never = np.ones(len(dense), dtype=bool)
     never[transition.indices] = False
-    dense[never] = 1 / dense.shape[1]  # never reached: nothing is said of what is observed there
+    dense[never] = 1 / dense.shape[1]  # never reached: any distribution will do
     return dense

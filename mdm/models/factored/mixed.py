@@ -1,8 +1,8 @@
-"""Mixed observability: some factors of the state are seen without error, the others show in observations alone.
+"""Mixed observability: some state factors are observed without error, the others are hidden.
 
-A state is (x, y), x seen and y hidden. What an agent observes after an action is the pair (x', o); said so, the model
-is a POMDP like any other, in whose beliefs one x has all the weight: they are as small as y (S. C. W. Ong, S. W. Png,
-D. Hsu and W. S. Lee, *Planning under uncertainty for robotic tasks with mixed observability*, International Journal of
+A state is (x, y), x observed and y hidden, and the observation after an action is the pair (x', o). This is an ordinary
+POMDP. The support of its beliefs has a single x, so it is no larger than the hidden part (S. C. W. Ong, S. W. Png, D.
+Hsu and W. S. Lee, *Planning under uncertainty for robotic tasks with mixed observability*, International Journal of
 Robotics Research 29, 2010).
 """
 
@@ -32,33 +32,39 @@ __all__ = ["MixedPOMDP"]
 
 
 class MixedPOMDP(FactoredPOMDP):
-    """A POMDP whose observations tell, first of all, the values of some state factors.
+    """A POMDP whose observations include the values of some state factors.
 
-    Its observation space has those factors before the model's own; what is seen before the first action are their
-    first values.
+    These factors come first in its observation space, before those of the model. Their initial values are observed
+    before the first action. `POMDP.revealed` makes one of a model that declares such factors.
 
     Args:
-        model: The model, whose own observations tell of states.
-        observed: The places of the state factors that are seen.
+        model: The model; its observations depend on states.
+        observed: The indices of the observed state factors.
 
     Raises:
         ModelError: If there is no such factor, the observations are events, or one of them is a false negative.
+
+    Example::
+
+        model = mdm.problems.tag()  # fully observed: the robot's cell
+        mixed = mdm.models.MixedPOMDP(model, [0])
+        len(model.observation_space), len(mixed.observation_space)  # 30, 870
     """
 
     def __init__(self, model: FactoredPOMDP, observed: Sequence[int]) -> None:
         states = model.state_space
         if not observed or not set(observed) <= set(range(len(states.factors))):
             raise ModelError(
-                f"the observed factors {list(observed)} are not among the {len(states.factors)} of the states"
+                f"the observed factors {list(observed)} are not among the {len(states.factors)} state factors"
             )
         if len(set(observed)) < len(observed):
-            raise ModelError(f"the observed factors {list(observed)} have one twice")
+            raise ModelError(f"the observed factors {list(observed)} contain a duplicate")
         if model.event_observations:
-            raise ModelError("observed factors and observations that are events do not go together")
+            raise ModelError("a model with event observations cannot have observed factors")
         if model.false_negative is not None:
             raise ModelError(
-                "observed factors are seen at every step, so the model's own observation alone cannot be a false "
-                "negative: name a joint one of the model as it is seen, revealed().with_false_negatives(...)"
+                "observed factors are seen at every step, so the false negative must be a joint observation: declare "
+                "it after revealing them, by model.revealed().with_false_negatives(...)"
             )
         super().__init__(_network(model.network, observed), discount=model.discount, sparse=True)
         self.observed = tuple(observed)
@@ -66,7 +72,7 @@ class MixedPOMDP(FactoredPOMDP):
 
     @cached_property
     def seen_in(self) -> npt.NDArray[np.intp]:
-        """For each state what is seen in it, as one index over the observed factors; read-only."""
+        """For each state the joint index of its observed factors; read-only."""
         shape = self.state_space.shape
         digits = np.unravel_index(np.arange(len(self.state_space)), shape)
         seen = np.ravel_multi_index(
@@ -93,21 +99,21 @@ class MixedPOMDP(FactoredPOMDP):
 
     @property
     def layout(self) -> npt.NDArray[np.intp]:
-        """The index of each state: an X x Y array, seen x hidden."""
+        """The index of each state: an X x Y array, observed x hidden."""
         states = self.state_space
         hidden = [place for place in range(len(states.factors)) if place not in self.observed]
         array = np.arange(len(states)).reshape(states.shape).transpose([*self.observed, *hidden])
         return np.ascontiguousarray(array.reshape(math.prod(array.shape[: len(self.observed)]), -1))
 
     def revealed(self) -> POMDP:
-        """Return the model itself: what can be seen is seen."""
+        """Return the model itself."""
         return self
 
     def belief_at_start(self, state: int) -> Vector:
-        """Return the belief of who sees the observed factors of the first state.
+        """Return the initial belief, conditioned on the observed factors of the first state.
 
         Raises:
-            ModelError: If no episode begins in a state where they are so.
+            ModelError: If no episode begins with these values.
         """
         self.state_space.unravel(state)
         weights = np.where(self.seen_in == self.seen_in[state], self.initial_belief, 0.0)
@@ -120,7 +126,7 @@ class MixedPOMDP(FactoredPOMDP):
 
 
 def _network(network: TwoSliceNetwork, observed: Sequence[int]) -> TwoSliceNetwork:
-    """Return a network with copies of some state factors before its observations."""
+    """Return a network with copies of some state factors as its first observations."""
     assert network.observations is not None
     seen = [network.states.factors[place] for place in observed]
     copies = [
@@ -140,7 +146,7 @@ def _network(network: TwoSliceNetwork, observed: Sequence[int]) -> TwoSliceNetwo
 
 
 def _moved(potential: Potential, by: int) -> Potential:
-    """Return a potential over observations that have others before them."""
+    """Return a potential with the indices of its observations shifted."""
 
     def moved(node: Node) -> Node:
         return Node(node.role, node.place + by) if node.role == "observation" else node
@@ -151,7 +157,7 @@ def _moved(potential: Potential, by: int) -> Potential:
 
 
 def _observations(model: POMDP, seen_in: npt.NDArray[np.intp], count: int) -> list[Any]:
-    """Return P(x', o | a, s') per action, as CSR: each row of the model's own, moved to the columns of what is seen."""
+    """Return P(x', o | a, s') per action, as CSR: the model's rows, shifted to the columns of x'."""
     width = len(model.observation_space)
     done: dict[int, Any] = {}
     result = []

@@ -1,4 +1,4 @@
-"""Factored decision processes: two-slice networks that are flattened into matrices on demand."""
+"""Factored decision processes: two-slice networks, flattened into matrices on demand."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _Flat = TypeVar("_Flat", bound=MDP)
 
 
 class _Factored(MDP):
-    """What factored models have in common: a network, and what is known of it or of its matrices."""
+    """The base of factored models: a network, and the quantities of its matrices."""
 
     @property
     def _flat(self) -> MDP:
@@ -59,10 +59,10 @@ class _Factored(MDP):
 
 
 class FactoredMDP(_Factored):
-    """An MDP that is kept as a two-slice network; its matrices are made when they are first asked for, and kept.
+    """An MDP as a two-slice network; its matrices are made on first use, and kept.
 
     Args:
-        network: The network.
+        network: The network; `TwoSliceNetwork` has an example.
         discount: In (0, 1].
         sparse: Force CSR or dense matrices; None chooses by size and density.
     """
@@ -86,7 +86,7 @@ class FactoredMDP(_Factored):
         return _with_discount(self._flat, self.discount)
 
     def with_discount(self, discount: float) -> FactoredMDP:
-        """Return the same model with another discount; what was flattened is shared."""
+        """Return the same model with another discount; it shares the matrices."""
         return super().with_discount(discount)
 
     def marginalize(self, factor: str) -> MDP:
@@ -95,17 +95,20 @@ class FactoredMDP(_Factored):
 
 
 class FactoredPOMDP(_Factored, POMDP):
-    """A POMDP that is kept as a two-slice network; its matrices are made when they are first asked for, and kept.
+    """A POMDP as a two-slice network; its matrices are made on first use, and kept.
 
     Args:
-        network: The network, with observations.
+        network: The network, with observations; `TwoSliceNetwork` has an example.
         discount: In (0, 1].
         sparse: Force CSR or dense matrices; None chooses by size and density.
+
+    Raises:
+        ModelError: If the network has no observations.
     """
 
     def __init__(self, network: TwoSliceNetwork, *, discount: float, sparse: bool | None = None) -> None:
         if network.observations is None:
-            raise ModelError("the network has no observations: it is a FactoredMDP's")
+            raise ModelError("the network has no observations: make a FactoredMDP of it")
         super().__init__(network, discount=discount, sparse=sparse)
         self.observation_space = network.observations
 
@@ -117,7 +120,7 @@ class FactoredPOMDP(_Factored, POMDP):
         given: Any = transitions
         told: Any = None
         if network.event_observations:
-            # Events stand in the order of T's entries, as the model will have them.
+            # Events follow the order of T's entries in the flat model.
             given = Checked(
                 stochastic_matrices(
                     transitions,
@@ -150,7 +153,7 @@ class FactoredPOMDP(_Factored, POMDP):
         return flat._with_resolvents(self.false_negative, self._resolvents)  # noqa: SLF001 - a model of the same kind
 
     def revealed(self) -> POMDP:
-        """Return the model as its agent sees it, a `MixedPOMDP`, where factors of the state are fully observed."""
+        """Return the `MixedPOMDP` in which fully observed state factors are part of the observations."""
         from mdm.models.factored.mixed import MixedPOMDP  # noqa: PLC0415 - it is a model of this kind
 
         seen = [place for place, observed in enumerate(self.network.fully_observed) if observed]
@@ -158,12 +161,12 @@ class FactoredPOMDP(_Factored, POMDP):
 
     @property
     def events(self) -> EventObservations | None:
-        """How observations tell of transitions; None where they tell of states."""
+        """The event observations; None if observations depend on the next state alone."""
         return self._flat.events
 
     @property
     def event_observations(self) -> bool:
-        """Whether observations tell of transitions, P(o | s, a, s'), rather than of states."""
+        """Whether observations are those of events, P(o | s, a, s')."""
         return self.network.event_observations
 
     def observation_matrix(self, action: Any) -> Matrix:
@@ -187,7 +190,7 @@ class FactoredPOMDP(_Factored, POMDP):
 
 
 class _Outcomes:
-    """The utilities of a network at one outcome."""
+    """The utilities of a network as rewards of outcomes."""
 
     def __init__(self, network: TwoSliceNetwork) -> None:
         self._network = network
@@ -209,7 +212,7 @@ class _Outcomes:
         return float(sum(utility.rows(digits, 1, None, 1)[0, 0] for utility in network.utilities))
 
     def array(self, largest: int) -> Vector | None:
-        """Return R(a, s, s') or, where observations count, R(a, s, s', o); None where that would be too large."""
+        """Return R(a, s, s'), or R(a, s, s', o) if observations matter; None if that would be too large."""
         network = self._network
         spaces: dict[Role, Space] = {"action": network.actions, "state": network.states, "next_state": network.states}
         if network.observations is not None and any(
@@ -250,7 +253,7 @@ def _events(network: TwoSliceNetwork, transitions: Checked) -> DenseEvents | Tra
             for action, matrix in enumerate(transitions)
         ]
         return TransitionEvents(transitions, events, **names)
-    # As the network says, also where T is 0.
+    # All entries of the network, also where T is 0.
     states, next_states = (place.ravel() for place in np.indices((size, size)))
     everywhere = [
         flattening.transition_events(network, action, states, next_states).toarray().T.reshape(-1, size, size)

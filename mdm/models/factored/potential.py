@@ -1,8 +1,7 @@
-"""Potentials: functions of the variables of a two-slice network, as tables or as trees.
+"""Potentials: functions of the variables of a two-slice network, as tables or trees.
 
-A conditional probability is a potential over a variable (its *child*) and the parents of it; a utility is one without
-a child. What is common in real models, that a function depends on a variable only where others have certain values, a
-tree says in a few branches where a table needs an entry for each combination.
+A conditional probability is a potential over a variable (its *child*) and its parents; a utility has no child. Trees
+are compact for context-specific independence, where a function depends on a variable only for certain values of others.
 """
 
 from __future__ import annotations
@@ -24,21 +23,21 @@ Role = Literal["state", "action", "next_state", "observation"]
 
 
 class Node(NamedTuple):
-    """A variable of a two-slice network: which factor of the states, actions, next states or observations."""
+    """A variable of a two-slice network: the role of a space in it, and the index of one of its factors."""
 
     role: Role
     place: int
 
 
 Digits = "Mapping[Node, npt.NDArray[np.intp]]"
-"""For each variable that is known its values, in arrays of one length."""
+"""The values of variables, as arrays of one length."""
 
 
 class Table:
-    """A number for every combination of values.
+    """A potential with a number for every combination of values.
 
     Args:
-        scope: The variables, each once.
+        scope: The variables, without duplicates.
         values: An array with an axis per variable, in the same order.
 
     Raises:
@@ -54,16 +53,16 @@ class Table:
             raise ModelError(f"a table over {len(self.scope)} variables cannot have {self.values.ndim} axes")
         self.values.setflags(write=False)
         self.sizes = dict(zip(self.scope, self.values.shape, strict=True))
-        """How many values each variable of the scope has."""
+        """The number of values of each variable of the scope."""
 
     def rows(self, digits: Mapping[Node, Any], count: int, child: Node | None, size: int) -> Vector:
         """Return the numbers at some values of the variables.
 
         Args:
-            digits: Values of every variable of the scope but the child.
-            count: How many values there are of each.
+            digits: The values of every variable of the scope except the child.
+            count: The length of these arrays.
             child: The variable whose values make the columns.
-            size: How many values the child has; 1 without one.
+            size: The number of the child's values; 1 without a child.
 
         Returns:
             A count x size array.
@@ -77,15 +76,15 @@ class Table:
 
 
 class Tree:
-    """A choice by the value of one variable among further potentials.
+    """A potential that chooses among others by the value of a variable.
 
     Args:
         node: The variable.
-        choice: For each value of it, which branch.
-        branches: The potentials; none of them needs to be over the same variables.
+        choice: The branch of each of its values.
+        branches: The other potentials, each with a scope of its own.
 
     Raises:
-        ModelError: If a value has no branch, or branches take a variable to have other numbers of values.
+        ModelError: If a value has no branch, or branches disagree on the number of a variable's values.
     """
 
     __slots__ = ("branches", "choice", "node", "scope", "sizes")
@@ -97,11 +96,13 @@ class Tree:
         if not len(choice) or not all(0 <= branch < len(self.branches) for branch in choice):
             raise ModelError("a tree needs a branch for every value of its variable")
         self.sizes: dict[Node, int] = {node: len(self.choice)}
-        """How many values each variable of the scope has."""
+        """The number of values of each variable of the scope."""
         for branch in self.branches:
             for inner, size in branch.sizes.items():
                 if self.sizes.setdefault(inner, size) != size:
-                    raise ModelError(f"a tree takes one variable to have {size} and {self.sizes[inner]} values")
+                    raise ModelError(
+                        f"branches of a tree disagree: a variable has {size} or {self.sizes[inner]} values"
+                    )
         self.scope: tuple[Node, ...] = tuple(self.sizes)
 
     def rows(self, digits: Mapping[Node, Any], count: int, child: Node | None, size: int) -> Vector:

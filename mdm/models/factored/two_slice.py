@@ -1,10 +1,10 @@
 """Two-slice Bayesian networks: factored dynamics, observations and rewards of a decision process.
 
-The first slice holds the state factors and the actions, the second the next state factors and the observations. Each
-next factor, observation and first factor has a conditional probability given its parents; utilities add up to the
-reward (T. Dean and K. Kanazawa, *A model for reasoning about persistence and causation*, Computational Intelligence
-5, 1989; C. Boutilier, R. Dearden and M. Goldszmidt, *Stochastic dynamic programming with factored representations*,
-Artificial Intelligence 121, 2000, for trees).
+The first slice holds state factors and actions, the second next state factors and observations. Each initial factor,
+next factor and observation has a conditional probability given its parents; utilities add up to the reward (T. Dean
+and K. Kanazawa, *A model for reasoning about persistence and causation*, Computational Intelligence 5, 1989; for trees
+C. Boutilier, R. Dearden and M. Goldszmidt, *Stochastic dynamic programming with factored representations*, Artificial
+Intelligence 121, 2000).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _PARENTS: dict[Role, frozenset[Role]] = {
 
 
 class PotentialError(ModelError):
-    """What one variable's distribution says cannot be.
+    """The distribution of a variable is invalid.
 
     Attributes:
         node: The variable.
@@ -59,17 +59,31 @@ class TwoSliceNetwork:
         states: The state factors.
         actions: A factor per agent.
         observations: A factor per agent; None for an MDP.
-        initial: For each state factor its first distribution, given others' where it depends on them.
+        initial: For each state factor its initial distribution; it may depend on other factors.
         transitions: For each state factor the distribution of its next value.
-        observation: For each factor of the observations its distribution.
-        utilities: Their sum is the reward; over any variables.
-        fully_observed: Which state factors an agent sees without error; none by default.
-        event_observations: Whether observations are events, P(o | s, a, s'); also where a distribution of observations
-            has a state factor among its parents.
+        observation: For each observation factor its distribution.
+        utilities: Potentials over any variables, whose sum is the reward.
+        fully_observed: For each state factor whether agents observe it without error; by default none.
+        event_observations: Whether observations are events, P(o | s, a, s'). They are in any case if a state factor is
+            a parent of an observation.
 
     Raises:
-        ModelError: If a potential is missing, depends on what comes after it or, at last, on itself, or if
-            probabilities do not sum to 1 (of observations that are events, this is checked when it is flattened).
+        ModelError: If a potential is missing, depends on a later variable or in a circle on itself, or if
+            probabilities do not sum to 1. (Event observations are checked when the network is flattened.)
+
+    Example::
+
+        from mdm.models import FactoredMDP, Node, Space, Table, TwoSliceNetwork
+
+        lamp, button = Node("state", 0), Node("action", 0)
+        network = TwoSliceNetwork(
+            Space.single("lamp", ["off", "on"]),
+            Space.single("button", ["leave", "press"]),
+            initial=[Table([lamp], [1, 0])],
+            transitions=[Table([lamp, button, Node("next_state", 0)], [[[1, 0], [0, 1]], [[0, 1], [1, 0]]])],
+            utilities=[Table([lamp], [0, 1])],
+        )
+        FactoredMDP(network, discount=0.9).transition("press", "off", "on")  # 1.0
     """
 
     def __init__(
@@ -97,10 +111,10 @@ class TwoSliceNetwork:
         )
         if len(self.fully_observed) != len(states.factors):
             raise ModelError(
-                f"{len(self.fully_observed)} state factors are marked, but there are {len(states.factors)}"
+                f"fully_observed is for {len(self.fully_observed)} state factors, but there are {len(states.factors)}"
             )
         if observations is None and (event_observations or self.observation):
-            raise ModelError("a network without observations cannot say how they are distributed")
+            raise ModelError("distributions of observations are given, but the network has no observation space")
         self.event_observations = event_observations or any(
             node.role == "state" for potential in self.observation for node in potential.scope
         )
@@ -127,7 +141,7 @@ class TwoSliceNetwork:
         return () if space is None else space.factors
 
     def factor(self, node: Node) -> Factor:
-        """Return a variable's name and values."""
+        """Return the factor of a variable: its name and values."""
         return self.factors(node.role)[node.place]
 
     def potentials(self, role: Role) -> tuple[Potential, ...]:
@@ -140,15 +154,15 @@ class TwoSliceNetwork:
         }[role]
 
     def name(self, node: Node) -> str:
-        """Return a variable's name, with ``'`` after that of a next state factor."""
+        """Return a variable's name; a next state factor's ends with ``'``."""
         return self.factor(node).name + ("'" if node.role == "next_state" else "")
 
     def parents(self, node: Node) -> tuple[Node, ...]:
-        """Return what a variable depends on."""
+        """Return the parents of a variable."""
         return tuple(other for other in self.potentials(node.role)[node.place].scope if other != node)
 
     def _order(self, role: Role, potentials: Sequence[Potential]) -> tuple[int, ...]:
-        """Return the variables of a role such that each comes after its parents; the first ones first."""
+        """Return the variables of a role in an order in which parents come first."""
         factors = self.factors(role)
         if len(potentials) != len(factors):
             raise ModelError(f"{len(potentials)} distributions are given for {len(factors)} {role.replace('_', ' ')}s")
@@ -156,13 +170,11 @@ class TwoSliceNetwork:
         for index, potential in enumerate(potentials):
             name = f"the distribution of {self.name(Node(role, index))!r}"
             if Node(role, index) not in potential.scope:
-                raise PotentialError(f"{name} is not over it", Node(role, index))
+                raise PotentialError(f"{name} does not have it in its scope", Node(role, index))
             self._check_sizes(potential, name)
             for node in potential.scope:
                 if node.role not in _PARENTS[role]:
-                    raise PotentialError(
-                        f"{name} depends on {self.name(node)!r}, which comes after it", Node(role, index)
-                    )
+                    raise PotentialError(f"{name} depends on {self.name(node)!r}, a later variable", Node(role, index))
             waiting[index] = {node.place for node in potential.scope if node.role == role} - {index}
         order: list[int] = []
         while waiting:
@@ -177,12 +189,16 @@ class TwoSliceNetwork:
     def _check_sizes(self, potential: Potential, name: str) -> None:
         for node, size in potential.sizes.items():
             if not 0 <= node.place < len(self.factors(node.role)):
-                raise ModelError(f"{name} is over {node.role.replace('_', ' ')} {node.place}, which there is not")
+                raise ModelError(
+                    f"{name} has {node.role.replace('_', ' ')} {node.place} in its scope, but there is none"
+                )
             if size != len(self.factor(node)):
-                raise ModelError(f"{name} has {size} values of {self.name(node)!r}, which has {len(self.factor(node))}")
+                raise ModelError(
+                    f"{name} is for {size} values of {self.name(node)!r}, but there are {len(self.factor(node))}"
+                )
 
     def _check_sums(self, node: Node, potential: Potential, done: set[int], among: str = "") -> None:
-        if id(potential) in done:  # a branch that several choices lead to
+        if id(potential) in done:  # a branch shared by several choices
             return
         done.add(id(potential))
         if isinstance(potential, Tree) and potential.node != node:
@@ -203,20 +219,22 @@ class TwoSliceNetwork:
                 given += [f"{self.name(parent)}={self.factor(parent).names[of[at]]}" for parent, of in digits.items()]
                 row = rows[at]
                 bad = row[~((row >= 0) & np.isfinite(row))]
-                what = f"{bad[0]:g} is no probability" if bad.size else f"they sum to {row.sum():.6g}, not to 1"
+                what = f"{bad[0]:g} is not a probability" if bad.size else f"they sum to {row.sum():.6g}, not to 1"
                 where = f" given {', '.join(given)}" if given else ""
                 problem = f"the probabilities of {self.name(node)!r}{where}: {what}"
                 if not report(problem, is_sum=bool(not bad.size and row.sum() > 0)):
                     raise PotentialError(problem, node)
 
     def _blocks(self, child: Node, potential: Potential) -> Iterator[tuple[dict[Node, Indices], Vector]]:
-        """Yield the values of a variable's parents and its distributions given them, some thousand at a time."""
+        """Yield blocks of values of a variable's parents, and its distributions given them."""
         parents = [node for node in potential.scope if node != child]
         shape = tuple(len(self.factor(node)) for node in parents)
         size = len(self.factor(child))
         total = math.prod(shape)
         if total > _LARGEST:
-            raise ModelError(f"{self.name(child)!r} depends on {len(parents)} variables at once, in {total} ways")
+            raise ModelError(
+                f"{self.name(child)!r} has {len(parents)} parents with {total} combinations of values: too many"
+            )
         step = max(1, _BLOCK // size)
         for start in range(0, total, step):
             flat = np.arange(start, min(start + step, total))
@@ -225,7 +243,7 @@ class TwoSliceNetwork:
 
 
 def _circle(parents: Mapping[int, set[int]]) -> list[int]:
-    """Return a circle, where each variable has a parent that waits as well."""
+    """Return a circle of variables, each of which has a parent among them."""
     path = [min(parents)]
     while True:
         after = min(parents[path[-1]] & parents.keys())

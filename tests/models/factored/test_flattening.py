@@ -145,20 +145,20 @@ def network(**changes):
     [
         ({"initial": []}, "0 distributions are given for 1 states"),
         ({"initial": [Table([Node("state", 0)], [0.5, 0.6])]}, "of 'light': they sum to 1.1"),
-        ({"initial": [Table([Node("state", 0)], [1.5, -0.5])]}, "-0.5 is no probability"),
-        ({"initial": [Table([Node("action", 0)], [0.5, 0.5])]}, "'light' is not over it"),
-        ({"transitions": [Table([Node("next_state", 0)], [0.2, 0.3, 0.5])]}, r"\"light'\" has 3 values"),
+        ({"initial": [Table([Node("state", 0)], [1.5, -0.5])]}, "-0.5 is not a probability"),
+        ({"initial": [Table([Node("action", 0)], [0.5, 0.5])]}, "'light' does not have it in its scope"),
+        ({"transitions": [Table([Node("next_state", 0)], [0.2, 0.3, 0.5])]}, r"\"light'\" is for 3 values"),
         (
             {"transitions": [Table([Node("observation", 0), Node("next_state", 0)], np.eye(2))]},
-            "depends on 'eye', which comes after it",
+            "depends on 'eye', a later variable",
         ),
         (
             {"transitions": [Table([Node("state", 0), Node("next_state", 0)], [[0.5, 0.5], [0.5, 0.25]])]},
             r"\"light'\" given light=green: they sum to 0.75",
         ),
-        ({"utilities": [Table([Node("state", 7)], [0.0, 1.0])]}, "state 7, which there is not"),
-        ({"observations": None}, "without observations"),
-        ({"fully_observed": [True, False]}, "2 state factors are marked"),
+        ({"utilities": [Table([Node("state", 7)], [0.0, 1.0])]}, "state 7 in its scope, but there is none"),
+        ({"observations": None}, "no observation space"),
+        ({"fully_observed": [True, False]}, "fully_observed is for 2 state factors"),
     ],
 )
 def test_wrong_networks_are_refused_with_the_culprit(changes, message):

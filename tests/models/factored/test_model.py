@@ -81,7 +81,7 @@ def test_rewards_of_what_is_observed():
     [
         (lambda model: model.transition("Opne", 0), "did you mean 'Open'"),
         (lambda model: model.transition("Stay", "LRM ajar"), "'door' has no symbol 'ajar'"),
-        (lambda model: model.transition("Stay", "LRM"), "needs a word for each of room, door"),
+        (lambda model: model.transition("Stay", "LRM"), "needs a component for each of room, door"),
         (lambda model: model.observation("Stay", 0, "bang"), "'ear' has no symbol 'bang'"),
         (lambda model: model.observation_matrix(2), "no symbol 2"),
         (lambda model: model.event_matrix(0, 0), "ask for observation_matrix"),

@@ -81,8 +81,8 @@ def test_tables_are_copies_that_cannot_be_changed():
         ([CHILD], [[0.5, 0.5]], "over 1 variables cannot have 2 axes"),
         ([], [1.0], "over 0 variables cannot have 1 axes"),
         ([CHILD, CHILD], np.eye(3), "table over 2 variables"),
-        ([CHILD], [[1.0], [1.0, 2.0]], "no array of numbers"),
-        ([CHILD], ["a", "b"], "no array of numbers"),
+        ([CHILD], [[1.0], [1.0, 2.0]], "not an array of numbers"),
+        ([CHILD], ["a", "b"], "not an array of numbers"),
     ],
 )
 def test_tables_that_do_not_fit_their_scope_are_refused(scope, values, message):
@@ -96,8 +96,8 @@ def test_tables_that_do_not_fit_their_scope_are_refused(scope, values, message):
         ([], [Table([], 1.0)], "a branch for every value"),
         ([0, 1], [Table([], 1.0)], "a branch for every value"),
         ([0, -1], [Table([], 1.0)], "a branch for every value"),
-        ([0, 0], [Table([PARENTS[0]], [1.0, 2.0, 3.0])], "3 and 2 values"),
-        ([0, 1], [Table([CHILD], [1.0, 2.0]), Table([CHILD], [1.0, 2.0, 3.0])], "3 and 2 values"),
+        ([0, 0], [Table([PARENTS[0]], [1.0, 2.0, 3.0])], "3 or 2 values"),
+        ([0, 1], [Table([CHILD], [1.0, 2.0]), Table([CHILD], [1.0, 2.0, 3.0])], "3 or 2 values"),
     ],
 )
 def test_trees_that_leave_values_open_or_contradict_themselves_are_refused(choice, branches, message):

@@ -58,13 +58,15 @@ _OWN = ("drive", "on_no_observation", "deadline")
 class ControlStatistics(ActorStatistics, frozen=True):
     """What a control layer has decided: actions published, observations that were impossible or superseded.
 
-    ``undecided`` counts ticks without a known state; ``latency`` is from stimulus to decision.
+    ``undecided`` counts ticks without a known state, ``missed`` those that the event loop came too late for.
+    ``latency`` is from stimulus to decision, and after missed ticks once more from the first of them.
     """
 
     decisions: int
     impossible: int
     superseded: int
     undecided: int
+    missed: int
     latency: Histogram
 
 
@@ -112,6 +114,7 @@ class ControlLayer(Layer):
         self.running = False
         self.superseded = 0
         self.undecided = 0
+        self.missed = 0
         self.action_names: Sequence[str] = (
             () if self.controller.symbols.action_space is None else self.controller.symbols.action_space.names
         )
@@ -280,6 +283,10 @@ class ControlLayer(Layer):
 
     def _on_tick(self, tick: Tick) -> None:
         cause, symbol = "tick", None
+        if tick.missed:
+            assert isinstance(self.drive, FixedRate)
+            self.missed += tick.missed
+            self._record(tick.late + round(tick.missed * 1e9 / self.drive.rate))
         observation, self._observation = self._observation, None
         if self.controller.over:
             self._begin_episode()
@@ -428,6 +435,7 @@ class ControlLayer(Layer):
             impossible=self.controller.impossible,
             superseded=self.superseded,
             undecided=self.undecided,
+            missed=self.missed,
             latency=self.latency,
         )
 

@@ -14,6 +14,7 @@ from mdm.runtime.statistics import (
     Histogram,
     Latencies,
     LogStatistics,
+    LoopStatistics,
 )
 from mdm.runtime.stream import Overflow, Stream
 from mdm.runtime.supervision import ActorFailure, Restart, Supervision
@@ -33,6 +34,7 @@ __all__ = [
     "Histogram",
     "Latencies",
     "LogStatistics",
+    "LoopStatistics",
     "Overflow",
     "Restart",
     "Runtime",

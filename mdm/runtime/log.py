@@ -31,6 +31,7 @@ class Log:
     def __init__(self, target: Literal["console", "json"] | Any, *, debug: bool) -> None:
         self._debug = debug
         self._writer = Writer()
+        self._told: list[Fault] = []
         self._logger = _logger(target, self._writer) if isinstance(target, str) else target
 
     def open(self, runtime: Runtime) -> None:
@@ -38,10 +39,15 @@ class Log:
         put = self._writer.put
         if not isinstance(runtime.clock, VirtualClock):
             self._writer.open()
-        runtime.faults.subscribe(lambda fault: put(self._fault, fault))
+        runtime.faults.subscribe(self._published)
         runtime.lives.subscribe(lambda change: put(self._life, change) if change.actor else None)
         if self._debug:
             runtime.decisions.subscribe(lambda decision: put(self._decision, decision))
+
+    def tell(self, fault: Fault) -> None:
+        """Write a fault at once, from any thread; when it is published, it is not written again."""
+        self._told.append(fault)
+        self._writer.put(self._fault, fault)
 
     def close(self) -> None:
         """Write out what waits, within a bound."""
@@ -50,6 +56,12 @@ class Log:
     def statistics(self) -> LogStatistics:
         """Return how many lines were written, and how many lost."""
         return self._writer.statistics()
+
+    def _published(self, fault: Fault) -> None:
+        if fault in self._told:
+            self._told.remove(fault)
+        else:
+            self._writer.put(self._fault, fault)
 
     def _fault(self, fault: Fault) -> None:
         self._logger.error("fault", time=fault.time / 1e9, source=fault.source, kind=fault.kind, detail=fault.detail)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import anyio
@@ -12,14 +14,23 @@ from mdm.errors import Error
 from mdm.messages import Decision, Fault, StateChange
 from mdm.runtime.actor import Actor
 from mdm.runtime.channel import Channel
-from mdm.runtime.clock import Clock, WallClock
+from mdm.runtime.clock import Clock, WallClock, check_seconds
 from mdm.runtime.dispatcher import Dispatcher
+from mdm.runtime.handler import check_plain
 from mdm.runtime.log import Log
-from mdm.runtime.statistics import ActorStatistics, ChannelStatistics, DispatcherStatistics, LogStatistics
-from mdm.runtime.supervision import ActorFailure
+from mdm.runtime.statistics import (
+    ActorStatistics,
+    ChannelStatistics,
+    DispatcherStatistics,
+    LogStatistics,
+    LoopStatistics,
+)
+from mdm.runtime.supervision import ActorFailure, describe
 from mdm.runtime.virtual import VirtualClock, VirtualEventLoop
+from mdm.runtime.watchdog import Watchdog
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import TracebackType
     from typing import Self
 
@@ -29,14 +40,17 @@ __all__ = ["Runtime", "RuntimeStatistics"]
 
 T = TypeVar("T")
 
+_SHORTEST_WATCH = 0.01
+
 
 class RuntimeStatistics(msgspec.Struct, frozen=True):
-    """A snapshot of everything in a runtime."""
+    """A snapshot of everything in a runtime; ``loop`` is None without a watchdog, ``log`` without a log."""
 
     dispatcher: DispatcherStatistics
     actors: tuple[ActorStatistics, ...]
     channels: tuple[ChannelStatistics, ...]
     log: LogStatistics | None
+    loop: LoopStatistics | None
 
 
 class Runtime:
@@ -54,8 +68,16 @@ class Runtime:
         log: ``"console"`` or ``"json"`` lines on standard error, a structlog logger of your own, or None for silence.
             Lines are written on a thread of their own; where nobody reads them, some are lost and counted.
         debug: Log decisions too, not life-cycle and faults alone.
+        watchdog: Seconds for which the event loop may stand still before a thread reports it, with the stack of what
+            holds it, at once in the log and as a fault ``stall`` when the loop turns again; None for no watchdog. In
+            virtual time there is none.
+        emergency: A plain function without arguments that makes the robot safe by itself (cuts the motors, opens a
+            relay). It is called on any thread, when nothing else can be relied on.
+        emergency_after: Seconds for which the event loop stands still before ``emergency`` is called; by default those
+            of ``watchdog``.
 
     Raises:
+        Error: If ``emergency`` cannot be called so, or the times contradict each other.
         ActorFailure: On leaving the block, if an actor failed and nobody above it could help.
     """
 
@@ -65,7 +87,11 @@ class Runtime:
         clock: Clock | None = None,
         log: Literal["console", "json"] | Any | None = "console",
         debug: bool = False,
+        watchdog: float | None = 1.0,
+        emergency: Callable[[], object] | None = None,
+        emergency_after: float | None = None,
     ) -> None:
+        _check_watch(watchdog, emergency, emergency_after)
         self.clock = _clock_of_the_loop() if clock is None else clock
         self.dispatcher = Dispatcher(self.clock)
         self.abandoned: list[Work] = []
@@ -75,6 +101,11 @@ class Runtime:
         self.lives = self.channel("lives", StateChange)
         self.decisions = self.channel("decisions", Decision)
         self._log = None if log is None else Log(log, debug=debug)
+        self._emergency = emergency
+        self._watchdog: Watchdog | None = None
+        if watchdog is not None and not isinstance(self.clock, VirtualClock):
+            after = None if emergency is None else watchdog if emergency_after is None else emergency_after
+            self._watchdog = Watchdog(watchdog, self._alarm, self.emergency, after)
         self._scope: anyio.CancelScope | None = None
         self._stopped = anyio.Event()
         self._tree: asyncio.Task[None] | None = None
@@ -125,6 +156,29 @@ class Runtime:
             if self._scope is not None:
                 self._scope.cancel()
 
+    def emergency(self, reason: str) -> None:
+        """Call the program's ``emergency`` and report why: the last resort, when a safe action fails. From any thread.
+
+        What it raises is reported, too.
+        """
+        failure = ""
+        if self._emergency is None:
+            failure = ", and no `emergency` was given to Runtime"
+        else:
+            try:
+                self._emergency()
+            except BaseException as error:
+                failure = f", and `emergency` failed: {describe(error)}"
+        self._alarm("emergency", reason + failure)
+
+    def _alarm(self, kind: str, detail: str) -> None:
+        """Publish a fault of the runtime itself, and log it before: the event loop may not turn."""
+        fault = Fault(self.clock.now(), "runtime", kind, detail)
+        if self._log is not None:
+            self._log.tell(fault)
+        with suppress(Error):  # a runtime that does not run has no subscribers
+            self.faults.publish(fault)
+
     # -- Life ----------------------------------------------------------------------------------------------------
 
     async def __aenter__(self) -> Self:
@@ -140,6 +194,8 @@ class Runtime:
         self.dispatcher.open(loop)
         if self._log is not None:
             self._log.open(self)
+        if self._watchdog is not None:
+            self._watchdog.open(loop)
         self._scope = anyio.CancelScope()
         # The tree has a task of its own, so that a cancelled program still stops it in order.
         began = asyncio.Event()
@@ -183,6 +239,8 @@ class Runtime:
             await asyncio.wait([tree])
             raise
         finally:
+            if self._watchdog is not None:
+                self._watchdog.close()
             for channel in self._channels.values():
                 channel.close()
             self.dispatcher.close()
@@ -206,7 +264,29 @@ class Runtime:
             actors=tuple(actors),
             channels=tuple(channel.statistics() for channel in self._channels.values()),
             log=None if self._log is None else self._log.statistics(),
+            loop=None if self._watchdog is None else self._watchdog.statistics(),
         )
+
+
+def _check_watch(watchdog: float | None, emergency: Callable[[], object] | None, emergency_after: float | None) -> None:
+    """Refuse what cannot be watched, or called."""
+    if watchdog is not None:
+        check_seconds(watchdog, "watchdog")
+        if watchdog < _SHORTEST_WATCH:
+            raise Error(f"a watchdog waits {_SHORTEST_WATCH} s at least, not {watchdog}")
+    if emergency is not None:
+        check_plain(emergency, "`emergency`")
+        with suppress(ValueError):  # of some functions in C no signature is known
+            try:
+                inspect.signature(emergency).bind()
+            except TypeError as error:
+                raise Error(f"`emergency` is called without arguments: {error}") from None
+    if emergency_after is not None:
+        check_seconds(emergency_after, "emergency_after")
+        if emergency is None or watchdog is None:
+            raise Error("emergency_after is the time until the watchdog calls `emergency`: give both")
+        if emergency_after < watchdog:
+            raise Error(f"emergency_after is {emergency_after} s, before the watchdog's {watchdog} s have passed")
 
 
 def _clock_of_the_loop() -> Clock:

@@ -6,7 +6,15 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["ActorStatistics", "ChannelStatistics", "DispatcherStatistics", "Histogram", "Latencies", "LogStatistics"]
+__all__ = [
+    "ActorStatistics",
+    "ChannelStatistics",
+    "DispatcherStatistics",
+    "Histogram",
+    "Latencies",
+    "LogStatistics",
+    "LoopStatistics",
+]
 
 _FOLD = 4096
 _BUCKETS = 8 * 64
@@ -118,3 +126,14 @@ class Latencies:
             maximum=self._maximum / 1e9,
             counts=tuple(self._counts.tolist()),
         )
+
+
+class LoopStatistics(msgspec.Struct, frozen=True):
+    """How an event loop turned, as its watchdog saw it.
+
+    ``stalls`` counts the times that it did not turn for as long as the watchdog's limit; ``delays`` are the times that
+    it took to answer the watchdog, so that whatever held it shows, below the limit too.
+    """
+
+    stalls: int
+    delays: Histogram

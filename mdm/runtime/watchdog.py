@@ -1,0 +1,150 @@
+"""The watchdog: a thread that sees whether the event loop turns, and says what holds it where it does not.
+
+It asks the loop, some twenty times a second, to call back. What it does where no answer comes needs no loop: it finds
+the stack of the loop's thread, writes to the log, and calls the emergency on a further thread.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import traceback
+from time import monotonic_ns
+from typing import TYPE_CHECKING
+
+from mdm.runtime.statistics import Latencies, LoopStatistics
+
+if TYPE_CHECKING:
+    import asyncio
+    from collections.abc import Callable
+    from types import FrameType
+
+__all__ = ["Watchdog"]
+
+_PAUSE = 0.05
+_FRAMES = 20
+_PATIENCE = 0.5
+
+
+class Watchdog:
+    """Watches an event loop from a thread of its own.
+
+    Args:
+        limit: Seconds without a turn of the loop after which `alarm` is called.
+        alarm: Takes the kind and the detail of a fault, on any thread.
+        emergency: Takes a reason, on a thread of its own.
+        emergency_after: Seconds without a turn after which `emergency` is called; None for never.
+    """
+
+    def __init__(
+        self,
+        limit: float,
+        alarm: Callable[[str, str], object],
+        emergency: Callable[[str], object],
+        emergency_after: float | None,
+    ) -> None:
+        self._limit = limit
+        self._alarm = alarm
+        self._emergency = emergency
+        self._emergency_after = emergency_after
+        self._pause = min(_PAUSE, limit / 4)
+        self._ended = threading.Event()
+        self._threads: list[threading.Thread] = []
+        self._asked: int | None = None
+        self._since = self._looked = 0
+        self._told = self._called = False
+        self._stalls = 0
+        self._delays = Latencies()
+
+    def open(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Watch this event loop, which runs on the calling thread."""
+        self._loop = loop
+        self._holder = threading.get_ident()
+        self._looked = monotonic_ns()
+        self._start(self._watch, "mdm:watchdog")
+
+    def close(self) -> None:
+        """Watch no more; an emergency that is under way gets half a second to end."""
+        self._ended.set()
+        for thread in self._threads:
+            thread.join(_PATIENCE)
+
+    def _start(self, function: Callable[[], object], name: str) -> None:
+        thread = threading.Thread(target=function, name=name, daemon=True)
+        thread.start()
+        self._threads.append(thread)
+
+    def _watch(self) -> None:
+        pause = self._pause
+        while not self._ended.wait(pause):
+            pause = self._pause
+            try:
+                pause = self._look(monotonic_ns())
+            except Exception:
+                # Whatever fails here, be it for want of memory, the next look is as good as this one.
+                if self._loop.is_closed():
+                    return
+
+    def _look(self, now: int) -> float:
+        """Look once whether the loop has turned; return in how many seconds to look again."""
+        due, self._looked = self._looked + round(self._pause * 1e9), now
+        stopped = now - due > self._limit * 5e8
+        if stopped:
+            # The whole process stood still. That is counted, but the loop gets time to answer before it is blamed.
+            self._since = now
+        if self._asked is None:
+            self._since = now
+            self._told = self._called = False
+            self._asked = due if stopped else now
+            self._loop.call_soon_threadsafe(self._turned, self._asked)
+            return self._pause
+        waited = (now - self._since) / 1e9
+        if self._emergency_after is not None and waited >= self._emergency_after and not self._called:
+            self._called = True
+            self._call_emergency(f"the event loop has not turned for {self._emergency_after:g} s")
+        if waited >= self._limit and not self._told:
+            self._told = True
+            self._alarm("stall", f"the event loop has not turned for {self._limit:g} s: it is held {self._place()}")
+        next_time = self._limit if not self._told else self._emergency_after if not self._called else None
+        return self._pause if next_time is None else min(self._pause, max(next_time - waited, 1e-4))
+
+    def _call_emergency(self, reason: str) -> None:
+        def call() -> None:
+            self._emergency(reason)
+
+        try:
+            self._start(call, "mdm:emergency")
+        except RuntimeError:  # no thread can be started any more
+            call()
+
+    def _place(self) -> str:
+        frame = sys._current_frames().get(self._holder)  # noqa: SLF001 - public by documentation
+        return "nowhere in Python" if frame is None else f"at {_stack(frame)}"
+
+    def _turned(self, asked: int) -> None:
+        """Note, on the loop, that it has turned."""
+        delay = monotonic_ns() - asked
+        self._asked = None
+        self._delays.record(delay)
+        if delay >= self._limit * 1e9:
+            self._stalls += 1
+            # In the loop's next round, so that the fault that tells where comes first.
+            self._loop.call_soon(self._alarm, "stall", f"the event loop stood still for {delay / 1e9:.3g} s")
+
+    def statistics(self) -> LoopStatistics:
+        """Return how the loop has turned so far; call it on the loop's thread."""
+        return LoopStatistics(stalls=self._stalls, delays=self._delays.snapshot())
+
+
+def _stack(frame: FrameType) -> str:
+    """Return a stack in words, the innermost call first, without what runs the loop."""
+    frames = traceback.extract_stack(frame)
+    below = [
+        number
+        for number, place in enumerate(frames)
+        if place.name == "_run" and place.filename.endswith("asyncio/events.py")
+    ]
+    if below:
+        del frames[: below[-1] + 1]
+    calls = [f"{place.filename}:{place.lineno} in {place.name} ({place.line})" for place in reversed(frames)]
+    return ", called from ".join(calls[:_FRAMES])

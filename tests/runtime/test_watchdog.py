@@ -1,0 +1,255 @@
+"""The watchdog: real threads and a real clock, for it is what is there when the event loop is not."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import threading
+import time
+
+import pytest
+from programs import python
+
+from mdm import Ensemble, Error, FixedRate, Runtime, run
+from mdm.policies import DeterministicPolicy
+from mdm.runtime.watchdog import Watchdog
+from mdm.testing import probe, run_virtual
+
+
+class Lines:
+    """A logger that keeps its faults, and when they came."""
+
+    def __init__(self):
+        self.faults = []
+
+    def error(self, _, **fields):
+        self.faults.append((time.monotonic(), fields))
+
+    def info(self, *_, **__):
+        pass
+
+
+def hold_asleep(seconds):
+    time.sleep(seconds)
+
+
+def hold_busily(seconds):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        pass
+
+
+def robot(hold, seconds):
+    calls = []
+
+    def grab():
+        calls.append(time.monotonic())
+        if len(calls) == 3:
+            hold(seconds)
+
+    made = Ensemble("robot", policy=DeterministicPolicy([0], 1), actions={"grab": grab}, drive=FixedRate(20.0))
+    return made, calls
+
+
+def ours():
+    return [thread.name for thread in threading.enumerate() if thread.name.startswith("mdm:")]
+
+
+@pytest.mark.parametrize("hold", [hold_asleep, hold_busily])
+@pytest.mark.parametrize("uvloop", [False, True])
+def test_a_loop_that_is_held_is_reported_in_time_with_what_holds_it(hold, uvloop):
+    if uvloop:
+        pytest.importorskip("uvloop")
+    lines = Lines()
+
+    async def main():
+        made, calls = robot(hold, 1.1)
+        async with Runtime(log=lines, watchdog=0.3) as runtime:
+            faults = probe(runtime.faults)
+            await runtime.start(made)
+            made.publish_state(0)
+            while len(calls) < 5 or len(faults) < 2:
+                await asyncio.sleep(0.01)
+            return calls, faults, runtime.statistics(), made.control.statistics()
+
+    calls, faults, statistics, control = run(main, uvloop=uvloop)
+    (told, first), (_, second) = lines.faults
+    assert 0.3 <= told - calls[2] + 0.001 < 0.6  # long before the loop turned again, and by 0.1 s on an idle machine
+    assert [fault.kind for fault in faults] == ["stall", "stall"]
+    assert [fault.detail for fault in faults] == [first["detail"], second["detail"]]
+    assert "the event loop has not turned for 0.3 s: it is held at" in first["detail"]
+    assert f"in {hold.__name__}" in first["detail"]
+    assert "in grab (hold(seconds))" in first["detail"]
+    assert first["detail"].index(hold.__name__) < first["detail"].index("in grab")
+    assert "run_forever" not in first["detail"] or uvloop
+    assert "the event loop stood still for 1" in second["detail"]
+    assert statistics.loop.stalls == 1
+    assert 0.9 < statistics.loop.delays.maximum < 1.5
+    assert control.missed >= 17
+    assert 0.85 < control.latency.maximum < 1.5
+
+
+def test_a_loop_that_turns_is_left_in_peace_and_no_thread_is_left():
+    lines = Lines()
+
+    async def main():
+        async with Runtime(log=lines, watchdog=0.5) as runtime:
+            while runtime.statistics().loop.delays.count < 10:
+                await asyncio.sleep(0.01)
+            names = ours()
+        return names, runtime.statistics().loop
+
+    names, found = run(main)
+    assert sorted(names) == ["mdm:log", "mdm:watchdog"]
+    assert ours() == []
+    assert (found.stalls, lines.faults) == (0, [])
+
+
+def test_no_watchdog_where_none_is_wanted_or_time_is_virtual():
+    async def main():
+        async with Runtime(log=None, watchdog=None) as runtime:
+            return ours(), runtime.statistics().loop
+
+    assert run(main) == ([], None)
+
+    async def watched(runtime):
+        return ours(), runtime.statistics().loop
+
+    assert run_virtual(watched, log=Lines()) == ([], None)
+
+
+def test_the_emergency_is_called_in_time_once_each_stall_and_its_failure_is_told():
+    lines, called = Lines(), []
+
+    def emergency():
+        called.append((time.monotonic(), threading.current_thread().name))
+        raise SystemExit("no relay")
+
+    async def main():
+        async with Runtime(log=lines, watchdog=0.1, emergency=emergency, emergency_after=0.3) as runtime:
+            faults, began = probe(runtime.faults), []
+            for _ in range(2):
+                began.append(time.monotonic())
+                time.sleep(0.7)  # noqa: ASYNC251 - which is what is tried
+                while len(faults) < 3 * len(began):
+                    await asyncio.sleep(0.01)
+            began.append(time.monotonic())
+            time.sleep(0.2)  # noqa: ASYNC251 - long enough to be told
+            while len(faults) < 8:
+                await asyncio.sleep(0.01)
+            return began, faults
+
+    began, faults = run(main)
+    assert [name for _, name in called] == ["mdm:emergency"] * 2
+    for begun, (when, _) in zip(began, called, strict=False):
+        assert 0.3 <= when - begun + 0.001 < 0.6
+    assert [fault.kind for fault in faults] == ["stall", "emergency", "stall"] * 2 + ["stall", "stall"]
+    assert faults[1].source == "runtime"
+    assert faults[1].detail.startswith(
+        "the event loop has not turned for 0.3 s, and `emergency` failed: SystemExit: no relay (at "
+    )
+    assert len(lines.faults) == len(faults)
+    assert ours() == []
+
+
+def test_an_emergency_that_does_not_end_does_not_end_the_watch():
+    hold, called = threading.Event(), []
+
+    def emergency():
+        called.append(None)
+        hold.wait(20)
+
+    async def main():
+        async with Runtime(log=None, watchdog=0.1, emergency=emergency) as runtime:
+            faults = probe(runtime.faults)
+            for number in (2, 4):
+                time.sleep(0.4)  # noqa: ASYNC251 - which is what is tried
+                while len(faults) < number:
+                    await asyncio.sleep(0.01)
+        return faults
+
+    try:
+        assert [fault.kind for fault in run(main)] == ["stall"] * 4
+        assert len(called) == 2
+    finally:
+        hold.set()
+
+
+def test_a_watchdog_whose_alarm_fails_goes_on():
+    told = []
+
+    def alarm(kind, detail):
+        told.append((kind, detail))
+        if len(told) == 1:
+            raise MemoryError
+
+    async def main():
+        watchdog = Watchdog(0.1, alarm, print, None)
+        watchdog.open(asyncio.get_running_loop())
+        for number in (2, 4):
+            time.sleep(0.3)  # noqa: ASYNC251 - which is what is tried
+            while len(told) < number:
+                await asyncio.sleep(0.01)
+        watchdog.close()
+        return watchdog.statistics().stalls
+
+    assert run(main) == 2
+    assert ours() == []
+
+
+def test_the_emergency_is_at_the_hand_of_other_code():
+    called = []
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        runtime.emergency("the safe action failed twice")
+        return [(fault.source, fault.kind, fault.detail) for fault in faults]
+
+    expected = ("runtime", "emergency", "the safe action failed twice")
+    assert run_virtual(main, emergency=lambda: called.append(None)) == [expected]
+    assert called == [None]
+    ((*_, detail),) = run_virtual(main)
+    assert detail == "the safe action failed twice, and no `emergency` was given to Runtime"
+
+
+STOPPED = """
+import asyncio, os, mdm
+
+async def main():
+    async with mdm.Runtime(log=None, watchdog=0.3, emergency=lambda: os.write(1, b"emergency\\n")) as runtime:
+        ended = asyncio.Event()
+        runtime.faults.subscribe(lambda fault: ended.set() if "stood still" in fault.detail else None)
+        os.write(1, b"running\\n")
+        await ended.wait()
+
+mdm.run(main)
+os.write(1, b"told\\n")
+"""
+
+
+def test_a_process_that_was_stopped_is_no_emergency():
+    with python("-c", STOPPED) as process:
+        assert process.stdout.readline() == "running\n"
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(1.0)  # what is tried: that long it stands still
+        process.send_signal(signal.SIGCONT)
+        assert process.stdout.readline() == "told\n"
+        assert process.wait(20) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"watchdog": 0}, "watchdog is a number of seconds above 0"),
+        ({"watchdog": 0.001}, r"a watchdog waits 0.01 s at least, not 0.001"),
+        ({"emergency": 7}, "`emergency` is a function, not 7"),
+        ({"emergency": asyncio.sleep}, "`emergency` must be a plain function"),
+        ({"emergency": lambda reason: reason}, "`emergency` is called without arguments: missing .* 'reason'"),
+        ({"emergency_after": 2.0}, "emergency_after is the time until the watchdog calls `emergency`: give both"),
+        ({"emergency": list, "emergency_after": 2.0, "watchdog": None}, "give both"),
+        ({"emergency": list, "emergency_after": 0.5}, r"emergency_after is 0.5 s, before the watchdog's 1.0 s"),
+    ],
+)
+def test_what_cannot_be_watched_is_refused(options, words):
+    with pytest.raises(Error, match=words):
+        Runtime(log=None, **options)

@@ -108,10 +108,21 @@ class Joint(NamedTuple):
     def summed(self) -> Matrix:
         """Return the sum over the observations, S x S', in CSR."""
         size = self.rows.shape[1]
-        starts = self.rows.indptr[np.searchsorted(self.states, np.arange(size + 1))]
-        result = csr((self.rows.data, self.rows.indices, starts), (size, size))
+        result = csr((self.rows.data, self.rows.indices, self.starts), (size, size))
         result.sum_duplicates()
         return result
+
+    def side_by_side(self, num_observations: int) -> Matrix:
+        """Return the matrices of the observations side by side, S x O S', in CSR: P(s', o) in column o S + s'."""
+        size = self.rows.shape[1]
+        columns = np.repeat(self.observations, np.diff(self.rows.indptr)) * size + self.rows.indices
+        return csr((self.rows.data, columns, self.starts), (size, num_observations * size), copy=False)
+
+    @property
+    def starts(self) -> Indices:
+        """Where the entries of each s begin, and the end of the last."""
+        starts: Indices = self.rows.indptr[np.searchsorted(self.states, np.arange(self.rows.shape[1] + 1))]
+        return starts
 
 
 class Dynamics:
@@ -207,6 +218,26 @@ class Dynamics:
         states = np.arange(self.num_states)
         return self.matrix[self.places[states, policy]], self.rewards[states, policy]
 
+    @cached_property
+    def _likelihoods(self) -> list[Vector]:
+        """P(o | a, s') of each action, dense, O x S'."""
+        model = self.model
+        assert isinstance(model, POMDP)
+        return once([model.observation_matrix(action) for action in range(self.num_actions)], _turned)
+
+    @cached_property
+    def _joints(self) -> list[Matrix]:
+        """P(s', o | s, a) of each action, S x O S', in CSR."""
+        count, joints = self.num_observations, map(self.joint, range(self.num_actions))
+        return [joint.only(joint.observations < count).side_by_side(count) for joint in joints]
+
+    def step(self, action: int, beliefs: Vector) -> Vector:
+        """Return P(o, s') after an action, for each of n distributions over states (n x S): n x O x S'."""
+        if self.by_transition:
+            return np.asarray(beliefs @ self._joints[action]).reshape(len(beliefs), -1, self.num_states)
+        after: Vector = np.asarray(beliefs @ self._matrices[action])
+        return after[:, None, :] * self._likelihoods[action]
+
     def joint(self, action: int) -> Joint:
         """Return P(s', o | s, a) of an action.
 
@@ -224,6 +255,10 @@ class Dynamics:
         starts = np.append(begins, len(keys))
         parts = (chances[of] * likelihoods)[order], after[of][order], starts
         return Joint(csr(parts, (len(begins), self.num_states), copy=False), states, observations)
+
+
+def _turned(matrix: Matrix) -> Vector:
+    return np.ascontiguousarray((matrix.toarray() if is_compressed(matrix) else matrix).T)
 
 
 def _entries(rows: Rows, first: int, count: int) -> tuple[Indices, Indices, Vector]:

@@ -32,7 +32,15 @@ if TYPE_CHECKING:
     from mdm.models.dynamics import Dynamics, Joint
     from mdm.models.matrices import Vector
 
-__all__ = ["InformedBound", "blind_values", "for_ever", "informed_values", "known_state_values", "known_states"]
+__all__ = [
+    "InformedBound",
+    "blind_values",
+    "for_ever",
+    "informed_values",
+    "known_state_values",
+    "known_states",
+    "staged_values",
+]
 
 _BLIND_SWEEPS = 100_000
 _CLOSE = 1e-9
@@ -123,6 +131,14 @@ def known_state_values(dynamics: Dynamics, goes_on: Callable[[], bool] = lambda:
     while goes_on() and (better := next(found, None)) is not None:
         table, _ = better
     return table
+
+
+def staged_values(dynamics: Dynamics, horizon: int) -> Vector:
+    """Return the values of known states with so many decisions to go: S."""
+    values = np.zeros(dynamics.num_states)
+    for _ in range(horizon):
+        values = dynamics.q_values(values).max(axis=1)
+    return values
 
 
 def informed_values(dynamics: Dynamics, goes_on: Callable[[], bool] = lambda: True) -> Vector:

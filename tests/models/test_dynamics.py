@@ -87,6 +87,28 @@ def test_joint_probabilities(model):
         np.testing.assert_allclose(found.sum(axis=1), dense(model.transition_matrix(action)), atol=1e-9)
 
 
+@given(POMDPS, st.integers(0, 99))
+def test_a_step_of_beliefs(model, seed):
+    dynamics = Dynamics(model)
+    beliefs = np.random.default_rng(seed).dirichlet(np.ones(dynamics.num_states), size=4)
+    for action in range(dynamics.num_actions):
+        after = dynamics.step(action, beliefs)
+        for observation in range(dynamics.num_observations):
+            expected = beliefs @ dense(model.joint_matrix(action, observation))
+            np.testing.assert_allclose(after[:, observation], expected, atol=1e-12)
+
+
+@given(POMDPS)
+def test_joint_probabilities_of_some_observations(model):
+    dynamics, count = Dynamics(model), len(model.observation_space)
+    for action in range(dynamics.num_actions):
+        joint = dynamics.joint(action)
+        some = joint.only(joint.observations < count)
+        each = [dense(model.joint_matrix(action, observation)) for observation in range(count)]
+        np.testing.assert_allclose(dense(some.summed()), sum(each), atol=1e-12)
+        np.testing.assert_array_equal(dense(some.side_by_side(count)), np.hstack(each))
+
+
 @pytest.mark.parametrize("sparse", [False, True])
 def test_matrices_that_actions_share_are_kept_once(sparse):
     stay, move = np.eye(3), np.roll(np.eye(3), 1, axis=1)

@@ -19,6 +19,7 @@ import numpy as np
 
 from mdm.errors import ConfigError
 from mdm.models.detection import check_no_false_negatives
+from mdm.solvers.bounds import staged_values
 from mdm.solvers.jesp.joint_plan import as_controller, plan_size, plan_value, random_plan
 from mdm.solvers.jesp.response import best_response, solve_as_one
 from mdm.solvers.jesp.search import PlanSearch
@@ -87,7 +88,7 @@ class _Alternation:
         """Solve; ``one`` is the team taken as one agent."""
         team, limits = self._team, self._limits
         with limits:
-            self.upper = team.known_states_value(self._horizon)
+            self.upper = float(team.start @ staged_values(team.dynamics, self._horizon))
             self._take(random_plan(team, self._horizon, random))
             stages = None if self._ends() else solve_as_one(one, self._horizon, self._goes_on)
             if stages is not None:

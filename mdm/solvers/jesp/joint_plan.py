@@ -16,7 +16,8 @@ from mdm.policies import FiniteStateController, JointController
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mdm.solvers.jesp.team import Indices, Team
+    from mdm.models.dynamics import Indices
+    from mdm.solvers.jesp.team import Team
 
 __all__ = ["MOST", "JointPlan", "Tree", "as_controller", "plan_size", "plan_value", "random_plan"]
 

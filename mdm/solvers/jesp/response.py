@@ -19,9 +19,10 @@ from mdm.solvers.jesp.joint_plan import MOST, check_size, lengthened
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from mdm.models.dynamics import Indices
     from mdm.models.matrices import Vector
     from mdm.solvers.jesp.joint_plan import JointPlan, Tree
-    from mdm.solvers.jesp.team import Indices, Team
+    from mdm.solvers.jesp.team import Team
 
 __all__ = ["Stage", "best_response", "merged", "solve_as_one"]
 

@@ -23,10 +23,11 @@ from mdm.solvers.jesp.response import merged
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from mdm.models.dynamics import Indices
     from mdm.models.matrices import Vector
     from mdm.solvers.jesp.joint_plan import JointPlan
     from mdm.solvers.jesp.response import Stage
-    from mdm.solvers.jesp.team import Indices, Team
+    from mdm.solvers.jesp.team import Team
 
 __all__ = ["PlanSearch"]
 

@@ -86,10 +86,9 @@ class JointDynamics:
 
     def _side_by_side(self, joint: Joint) -> tuple[Matrix, Indices]:
         """Return the S x S' matrices of the observations side by side, without empty columns, and what these were."""
-        pairs = np.repeat(joint.observations, np.diff(joint.rows.indptr)) * self.size + joint.rows.indices
-        columns, indices = np.unique(pairs, return_inverse=True)
-        starts = joint.rows.indptr[np.searchsorted(joint.states, np.arange(self.size + 1))]
-        return self._own(csr((joint.rows.data, indices, starts), (self.size, len(columns)), copy=False)), columns
+        matrix = joint.side_by_side(self.width)
+        columns, matrix.indices = np.unique(matrix.indices, return_inverse=True)
+        return self._own(csr((matrix.data, matrix.indices, matrix.indptr), (self.size, len(columns)))), columns
 
     def _own(self, matrix: Any) -> Matrix:
         """Return a CSR matrix as this model's are."""

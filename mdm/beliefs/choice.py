@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.beliefs.adaptive import AdaptiveFilter
-from mdm.beliefs.compressed import CompressedFilter, GroupedFilter
+from mdm.beliefs.compressed import CompressedFilter, GroupedFilter, held_numbers
 from mdm.beliefs.dense import CompiledFoldedFilter, FoldedFilter, LikelyFilter
 from mdm.beliefs.network import NetworkFilter
-from mdm.beliefs.rows import Rows
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
 from mdm.models.compilation import can_compile
 from mdm.models.compressed import is_compressed
+from mdm.models.dynamics import Dynamics
 from mdm.models.factored.model import FactoredPOMDP
 
 if TYPE_CHECKING:
@@ -57,19 +57,19 @@ def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:
         return (CompiledFoldedFilter if fast else FoldedFilter)(model)
     if filled and all_detected and not model.event_observations:
         return LikelyFilter(model, fast=fast)
-    rows = Rows(model)
+    dynamics = Dynamics(model)
     wide = GroupedFilter if fast else CompressedFilter
     if not all_detected or (not fast and size <= _GATHERED[0]):  # false negatives lead everywhere
-        return wide(rows)
-    narrow = CompiledSupportFilter(rows) if fast else SupportFilter(rows)
-    if rows.entries > _ARRANGED:
+        return wide(dynamics)
+    narrow = CompiledSupportFilter(dynamics) if fast else SupportFilter(dynamics)
+    if held_numbers(dynamics) > _ARRANGED:
         return narrow
     most = size // (_NARROW if fast else _GATHERED[1])
-    return AdaptiveFilter(narrow, wide(rows), most, most // 2)
+    return AdaptiveFilter(narrow, wide(dynamics), most, most // 2)
 
 
 def is_vast(model: POMDP) -> bool:
-    """Whether a model has more rows of T than are to be made matrices of, for a belief's sake alone."""
+    """Whether a factored model has too many rows of T to make matrices for belief updates alone."""
     return isinstance(model, FactoredPOMDP) and len(model.state_space) * len(model.action_space) > _ROWS
 
 

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.beliefs.filter import TINY, Support
-from mdm.beliefs.rows import once
+from mdm.models.dynamics import once
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
 
-    from mdm.beliefs.rows import Rows
+    from mdm.models.dynamics import Dynamics
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["CompressedFilter", "GroupedFilter"]
+__all__ = ["CompressedFilter", "GroupedFilter", "held_numbers", "unsigned"]
 
 _FOLDED = 4_000_000
 
@@ -31,10 +31,12 @@ class _WideFilter:
 
     is_sparse = False
 
-    def __init__(self, rows: Rows) -> None:
-        self._rows = rows
-        self._before = np.zeros(rows.num_states)
-        self._after = np.zeros(rows.num_states)
+    def __init__(self, dynamics: Dynamics) -> None:
+        self._dynamics = dynamics
+        self._before = np.zeros(dynamics.num_states)
+        self._after = np.zeros(dynamics.num_states)
+        self._false_negative = dynamics.model.false_negative
+        self._resolvents = dynamics.resolvents
         self._total = 1.0
         self.size = 0
         """How many states the belief gives weight to."""
@@ -68,10 +70,9 @@ class _WideFilter:
 
     def _reached(self, action: int, observation: int) -> Vector:
         """Return the belief, moved along all the false negatives that may precede an observation."""
-        rows = self._rows
-        if rows.false_negative is None or observation == rows.false_negative:
+        if self._false_negative is None or observation == self._false_negative:
             return self._before
-        reached: Vector = rows.resolvents[action].weights(self._before)
+        reached: Vector = self._resolvents[action].weights(self._before)
         return reached
 
     def _take(self, total: float, size: int) -> float:
@@ -91,21 +92,22 @@ class CompressedFilter(_WideFilter):
     """By scipy: with a matrix per action and observation where these fit, or else with T and then P(o | a, s').
 
     Args:
-        rows: The model's matrices.
+        dynamics: The model.
     """
 
-    def __init__(self, rows: Rows) -> None:
+    def __init__(self, dynamics: Dynamics) -> None:
 
-        super().__init__(rows)
-        self._transposed = once(rows.transitions, lambda matrix: matrix.T.tocsr())
-        self._columns = once(rows.observations, lambda matrix: matrix.tocsc())
+        super().__init__(dynamics)
+        self._transposed = once(dynamics.transition_matrices, lambda matrix: matrix.T.tocsr())
         self._joints: list[list[Matrix]] | None = None
-        if rows.joints is not None:
-            self._joints = [[joint.T.tocsr() for joint in joints] for joints in rows.joints]
-        elif rows.entries * rows.num_observations <= _FOLDED:
+        if dynamics.moves_by_joints:
+            self._joints = [[joint.T.tocsr() for joint in joints] for joints in dynamics.joint_matrices]
+            return
+        self._columns = once(dynamics.observation_matrices, lambda matrix: matrix.tocsc())
+        if held_numbers(dynamics) * dynamics.num_observations <= _FOLDED:
             self._joints = [
-                [self._fold(action, observation) for observation in range(rows.num_observations)]
-                for action in range(len(rows.transitions))
+                [self._fold(action, observation) for observation in range(dynamics.num_observations)]
+                for action in range(len(dynamics.transition_matrices))
             ]
 
     def _fold(self, action: int, observation: int) -> Matrix:
@@ -144,7 +146,7 @@ class CompressedFilter(_WideFilter):
     def _likelihood(self, action: int, observations: Sequence[int]) -> Vector:
         """Return P(one of some observations | action, s') for each s'."""
         matrix = self._columns[action]
-        likelihood = np.zeros(self._rows.num_states)
+        likelihood = np.zeros(self._dynamics.num_states)
         for observation in observations:
             filled = slice(matrix.indptr[observation], matrix.indptr[observation + 1])
             likelihood[matrix.indices[filled]] += matrix.data[filled]
@@ -155,35 +157,37 @@ class GroupedFilter(_WideFilter):
     """By numba: the rows of a transposed matrix lie grouped by their lengths, see `belief_kernels.pull`.
 
     Args:
-        rows: The model's matrices.
+        dynamics: The model.
     """
 
-    def __init__(self, rows: Rows) -> None:
+    def __init__(self, dynamics: Dynamics) -> None:
         from mdm.beliefs.kernels import pull  # noqa: PLC0415 - numba takes long to import
 
-        super().__init__(rows)
+        super().__init__(dynamics)
         self._pull: Any = pull
-        everything = np.arange(rows.num_states, dtype=np.uint32), np.ones(rows.num_states)
-        layouts = self._layouts = once(rows.transitions, _Layout)
+        everything = np.arange(dynamics.num_states, dtype=np.uint32), np.ones(dynamics.num_states)
+        layouts = self._layouts = once(dynamics.transition_matrices, _Layout)
         self._predictions: list[Any] = [layout.all_rows(*everything) for layout in layouts]
         self._moves: list[list[Any]]
-        if rows.joints is not None:
-            self._moves = [[_Layout(joint).all_rows(*everything) for joint in joints] for joints in rows.joints]
+        if dynamics.moves_by_joints:
+            joints = dynamics.joint_matrices
+            self._moves = [[_Layout(joint).all_rows(*everything) for joint in each] for each in joints]
         else:
-            self._moves = [layout.columns(matrix) for layout, matrix in zip(layouts, rows.observations, strict=True)]
+            told = dynamics.observation_matrices
+            self._moves = [layout.columns(matrix) for layout, matrix in zip(layouts, told, strict=True)]
         self.predict(0)  # compiled now, not at the first step
 
     def step(self, action: int, observation: int) -> float:
         """Take an action and what was observed after it; return P(observation | belief, action)."""
-        before = self._before if self._rows.false_negative is None else self._reached(action, observation)
+        before = self._before if self._false_negative is None else self._reached(action, observation)
         return self._take(*self._pull(*self._moves[action][observation], before, self._after))
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
         """Take an action after which one of some observations was made, which one is not known; return P of that."""
         moves = self._moves[action]
-        if self._rows.joints is None:
+        if not self._dynamics.moves_by_joints:
             layout = self._layouts[action]
-            likelihood = np.zeros(self._rows.num_states)
+            likelihood = np.zeros(self._dynamics.num_states)
             for observation in observations:
                 *_, places, chances = moves[observation]
                 likelihood[places] += chances
@@ -191,7 +195,7 @@ class GroupedFilter(_WideFilter):
             move = layout.some_rows(places.astype(np.uint32), likelihood[places])
             return self._take(*self._pull(*move, self._before, self._after))
         before = self._reached(action, observations[0])
-        after = np.zeros(self._rows.num_states)
+        after = np.zeros(self._dynamics.num_states)
         for observation in observations:
             self._pull(*moves[observation], before, self._after)
             after += self._after
@@ -245,6 +249,14 @@ class _Layout:
         places, likelihood = places[order], observations.data[order]
         cuts = np.searchsorted(observations.indices[order], np.arange(observations.shape[1] + 1))
         return [self.some_rows(places[start:end], likelihood[start:end]) for start, end in pairwise(cuts)]
+
+
+def held_numbers(dynamics: Dynamics) -> int:
+    """Return how many numbers the matrices hold by which a belief moves, the starts of their rows included."""
+    moved = dynamics.transition_matrices
+    if dynamics.moves_by_joints:
+        moved = [matrix for matrices in dynamics.joint_matrices for matrix in matrices]
+    return sum(matrix.nnz + matrix.shape[0] for matrix in {id(matrix): matrix for matrix in moved}.values())
 
 
 def unsigned(matrix: Matrix) -> tuple[Any, Any, Vector]:

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.beliefs.filter import TINY, Support
-from mdm.beliefs.rows import once
-from mdm.models.compressed import is_compressed
+from mdm.models.dynamics import Dynamics, dense, once
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mdm.models.matrices import Matrix, Vector
+    from mdm.models.matrices import Vector
     from mdm.models.pomdp import POMDP
 
 __all__ = ["CompiledFoldedFilter", "FoldedFilter", "LikelyFilter"]
@@ -38,7 +37,7 @@ class _DenseFilter:
         self._after = np.zeros(self._size)
         self._handed_out = False
         self._total = 1.0
-        self._transitions = once([model.transition_matrix(a) for a in range(len(model.action_space))], _array)
+        self._transitions = once(Dynamics(model).matrices, dense)
 
     def load(self, belief: Support) -> None:
         """Begin from a belief."""
@@ -105,7 +104,7 @@ class FoldedFilter(_DenseFilter):
         super().__init__(model)
 
         def fold(action: int, observation: int) -> Vector:
-            joint = _array(model.joint_matrix(action, observation))
+            joint = dense(model.joint_matrix(action, observation))
             if model.false_negative is not None and observation != model.false_negative:
                 joint = model.resolvent(action).values(joint)
             return np.ascontiguousarray(joint)
@@ -171,10 +170,7 @@ class LikelyFilter(_DenseFilter):
 
     def __init__(self, model: POMDP, *, fast: bool) -> None:
         super().__init__(model)
-        self._likelihoods = once(
-            [model.observation_matrix(a) for a in range(len(model.action_space))],
-            lambda matrix: np.ascontiguousarray(_array(matrix).T),
-        )
+        self._likelihoods = Dynamics(model).likelihoods
         self._move = None
         if fast:
             from mdm.beliefs.kernels import move_likely  # noqa: PLC0415 - numba takes long to import
@@ -199,8 +195,3 @@ class LikelyFilter(_DenseFilter):
         self._before.dot(self._transitions[action], after)
         after *= likelihood
         return self._take(float(after.sum()))
-
-
-def _array(matrix: Matrix) -> Vector:
-    """Return a matrix as an array."""
-    return np.asarray(matrix.toarray() if is_compressed(matrix) else matrix)

@@ -11,14 +11,14 @@ import numpy as np
 
 from mdm.beliefs.compressed import unsigned
 from mdm.beliefs.filter import TINY, Support
-from mdm.beliefs.rows import once
+from mdm.models.dynamics import once
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
 
-    from mdm.beliefs.rows import Rows
+    from mdm.models.dynamics import Dynamics
     from mdm.models.matrices import Matrix, Vector
 
 __all__ = ["CompiledSupportFilter", "SupportFilter"]
@@ -28,13 +28,13 @@ class SupportFilter:
     """By numpy: gathers the rows of the states that the belief gives weight to.
 
     Args:
-        rows: The model's matrices, without false negatives: these lead everywhere.
+        dynamics: The model, without false negatives: these lead everywhere.
     """
 
     is_sparse = True
 
-    def __init__(self, rows: Rows) -> None:
-        self._rows = rows
+    def __init__(self, dynamics: Dynamics) -> None:
+        self._dynamics = dynamics
         self._states: npt.NDArray[Any] = np.empty(0, np.intp)
         self._values = np.empty(0)
         self._total = 1.0
@@ -52,25 +52,27 @@ class SupportFilter:
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
         """Take an action after which one of some observations was made, which one is not known; return P of that."""
-        if self._rows.joints is not None:
-            joints = self._rows.joints[action]
+        if self._dynamics.moves_by_joints:
+            joints = self._dynamics.joint_matrices[action]
             parts = [_entries(joints[o], self._states[: self.size]) for o in observations]
             return self._write(*self._summed(parts))
-        states, values = self._summed([_entries(self._rows.transitions[action], self._states[: self.size])])
-        wanted = np.zeros(self._rows.num_observations, np.bool_)
+        states, values = self._summed([_entries(self._dynamics.transition_matrices[action], self._states[: self.size])])
+        wanted = np.zeros(self._dynamics.num_observations, np.bool_)
         wanted[list(observations)] = True
-        of, symbols, chances = _entries(self._rows.observations[action], states)
+        of, symbols, chances = _entries(self._dynamics.observation_matrices[action], states)
         chosen = wanted[symbols]
         values *= np.bincount(of[chosen], chances[chosen], minlength=len(states))
         return self._write(states, values)
 
     def predict(self, action: int) -> float:
         """Take an action after which nothing is known; return 1."""
-        return self._write(*self._summed([_entries(self._rows.transitions[action], self._states[: self.size])]))
+        return self._write(
+            *self._summed([_entries(self._dynamics.transition_matrices[action], self._states[: self.size])])
+        )
 
     def dense(self) -> Vector:
         """Return the belief as a new array of S numbers, read-only."""
-        return self.support().dense(self._rows.num_states)
+        return self.support().dense(self._dynamics.num_states)
 
     def support(self) -> Support:
         """Return the belief by its support, as new arrays."""
@@ -120,30 +122,30 @@ class CompiledSupportFilter(SupportFilter):
     """The same by numba, see `belief_kernels.push`: a step takes a microsecond or two for twenty states.
 
     Args:
-        rows: The model's matrices, without false negatives.
+        dynamics: The model, without false negatives.
     """
 
-    def __init__(self, rows: Rows) -> None:
+    def __init__(self, dynamics: Dynamics) -> None:
         from mdm.beliefs.kernels import push  # noqa: PLC0415 - numba takes long to import
 
-        super().__init__(rows)
+        super().__init__(dynamics)
         self._push: Any = push
-        size = rows.num_states
+        size = dynamics.num_states
         # Memory that nobody writes to takes none: of all these only the pages where beliefs come by.
         self._states, self._next_states = np.empty(size, np.uint32), np.empty(size, np.uint32)
         self._values, self._next_values = np.empty(size), np.empty(size)
         self._sums = np.zeros(size)
-        self._matrices = once(rows.transitions, unsigned)
+        self._matrices = once(dynamics.transition_matrices, unsigned)
         nothing = np.zeros(1, np.uint64), np.zeros(0, np.uint32), np.zeros(0)
         for array in nothing[1:]:
             array.flags.writeable = False
         self._predictions: list[tuple[Any, ...]] = [(*matrix, *nothing, -1) for matrix in self._matrices]
         self._moves: list[list[tuple[Any, ...]]]
-        if rows.joints is not None:
-            self._moves = [[(*unsigned(joint), *nothing, -1) for joint in joints] for joints in rows.joints]
+        if dynamics.moves_by_joints:
+            self._moves = [[(*unsigned(joint), *nothing, -1) for joint in each] for each in dynamics.joint_matrices]
         else:
-            seen = once(rows.observations, unsigned)
-            symbols = range(rows.num_observations)
+            seen = once(dynamics.observation_matrices, unsigned)
+            symbols = range(dynamics.num_observations)
             self._moves = [
                 [(*matrix, *chances, symbol) for symbol in symbols]
                 for matrix, chances in zip(self._matrices, seen, strict=True)

@@ -21,10 +21,11 @@ from mdm.models.pomdp import POMDP
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from mdm.models.detection import Resolvent
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.mdp import MDP
 
-__all__ = ["Dynamics", "Indices", "Joint", "Rows", "once", "stacked"]
+__all__ = ["Dynamics", "Indices", "Joint", "Rows", "dense", "once", "stacked"]
 
 Indices: TypeAlias = npt.NDArray[np.intp]
 
@@ -60,7 +61,7 @@ class Rows(NamedTuple):
 def stacked(matrices: Sequence[Matrix]) -> Rows:
     """Return matrices, dense or CSR, one per action, as `Rows`; an object that several actions share is kept once."""
     kept, places = _distinct(matrices)
-    parts = [matrix if is_compressed(matrix) else csr(matrix) for matrix in kept]
+    parts = [_compressed(matrix) for matrix in kept]
     heights = np.cumsum([0, *(part.shape[0] for part in parts)])
     starts = np.zeros(heights[-1] + 1, dtype=np.uint64)
     np.cumsum(np.concatenate([np.diff(part.indptr) for part in parts]), out=starts[1:], dtype=np.uint64)
@@ -150,12 +151,13 @@ class Dynamics:
         """How many observations there are; 0 of an MDP."""
         self.by_transition = isinstance(model, POMDP) and model.event_observations
         """Whether observations are events: they depend on the state that a transition leaves, too."""
-        self._matrices = [self.model.transition_matrix(action) for action in range(self.num_actions)]
+        self.matrices: list[Matrix] = [self.model.transition_matrix(action) for action in range(self.num_actions)]
+        """T of each action, S x S', as the model has them."""
 
     @cached_property
     def transitions(self) -> Rows:
         """P(s' | s, a): a row over s' for each s."""
-        return stacked(self._matrices)
+        return stacked(self.matrices)
 
     @cached_property
     def observations(self) -> Rows:
@@ -165,17 +167,54 @@ class Dynamics:
         """
         model = self.model
         assert isinstance(model, POMDP)
-        if model.events is not None:
-            return stacked([by_entry(model.events, a, matrix) for a, matrix in enumerate(self._matrices)])
-        return stacked([model.observation_matrix(action) for action in range(self.num_actions)])
+        if model.events is None:
+            return stacked(self._told)
+        return stacked([by_entry(model.events, a, matrix) for a, matrix in enumerate(self.matrices)])
+
+    @property
+    def _told(self) -> list[Matrix]:
+        model = self.model
+        assert isinstance(model, POMDP)
+        return [model.observation_matrix(action) for action in range(self.num_actions)]
+
+    @cached_property
+    def transition_matrices(self) -> list[Matrix]:
+        """T of each action in CSR: the model's own arrays where they are CSR."""
+        return once(self.matrices, _compressed)
+
+    @cached_property
+    def observation_matrices(self) -> list[Matrix]:
+        """P(o | a, s') of each action in CSR, S' x O, where observations are no events."""
+        return once(self._told, _compressed)
+
+    @cached_property
+    def joint_matrices(self) -> list[list[Matrix]]:
+        """P(s', o | s, a) of each action and observation in CSR, S x S'."""
+        model = self.model
+        assert isinstance(model, POMDP)
+        observations = range(self.num_observations)
+        return [[_compressed(model.joint_matrix(a, o)) for o in observations] for a in range(self.num_actions)]
+
+    @cached_property
+    def resolvents(self) -> list[Resolvent]:
+        """The resolvent of each action's false negatives (`POMDP.resolvent`); none where the model has none."""
+        model = self.model
+        if model.false_negative is None or not isinstance(model, POMDP):
+            return []
+        return [model.resolvent(action) for action in range(self.num_actions)]
+
+    @property
+    def moves_by_joints(self) -> bool:
+        """Whether beliefs move by P(s', o | s, a) alone: with events, and with false negatives."""
+        return self.by_transition or self.model.false_negative is not None
 
     @cached_property
     def matrix(self) -> Matrix:
         """T of all actions as one matrix, with the rows of `transitions`: dense where much is not zero, else CSR."""
-        kept, _ = _distinct(self._matrices)
+        kept, _ = _distinct(self.matrices)
         entries = sum(matrix.nnz if is_compressed(matrix) else int(np.count_nonzero(matrix)) for matrix in kept)
         if entries > _DENSE * len(kept) * self.num_states**2:
-            return np.concatenate([matrix.toarray() if is_compressed(matrix) else matrix for matrix in kept])
+            return np.concatenate([dense(matrix) for matrix in kept])
         return self.transitions.matrix(self.num_states)
 
     @property
@@ -195,7 +234,7 @@ class Dynamics:
     @cached_property
     def places(self) -> Indices:
         """The row of each state and action in `matrix`: S x A."""
-        _, places = _distinct(self._matrices)
+        _, places = _distinct(self.matrices)
         rows: Indices = np.arange(self.num_states)[:, None] + self.num_states * np.array(places)
         return rows
 
@@ -219,11 +258,9 @@ class Dynamics:
         return self.matrix[self.places[states, policy]], self.rewards[states, policy]
 
     @cached_property
-    def _likelihoods(self) -> list[Vector]:
-        """P(o | a, s') of each action, dense, O x S'."""
-        model = self.model
-        assert isinstance(model, POMDP)
-        return once([model.observation_matrix(action) for action in range(self.num_actions)], _turned)
+    def likelihoods(self) -> list[Vector]:
+        """P(o | a, s') of each action, dense, O x S', where observations are no events."""
+        return once(self._told, lambda matrix: np.ascontiguousarray(dense(matrix).T))
 
     @cached_property
     def _joints(self) -> list[Matrix]:
@@ -235,8 +272,8 @@ class Dynamics:
         """Return P(o, s') after an action, for each of n distributions over states (n x S): n x O x S'."""
         if self.by_transition:
             return np.asarray(beliefs @ self._joints[action]).reshape(len(beliefs), -1, self.num_states)
-        after: Vector = np.asarray(beliefs @ self._matrices[action])
-        return after[:, None, :] * self._likelihoods[action]
+        after: Vector = np.asarray(beliefs @ self.matrices[action])
+        return after[:, None, :] * self.likelihoods[action]
 
     def joint(self, action: int) -> Joint:
         """Return P(s', o | s, a) of an action.
@@ -257,8 +294,13 @@ class Dynamics:
         return Joint(csr(parts, (len(begins), self.num_states), copy=False), states, observations)
 
 
-def _turned(matrix: Matrix) -> Vector:
-    return np.ascontiguousarray((matrix.toarray() if is_compressed(matrix) else matrix).T)
+def dense(matrix: Matrix) -> Vector:
+    """Return a matrix as an array."""
+    return np.asarray(matrix.toarray() if is_compressed(matrix) else matrix)
+
+
+def _compressed(matrix: Matrix) -> Matrix:
+    return matrix if is_compressed(matrix) else csr(matrix)
 
 
 def _entries(rows: Rows, first: int, count: int) -> tuple[Indices, Indices, Vector]:

@@ -13,27 +13,27 @@ from mdm.beliefs.adaptive import AdaptiveFilter
 from mdm.beliefs.choice import chosen_filter
 from mdm.beliefs.compressed import CompressedFilter, GroupedFilter
 from mdm.beliefs.dense import CompiledFoldedFilter, FoldedFilter, LikelyFilter
-from mdm.beliefs.rows import Rows
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
 from mdm.models import POMDP
 from mdm.models.compilation import can_compile
+from mdm.models.dynamics import Dynamics
 
 needs_numba = pytest.mark.skipif(not can_compile(), reason="numba is not there, or MDM_COMPILE is 0")
 
 FILTERS = {
     "folded": FoldedFilter,
     "likely": lambda model: LikelyFilter(model, fast=False),
-    "compressed": lambda model: CompressedFilter(Rows(model)),
-    "support": lambda model: SupportFilter(Rows(model)),
-    "adaptive": lambda model: AdaptiveFilter(SupportFilter(Rows(model)), CompressedFilter(Rows(model)), 2, 2),
+    "compressed": lambda model: CompressedFilter(Dynamics(model)),
+    "support": lambda model: SupportFilter(Dynamics(model)),
+    "adaptive": lambda model: AdaptiveFilter(SupportFilter(Dynamics(model)), CompressedFilter(Dynamics(model)), 2, 2),
 }
 COMPILED = {
     "compiled folded": CompiledFoldedFilter,
     "compiled likely": lambda model: LikelyFilter(model, fast=True),
-    "grouped": lambda model: GroupedFilter(Rows(model)),
-    "compiled support": lambda model: CompiledSupportFilter(Rows(model)),
+    "grouped": lambda model: GroupedFilter(Dynamics(model)),
+    "compiled support": lambda model: CompiledSupportFilter(Dynamics(model)),
     "compiled adaptive": lambda model: AdaptiveFilter(
-        CompiledSupportFilter(Rows(model)), GroupedFilter(Rows(model)), 2, 2
+        CompiledSupportFilter(Dynamics(model)), GroupedFilter(Dynamics(model)), 2, 2
     ),
 }
 MISSING = {"folded": FoldedFilter, "compressed": CompressedFilter}
@@ -123,7 +123,7 @@ def test_false_negatives_are_solved_for(name, make, model, data):
             leads = leads | (rows @ leads > 0)
         rows[~leads] = 0
     model = model.with_false_negatives(symbol)
-    filter_ = make(model if name.endswith("folded") else Rows(model))
+    filter_ = make(model if name.endswith("folded") else Dynamics(model))
     belief = model.initial_belief
     loaded(filter_, belief)
     for _ in range(data.draw(st.integers(1, 4))):
@@ -193,9 +193,9 @@ def test_the_support_grows_and_shrinks_and_grows_again(fast, monkeypatch):
 def test_a_belief_between_the_two_bounds_is_held_as_it_was(fast):
     told = np.zeros((64, 3))
     told[:3, 0] = told[3:9, 1] = told[9:, 2] = 1
-    rows = Rows(POMDP([np.eye(64)], [told], np.zeros((64, 1)), discount=0.9, sparse=True))
+    dynamics = Dynamics(POMDP([np.eye(64)], [told], np.zeros((64, 1)), discount=0.9, sparse=True))
     narrow, wide = (CompiledSupportFilter, GroupedFilter) if fast else (SupportFilter, CompressedFilter)
-    filter_ = AdaptiveFilter(narrow(rows), wide(rows), 8, 4)
+    filter_ = AdaptiveFilter(narrow(dynamics), wide(dynamics), 8, 4)
     for states, observation, sparse_before, sparse in (
         (8, 1, True, True),  # 5 states are left
         (9, 1, False, False),  # 6 states are left

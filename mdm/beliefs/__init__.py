@@ -1,4 +1,4 @@
-"""What a policy chooses by: states, beliefs over the states of a POMDP, and how they are tracked."""
+"""Information states: states, beliefs over the states of a POMDP, and their tracking."""
 
 from mdm.beliefs.filter import Support
 from mdm.beliefs.information import Drawn, DrawnInformation, Information, KnownState

@@ -1,4 +1,4 @@
-"""A belief filter that changes, as a belief grows and shrinks, between holding its support and holding all states."""
+"""A belief filter that switches between the support of a belief and all states, by the size of the support."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ __all__ = ["AdaptiveFilter", "SizedFilter"]
 
 
 class SizedFilter(Filter, Protocol):
-    """A filter that knows how many states its belief gives weight to."""
+    """A filter that knows the size of its belief's support."""
 
     @property
     def size(self) -> int:
-        """How many these are."""
+        """The size of the support."""
         ...
 
 
 class AdaptiveFilter:
-    """Holds a belief by its support as long as that is small, and over all states while it is not.
+    """Holds a belief by its support while that is small, else over all states.
 
     Args:
-        narrow: By the support.
-        wide: Over all states.
-        most: With more states than this a belief becomes wide.
-        least: With fewer it becomes narrow again.
+        narrow: The filter by support.
+        wide: The filter over all states.
+        most: A larger support switches to the wide filter.
+        least: A smaller support switches back.
     """
 
     def __init__(self, narrow: SizedFilter, wide: SizedFilter, most: int, least: int) -> None:
@@ -47,24 +47,24 @@ class AdaptiveFilter:
         return self._present is self._narrow
 
     def load(self, belief: Support) -> None:
-        """Begin from a belief."""
+        """Load a belief."""
         self._present = self._narrow if len(belief.states) <= self._most else self._wide
         self._present.load(belief)
 
     def step(self, action: int, observation: int) -> float:
-        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        """Update by an action and an observation; return P(observation | belief, action)."""
         probability = self._present.step(action, observation)
         self._switch()
         return probability
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
-        """Take an action after which one of some observations was made, which one is not known; return P of that."""
+        """Update by an action and a set of possible observations; return their probability."""
         probability = self._present.step_any(action, observations)
         self._switch()
         return probability
 
     def predict(self, action: int) -> float:
-        """Take an action after which nothing is known; return 1."""
+        """Predict: update by an action without an observation; return 1."""
         probability = self._present.predict(action)
         self._switch()
         return probability
@@ -74,15 +74,15 @@ class AdaptiveFilter:
         return self._present.dense()
 
     def support(self) -> Support:
-        """Return the belief by its support, as new arrays."""
+        """Return the support of the belief, as new arrays."""
         return self._present.support()
 
     def snapshot(self) -> Any:
-        """Return the belief as it is held, and how."""
+        """Return which filter holds the belief, and its snapshot."""
         return [self.is_sparse, self._present.snapshot()]
 
     def restore(self, snapshot: Any) -> None:
-        """Go on from a snapshot."""
+        """Restore a snapshot."""
         is_sparse, held = snapshot
         self._present = self._narrow if is_sparse else self._wide
         self._present.restore(held)

@@ -1,7 +1,7 @@
-"""The beliefs of many episodes, updated together: a matrix with a row for each.
+"""The beliefs of a batch of episodes, as a matrix with a row per episode.
 
-Episodes that did the same and saw the same share one product with P(s', o | s, a), so an update costs what products of
-matrices cost, O(S^2) or O(non-zeros of T) an episode, and no loop but that over what was done and seen.
+Episodes with the same action and observation share one product with P(s', o | s, a). An update costs O(S^2) or
+O(non-zeros of T) per episode, and loops over pairs of action and observation only.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ Indices = Any
 __all__ = ["BatchTracker", "grouped", "product"]
 
 _ONE_THREAD = 1 << 18
-"""Multiplications in one product up to which OpenBLAS works without a second thread."""
+"""The number of multiplications up to which OpenBLAS uses a single thread."""
 
 
 class BatchTracker:
-    """Tracks the beliefs of many episodes, as `BeliefTracker` does that of one.
+    """Tracks the beliefs of a batch of episodes, as `BeliefTracker` does for one.
 
     Args:
         model: The model.
@@ -38,15 +38,15 @@ class BatchTracker:
         self._num_observations = len(model.observation_space)
         self._joints: dict[tuple[int, int], Matrix] = {}
         self.beliefs: Vector = np.empty((0, len(model.state_space)))
-        """An episode in each row."""
+        """A row per episode."""
 
     def begin(self, states: Indices) -> None:
-        """Begin in some states, knowing of them what an agent knows at the start."""
+        """Begin with an agent's beliefs at the start of episodes in some states."""
         first, inverse = np.unique(states, return_inverse=True)
         self.beliefs = np.stack([self._model.belief_at_start(int(state)) for state in first])[inverse]
 
     def update(self, episodes: Indices, actions: Indices, observations: Indices) -> None:
-        """Take what some episodes did and saw."""
+        """Update the beliefs of some episodes."""
         for where, key in grouped(actions * self._num_observations + observations):
             rows = episodes[where]
             action, observation = divmod(key, self._num_observations)
@@ -54,14 +54,14 @@ class BatchTracker:
             after = self._moved(before, action, observation)
             totals = after.sum(axis=1)
             lost = ~(totals > 0)
-            if lost.any():  # rounding made it impossible: time passes, as in a control layer
+            if lost.any():  # impossible by rounding: predict, as a controller does
                 after[lost] = before[lost] @ self._model.transition_matrix(action)
                 totals[lost] = after[lost].sum(axis=1)
             after /= totals[:, None]
             self.beliefs[rows] = after
 
     def keep(self, which: Indices) -> None:
-        """Drop the other episodes."""
+        """Keep some episodes, and drop the others."""
         self.beliefs = self.beliefs[which]
 
     def _moved(self, beliefs: Vector, action: int, observation: int) -> Vector:
@@ -80,8 +80,8 @@ class BatchTracker:
 def product(rows: Vector, matrix: Matrix) -> Vector:
     """Return rows times a matrix.
 
-    A dense one goes in parts that BLAS does in one thread: on a machine that has other work its threads wait for each
-    other, for many times as long as a product takes (measured: 36,000 steps a second in place of 200,000).
+    A dense product is split into parts that BLAS computes in one thread. On a busy machine its threads wait for each
+    other far longer than a product takes (measured: 36,000 instead of 200,000 steps a second).
     """
     part = max(1, _ONE_THREAD // (matrix.shape[0] * matrix.shape[1]))
     if len(rows) <= part or is_compressed(matrix):
@@ -93,7 +93,7 @@ def product(rows: Vector, matrix: Matrix) -> Vector:
 
 
 def grouped(keys: Indices) -> Iterator[tuple[Indices, int]]:
-    """Yield for each key that occurs where it does, in the keys' order."""
+    """Yield the positions of each key, and the key, in ascending order."""
     order = np.argsort(keys.astype(np.uint16) if keys.max(initial=0) < 1 << 16 else keys, kind="stable")
     edges = np.flatnonzero(np.diff(keys[order])) + 1
     for where in np.split(order, edges):

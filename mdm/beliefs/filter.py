@@ -1,7 +1,7 @@
-"""What belief filters have in common: each moves a belief by Bayes' rule, in the way that suits a kind of model.
+"""Belief filters: each applies Bayes' rule in the way that suits a kind of model.
 
 A filter holds its belief unnormalised, with its sum: P(observation | belief, action) is the quotient of two sums, and
-no step needs a pass over the belief to divide by it.
+a step does not pass over the belief to normalise it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from mdm.models.matrices import Vector  # noqa: TC001 - the fields' types are looked at
+from mdm.models.matrices import Vector  # noqa: TC001 - field types are evaluated
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,11 +20,18 @@ if TYPE_CHECKING:
 __all__ = ["TINY", "Filter", "Support"]
 
 TINY = 1e-100
-"""A belief whose sum has become smaller than this is normalised, before small probabilities are lost."""
+"""A belief with a smaller sum is normalised, before small probabilities underflow."""
 
 
 class Support(NamedTuple):
-    """The states that a belief gives weight to, in no particular order, and their probabilities."""
+    """The support of a belief: the states with non-zero probability, in any order, and their probabilities.
+
+    Example::
+
+        tracker = mdm.BeliefTracker(mdm.problems.tiger())
+        tracker.reset(mdm.beliefs.Support([1], [1.0]))
+        tracker.belief  # [0.0, 1.0]
+    """
 
     states: npt.NDArray[np.intp]
     probabilities: Vector
@@ -38,7 +45,7 @@ class Support(NamedTuple):
 
 
 class Filter(Protocol):
-    """Moves a belief; where what is observed has probability 0, it stays as it was."""
+    """Updates a belief; an observation of probability 0 leaves it unchanged."""
 
     @property
     def is_sparse(self) -> bool:
@@ -46,33 +53,33 @@ class Filter(Protocol):
         ...
 
     def load(self, belief: Support) -> None:
-        """Begin from a belief."""
+        """Load a belief."""
         ...
 
     def step(self, action: int, observation: int) -> float:
-        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        """Update by an action and an observation; return P(observation | belief, action)."""
         ...
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
-        """Take an action after which one of some observations was made, which one is not known; return P of that."""
+        """Update by an action and a set of possible observations; return their probability."""
         ...
 
     def predict(self, action: int) -> float:
-        """Take an action after which nothing is known; return 1."""
+        """Predict: update by an action without an observation; return 1."""
         ...
 
     def dense(self) -> Vector:
-        """Return the belief as an array of S numbers, read-only, which never changes."""
+        """Return the belief as an immutable array of S numbers."""
         ...
 
     def support(self) -> Support:
-        """Return the belief by its support, as new arrays."""
+        """Return the support of the belief, as new arrays."""
         ...
 
     def snapshot(self) -> Any:
-        """Return the belief as it is held, bit by bit, of numbers, bytes and lists."""
+        """Return the exact internal form of the belief, made of numbers, bytes and lists."""
         ...
 
     def restore(self, snapshot: Any) -> None:
-        """Go on from a snapshot of a filter of the same kind and model."""
+        """Restore a snapshot of a filter of the same kind and model."""
         ...

@@ -1,7 +1,7 @@
-"""Information states: what a policy chooses by, and how it moves.
+"""Information states: the input of a policy, and its update.
 
-A state where it is seen, a belief where it is not, the node of a plan where neither is asked for: each is brought to a
-beginning, moved by what was done and observed, and looked at. A decision process needs no more of them.
+It is the state if that is observed, else a belief, or the node of a plan. Each can be reset, updated by an action and
+an observation, and read.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ __all__ = ["Drawn", "DrawnInformation", "Information", "KnownState", "restore", 
 
 
 class Information(Protocol):
-    """What a policy chooses by. Implement it to bring a belief tracker, or an information state, of your own.
+    """The input of a policy. Implement this protocol for a belief tracker or information state of your own.
 
-    Optional members, used where they are there: ``takes`` ("state" or "observation", the default), ``belief`` (where
-    ``current`` is no array), ``expected(values)`` (the expectation of a function of the state), ``ended`` (whether a
-    plan is over), ``horizon`` (the number of stages), and ``snapshot()`` and ``restore(snapshot)``, whose snapshots are
-    made of numbers, bytes, strings and lists. Without the last two, ``current`` is kept and begun from.
+    Optional members are ``takes`` ("state" or "observation", the default), ``belief`` (if ``current`` is not an array),
+    ``expected(values)`` (the expectation of a function of the state), ``ended`` (whether a plan is over), ``horizon``
+    (the number of stages), and ``snapshot()`` and ``restore(snapshot)``, with snapshots made of numbers, bytes, strings
+    and lists. Without the last two, a snapshot is ``current``, and `reset` restores it.
 
     Example::
 
@@ -46,27 +46,27 @@ class Information(Protocol):
 
     @property
     def current(self) -> Any:
-        """What the policy is asked with; an array that was handed out never changes."""
+        """The argument of the policy's ``action``; an array that was handed out never changes."""
         ...
 
     def reset(self, belief: npt.ArrayLike | None = None) -> None:
-        """Begin anew: from a belief, or as the model says."""
+        """Begin an episode: from a belief, or the model's initial one."""
         ...
 
     def update(self, action: int, observation: Any) -> float:
-        """Take an action and what was observed after it, None where nothing was.
+        """Update by an action and the observation after it; None for no observation.
 
         Returns:
-            P(observation | information, action). Where it is 0, the information stays as it was.
+            P(observation | information, action). If it is 0, the information is unchanged.
         """
         ...
 
 
 class KnownState:
-    """The state itself, where it is seen: each observation is the state's index.
+    """The observed state: each observation is the index of the state.
 
     Attributes:
-        current: The state; None until one is seen.
+        current: The state; None before the first observation.
     """
 
     takes: Literal["state"] = "state"
@@ -81,17 +81,17 @@ class KnownState:
             ModelError: If a belief is given.
         """
         if belief is not None:
-            raise ModelError("the policy decides on states that it sees: it takes no belief")
+            raise ModelError("the policy is over states: it takes no belief")
         self.current = None
 
     def update(self, action: int | None, observation: int | None) -> float:  # noqa: ARG002 - as any information
-        """Take the state that is seen; None keeps the last one. Return 1."""
+        """Set the state; None keeps the last one. Return 1."""
         if observation is not None:
             self.current = observation
         return 1.0
 
     def expected(self, values: Vector) -> float:
-        """Return the value of the state, of S numbers."""
+        """Return the state's entry of S values."""
         return float(values.item(self.current))
 
     def snapshot(self) -> Any:
@@ -99,23 +99,23 @@ class KnownState:
         return self.current
 
     def restore(self, snapshot: Any) -> None:
-        """Go on from a snapshot."""
+        """Restore a snapshot."""
         self.current = snapshot
 
 
 class Drawn(NamedTuple):
-    """Information, and the number from [0, 1) by which an action is drawn for it."""
+    """Information, and a random number from [0, 1) for the draw of an action."""
 
     by: Any
     number: float
 
 
 class DrawnInformation:
-    """Information with a number for each decision, for policies that draw: the same seed makes the same decisions.
+    """Information with a random number per decision, for stochastic policies: equal seeds give equal decisions.
 
     Args:
         of: The information.
-        seed: Seeds the numbers.
+        seed: The seed of the random numbers.
     """
 
     def __init__(self, of: Information, seed: int | None) -> None:
@@ -127,40 +127,40 @@ class DrawnInformation:
 
     @property
     def current(self) -> Drawn:
-        """The information, and the number; it is drawn when it is first asked for."""
+        """The information and the number, which is drawn on first access."""
         if self._number is None:
             self._number = np.random.Generator(self._generator).random()
         return Drawn(self._of.current, self._number)
 
     @property
     def belief(self) -> Any:
-        """The belief, where one is tracked; else None."""
+        """The belief; None if none is tracked."""
         return getattr(self._of, "belief", None)
 
     def reset(self, belief: npt.ArrayLike | None = None) -> None:
-        """Begin anew; the numbers go on."""
+        """Begin an episode; the sequence of random numbers goes on."""
         self._of.reset(belief)
         self._number = None
 
     def update(self, action: int, observation: Any) -> float:
-        """Move, and forget the number."""
+        """Update the information, and discard the number."""
         self._number = None
         return self._of.update(action, observation)
 
     def snapshot(self) -> Any:
-        """Return the information, the number, and where the generator is."""
+        """Return the information, the number, and the state of the generator."""
         state = self._generator.state["state"]
         return [snapshot(self._of), self._number, str(state["state"]), str(state["inc"])]
 
     def restore(self, snapshot: Any) -> None:
-        """Go on from a snapshot."""
+        """Restore a snapshot."""
         of, self._number, state, inc = snapshot
         restore(self._of, of)
         self._generator.state = {**self._generator.state, "state": {"state": int(state), "inc": int(inc)}}
 
 
 def snapshot(information: Information) -> Any:
-    """Return what it takes to go on from here, of numbers, bytes, strings and lists."""
+    """Return a snapshot made of numbers, bytes, strings and lists."""
     own = getattr(information, "snapshot", None)
     if own is not None:
         return own()
@@ -168,7 +168,7 @@ def snapshot(information: Information) -> Any:
 
 
 def restore(information: Information, snapshot: Any) -> None:
-    """Go on from a snapshot."""
+    """Restore a snapshot."""
     own = getattr(information, "restore", None)
     if own is not None:
         own(snapshot)

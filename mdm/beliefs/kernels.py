@@ -1,7 +1,6 @@
 """The inner loops of belief filters, for numba.
 
-They take unsigned indices: signed ones might be negative, and numba would look at each whether it counts from the end,
-which makes the loops twice as long.
+Indices are unsigned: for signed ones numba adds a check for negative indices, which doubles the time of a loop.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ __all__ = ["arrange", "move", "move_likely", "move_normalised", "pull", "push"]
 
 @compiled
 def move(matrix: Vector, before: Vector, after: Vector) -> float:
-    """Write a belief, times a matrix, to another; return the sum of what was written."""
+    """Write the product of a belief and a matrix; return its sum."""
     size = before.size
     for t in range(size):
         after[t] = 0.0
@@ -49,7 +48,7 @@ def move(matrix: Vector, before: Vector, after: Vector) -> float:
 
 @compiled
 def move_normalised(matrix: Vector, before: Vector, after: Vector) -> float:
-    """As `move`, the result divided by its sum, unless that is 0."""
+    """As `move`, with the result normalised, unless its sum is 0."""
     total = move(matrix, before, after)
     if total > 0.0:
         for t in range(after.size):
@@ -59,7 +58,7 @@ def move_normalised(matrix: Vector, before: Vector, after: Vector) -> float:
 
 @compiled
 def move_likely(matrix: Vector, likelihood: Vector, before: Vector, after: Vector) -> float:
-    """As `move`, each result times a likelihood."""
+    """As `move`, with each result multiplied by a likelihood."""
     move(matrix, before, after)
     total = 0.0
     for t in range(after.size):
@@ -94,25 +93,25 @@ def pull(
     before: Vector,
     after: Vector,
 ) -> tuple[float, int]:
-    """Multiply a transposed matrix, rows grouped by length, with a belief, and its rows with a likelihood.
+    """Multiply a transposed matrix, rows grouped by length, by a belief, and the result by a likelihood.
 
-    Within a group the length is known before a row begins, so that the processor guesses every loop's end right.
+    All rows of a group have the same length, so the processor predicts the end of every inner loop.
 
     Args:
-        first: Of G groups the place of the first row; S at the end.
-        lengths: Entries of each row of a group.
-        offsets: Where the entries of a group begin.
+        first: The place of the first row of each of G groups; then S.
+        lengths: The length of the rows of each group.
+        offsets: The start of each group's entries.
         targets: The state of the row at each place.
-        sources: Entries' columns.
-        weights: Entries.
-        cuts: Where in ``places`` each group begins, and the end.
-        places: The rows whose likelihood is not 0, by place, ascending.
+        sources: The columns of the entries.
+        weights: The entries.
+        cuts: The start of each group in ``places``; then its length.
+        places: The places of rows with non-zero likelihood, ascending.
         likelihood: Their likelihood.
         before: The belief.
         after: The result; its other rows become 0.
 
     Returns:
-        The sum of the result, and how many states of it are not 0.
+        The sum of the result, and the size of its support.
     """
     total = 0.0
     count = 0
@@ -157,25 +156,25 @@ def push(
     next_states: Any,
     next_values: Vector,
 ) -> tuple[float, int]:
-    """Move a belief of few states along the rows of a CSR matrix.
+    """Multiply a belief, given by its support, by a CSR matrix and a likelihood.
 
     Args:
-        starts: Where the matrix's rows begin.
-        columns: Entries' columns.
-        data: Entries.
-        rows: Where the rows of P(o | s') begin, S' x O in CSR.
-        symbols: Their entries' columns, ascending in each row.
-        chances: Their entries.
-        observation: Which one was made; a negative number where nothing is to be multiplied.
+        starts: The row starts of the matrix.
+        columns: The columns of its entries.
+        data: Its entries.
+        rows: The row starts of P(o | s'), S' x O in CSR.
+        symbols: The columns of its entries, ascending in each row.
+        chances: Its entries.
+        observation: The observation; negative for no likelihood.
         states: The states of the belief.
         values: Their weights.
-        count: How many there are.
-        sums: S zeros, and again zeros at the end.
+        count: Their number.
+        sums: S zeros, which are zeros again on return.
         next_states: The states of the result.
         next_values: Their weights.
 
     Returns:
-        The sum of the result, and how many states it has.
+        The sum of the result, and the size of its support.
     """
     reached = 0
     for index in range(count):
@@ -187,7 +186,7 @@ def push(
                 next_states[reached] = target
                 reached += 1
             sums[target] += weight * data[entry]
-            if sums[target] == 0.0:  # so little that it is none: not to be reached twice
+            if sums[target] == 0.0:  # underflow: the state must not be listed twice
                 reached -= 1
     total = 0.0
     kept = 0

@@ -1,8 +1,7 @@
-"""A belief filter for factored models whose matrices would be too large: rows are made of the network when needed.
+"""A belief filter for factored models too large to flatten: it computes rows of T from the network when needed.
 
-Only what follows from the states that the belief gives weight to is ever worked out, variable by variable, as
-`flattening` does for all of them; for factors that are fully observed that is one value each. Cost of a step: some
-numpy calls for every variable, then O(what may follow).
+It expands the support of the belief variable by variable, as `flattening` does for all states. Cost of a step: some
+numpy calls per variable, and O(possible transitions from the support).
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ __all__ = ["NetworkFilter"]
 
 
 class NetworkFilter:
-    """Holds a belief by its support, and asks the network for what may follow.
+    """Holds a belief by its support, and takes transitions from the network.
 
     Args:
         network: The network, with observations.
@@ -42,15 +41,15 @@ class NetworkFilter:
         self._values: Vector = np.empty(0)
 
     def load(self, belief: Support) -> None:
-        """Begin from a belief."""
+        """Load a belief."""
         self._states, self._values = belief.states, belief.probabilities
 
     def step(self, action: int, observation: int) -> float:
-        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        """Update by an action and an observation; return P(observation | belief, action)."""
         return self.step_any(action, (observation,))
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
-        """Take an action after which one of some observations was made, which one is not known; return P of that."""
+        """Update by an action and a set of possible observations; return their probability."""
         of, next_states, weights = self._following(action)
         before = self._states[of] if self._network.event_observations else None
         if before is None:
@@ -63,7 +62,7 @@ class NetworkFilter:
         return self._write(next_states, weights)
 
     def predict(self, action: int) -> float:
-        """Take an action after which nothing is known; return 1."""
+        """Predict: update by an action without an observation; return 1."""
         _, next_states, weights = self._following(action)
         return self._write(*_summed(next_states, weights))
 
@@ -72,15 +71,15 @@ class NetworkFilter:
         return self.support().dense(self._size)
 
     def support(self) -> Support:
-        """Return the belief by its support, as new arrays."""
+        """Return the support of the belief, as new arrays."""
         return Support(self._states.copy(), self._values.copy())
 
     def snapshot(self) -> Any:
-        """Return the belief as it is held."""
+        """Return the internal form of the belief."""
         return [self._states.astype(np.int64).tobytes(), self._values.tobytes()]
 
     def restore(self, snapshot: Any) -> None:
-        """Go on from a snapshot."""
+        """Restore a snapshot."""
         states, values = snapshot
         self._states, self._values = np.frombuffer(states, np.int64).astype(np.intp), np.frombuffer(values).copy()
 

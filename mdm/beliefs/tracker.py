@@ -1,12 +1,11 @@
 """Belief tracking: Bayes' rule over the states of a POMDP.
 
-After action a and observation o, b'(s') is proportional to O(o | a, s') times the sum over s of T(s' | s, a) b(s); what
-it is divided by is P(o | b, a) (Kaelbling, Littman and Cassandra, *Planning and acting in partially observable
+After action a and observation o, b'(s') is proportional to O(o | a, s') times the sum over s of T(s' | s, a) b(s); the
+normalising constant is P(o | b, a) (Kaelbling, Littman and Cassandra, *Planning and acting in partially observable
 stochastic domains*, Artificial Intelligence 101, 1998, section 3.3).
 
-The way it is computed is chosen when a tracker is built. Cost of an update: O(S^2) for small or dense models,
-O(non-zeros of T) for large ones, and for these as long as a belief gives weight to few states alone, O(non-zeros of
-their rows of T).
+A tracker chooses a filter for its model. Cost of an update: O(S^2) for small or dense models, O(non-zeros of T) for
+large ones, or O(non-zeros of the support's rows of T) while the support is small.
 """
 
 from __future__ import annotations
@@ -33,24 +32,23 @@ if TYPE_CHECKING:
 __all__ = ["BeliefTracker"]
 
 Observed: TypeAlias = "Symbol | Sequence[str | int | None] | None"
-"""A joint observation by index or name, its components with None where one is missing, or None: nothing is known."""
+"""A joint observation by index or name, its components (None for a missing one), or None for no observation."""
 
 
 class BeliefTracker:
     """Tracks the belief over the states of a POMDP, exactly.
 
-    With observations that are events, b'(s') is proportional to the sum over s of P(s', o | s, a) b(s). Where the model
-    has false negatives, any number of them may precede each event that is observed: an update takes them all into
-    account.
+    With event observations, b'(s') is proportional to the sum over s of P(s', o | s, a) b(s). An update accounts for
+    all false negatives that may precede an observed event.
 
     Args:
         model: The POMDP.
-        by_support: Whether ``current`` may be the belief's `Support`, for policies that choose by it.
+        by_support: Whether ``current`` may be the belief's `Support`, for policies that accept it.
 
     Example::
 
         tracker = mdm.BeliefTracker(mdm.load_model("tiger.pomdp"))
-        tracker.update("listen", "hear-left")  # 0.5, the observation's probability
+        tracker.update("listen", "hear-left")  # 0.5
         tracker.belief  # [0.85, 0.15]
     """
 
@@ -71,14 +69,14 @@ class BeliefTracker:
 
     @property
     def belief(self) -> Vector:
-        """The present belief: S numbers, read-only; an array that was handed out never changes."""
+        """The present belief: an immutable array of S numbers."""
         if self._belief is None:
             self._belief = self._filter.dense()
         return self._belief
 
     @property
     def current(self) -> Vector | Support:
-        """What a policy is asked with: the belief, by its support where that was asked for and is how it is held."""
+        """The argument of a policy: the belief, or its support if ``by_support`` and `is_sparse` hold."""
         if not (self._by_support and self._filter.is_sparse):
             return self.belief
         if self._support is None:
@@ -87,22 +85,19 @@ class BeliefTracker:
 
     @property
     def support(self) -> Support:
-        """The states that the present belief gives weight to, in no particular order, and their probabilities.
-
-        Its cost does not grow with S where `is_sparse`.
-        """
+        """The support of the present belief, in any order. If `is_sparse`, the cost does not grow with S."""
         return self._filter.support()
 
     @property
     def is_sparse(self) -> bool:
-        """Whether the present belief is held by its support: it is then cheaper to ask for than `belief`."""
+        """Whether the belief is held by its support: `support` is then cheaper than `belief`."""
         return self._filter.is_sparse
 
     def reset(self, belief: npt.ArrayLike | Support | None = None) -> None:
-        """Begin from a belief (S numbers that sum to 1, or a `Support`), or from the model's initial one.
+        """Begin from a belief (S numbers that sum to 1, or a `Support`), by default the model's initial one.
 
         Raises:
-            ModelError: If it is not a distribution over the states; the belief stays as it was.
+            ModelError: If it is not a distribution over the states; the belief is unchanged.
         """
         self._support = None
         if belief is None:
@@ -117,16 +112,16 @@ class BeliefTracker:
             self._filter.load(Support(states, self._belief[states]))
 
     def update(self, action: Symbol, observation: Observed) -> float:
-        """Take an action and what was observed after it.
+        """Update the belief by an action and the observation after it.
 
         Args:
             action: The joint action, by index or name.
-            observation: The joint observation, by index or name; a component per agent, None where one is missing (its
-                symbols are summed over); or None where nothing is known (prediction only: one step of T).
+            observation: The joint observation, by index or name; or a component per agent, with None for a missing
+                one, which is marginalised; or None for a prediction by T alone.
 
         Returns:
-            P(observation | belief, action); with false negatives, of the next event that is detected. Where it is 0,
-            the belief stays as it was.
+            P(observation | belief, action); with false negatives, of the next detected event. If it is 0, the belief
+            is unchanged.
 
         Raises:
             ModelError: If there is no such action or observation.
@@ -146,14 +141,14 @@ class BeliefTracker:
         return probability
 
     def update_all(self, steps: Iterable[tuple[int, Observed]]) -> float:
-        """Take several actions, each with what was observed after it.
+        """Update the belief by a sequence of actions and observations.
 
         Returns:
-            The probability of all these observations. Where one of them is impossible it is 0, and the belief stays as
-            it was before the first. (That of a very long sequence may be too small for a number, and 0 for that.)
+            The probability of all observations. If one is impossible, it is 0, and the belief is unchanged. (The
+            probability of a very long sequence may also underflow to 0.)
 
         Raises:
-            ModelError: If there is no such action or observation; the belief stays as it was before the first.
+            ModelError: If there is no such action or observation; the belief is unchanged.
         """
         before, belief = self._filter.support(), self._belief
         product = 1.0
@@ -181,25 +176,26 @@ class BeliefTracker:
         return float(values.dot(current).item())
 
     def snapshot(self) -> Any:
-        """Return what it takes to go on from here, bit by bit, in this process or another."""
+        """Return the exact state of the tracker, for this process or another."""
         return [type(self._filter).__name__, self._filter.snapshot()]
 
     def restore(self, snapshot: Any) -> None:
-        """Go on from a snapshot of a tracker of the same model.
+        """Restore a snapshot of a tracker of the same model.
 
         Raises:
-            ModelError: If it was made where beliefs are tracked in another way (with numba, and without).
+            ModelError: If it was made by another filter, as where numba is not installed.
         """
         kind, held = snapshot
         if kind != type(self._filter).__name__:
             raise ModelError(
-                f"the snapshot is of a {kind}, but the belief is tracked by a {type(self._filter).__name__}"
+                f"the snapshot is of a {kind}, but the tracker has a {type(self._filter).__name__}: install numba in "
+                f"both processes, or in neither"
             )
         self._filter.restore(held)
         self._belief = self._support = None
 
     def _other(self, action: Any, observation: Any) -> float:
-        """Take what is no plain index."""
+        """Update by names, components, or no observation."""
         try:
             action = self._actions.index(action)
         except (ModelError, TypeError) as error:
@@ -212,7 +208,7 @@ class BeliefTracker:
         return self._step(action, symbols[0]) if len(symbols) == 1 else self._filter.step_any(action, symbols)
 
     def _symbols(self, observation: Any) -> list[int]:
-        """Return the joint observations that an observation may stand for."""
+        """Return the joint observations that agree with the given components."""
         if not isinstance(observation, tuple | list) or None not in observation:
             try:
                 return [self._space.index(observation)]
@@ -232,7 +228,7 @@ class BeliefTracker:
 
 
 def _first(model: POMDP) -> Support:
-    """Return the initial belief by its support."""
+    """Return the support of the initial belief."""
     if isinstance(model, FactoredPOMDP) and is_vast(model):
         return Support(*first_states(model.network))
     initial = model.initial_belief
@@ -241,10 +237,10 @@ def _first(model: POMDP) -> Support:
 
 
 def _checked(belief: Support, size: int) -> Support:
-    """Return a belief by its support, if it is one, exactly normalised.
+    """Return a valid support, exactly normalised.
 
     Raises:
-        ModelError: If a state does not exist or comes twice, or the probabilities are not a distribution.
+        ModelError: If a state does not exist or is repeated, or the probabilities are not a distribution.
     """
     states = np.asarray(belief.states)
     whole = states.ndim == 1 and len(states) > 0 and states.dtype.kind in "iu"

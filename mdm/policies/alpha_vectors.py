@@ -82,7 +82,7 @@ class AlphaVectors(BeliefPolicy):
         self._is_large = matrix.size >= _LARGE
         self._at_belief, self._at_support = _at_belief, _at_support
         if self._is_large and can_compile():
-            from mdm.policies.alpha_kernels import at_belief, at_support  # noqa: PLC0415 - numba takes long to import
+            from mdm.policies.alpha_kernels import at_belief, at_support  # noqa: PLC0415 - numba is slow to import
 
             self._at_belief, self._at_support = at_belief, at_support
             one = Support(np.zeros(1, np.intp), np.ones(1))

@@ -132,7 +132,7 @@ class Walk:
         return list(self.current)
 
     def restore(self, snapshot: Any) -> None:
-        """Go on from a snapshot."""
+        """Restore a snapshot."""
         self.current = tuple(snapshot)
 
     def _parts(self, observation: int) -> tuple[int, ...]:

@@ -66,7 +66,7 @@ class StagedState(KnownState):
         return [None if self.current is None else self.current.state, self._stage]
 
     def restore(self, snapshot: Any) -> None:
-        """Go on from a snapshot."""
+        """Restore a snapshot."""
         state, self._stage = snapshot
         self.current = None if state is None else Staged(state, self._stage)
 

@@ -6,6 +6,7 @@ It owns one network of formulas, updates it in dependency order once a turn, and
 
 from __future__ import annotations
 
+import asyncio
 import re
 from contextlib import contextmanager
 from threading import get_ident
@@ -62,7 +63,7 @@ class PredicateManager(Actor):
         self._seen: dict[str, int] = {}
         self._hold_timers: dict[str, Timer] = {}
         self._age_timers: dict[str, Timer] = {}
-        self._batches: dict[int, tuple[dict[str, bool | None], list[str]]] = {}
+        self._batches: dict[object, tuple[dict[str, bool | None], list[str]]] = {}
         self._early: dict[str, bool | None] = {}
         self._known: frozenset[str] = frozenset()
         self._senses: Callable[[SensorUpdate], None] | None = None
@@ -280,16 +281,19 @@ class PredicateManager(Actor):
 
     @contextmanager
     def batch(self) -> Iterator[None]:
-        """Make all changes that this thread's sensors and events report inside the block one update."""
-        thread = get_ident()
-        if thread in self._batches:
+        """Make all changes that are reported inside the block one update.
+
+        It takes what this task reports, or outside of tasks this thread: others go on while the block awaits something.
+        """
+        scope = _scope()
+        if scope in self._batches:
             yield  # the outer batch takes them all
             return
-        values, events = self._batches[thread] = {}, []
+        values, events = self._batches[scope] = {}, []
         try:
             yield
         finally:
-            del self._batches[thread]
+            del self._batches[scope]
             if values or events:
                 self._input(tuple(values.items()), tuple(events))
 
@@ -305,7 +309,7 @@ class PredicateManager(Actor):
 
     def take(self, readings: tuple[tuple[str, bool | None], ...]) -> None:
         """Take values of predicates as one update; `Sensor.set` calls this. From any thread."""
-        if self._batches and (batch := self._batches.get(get_ident())) is not None:
+        if self._batches and (batch := self._batches.get(_scope())) is not None:
             batch[0].update(readings)
         elif self._senses is None:
             self._input(readings, ())
@@ -321,7 +325,7 @@ class PredicateManager(Actor):
         for name in events:
             if name not in self._raised:
                 self.check_input(name, "event")
-        if self._batches and (batch := self._batches.get(get_ident())) is not None:
+        if self._batches and (batch := self._batches.get(_scope())) is not None:
             batch[1].extend(events)
         else:
             self._input((), events)
@@ -343,6 +347,7 @@ class PredicateManager(Actor):
     def on_start(self) -> None:
         """Build the network, ground it, and make its first values known."""
         self.sensed = self.channel("sensed", SensorUpdate)
+        self.sensed.supersedes = _subject
         self.updates = self.channel("updates", PredicateUpdate)
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
@@ -381,13 +386,14 @@ class PredicateManager(Actor):
             follower.synchronise()
 
     def _sensed(self, update: SensorUpdate) -> None:
+        predicates = update.predicates if not self._max_age else self._fresh(update)
         try:
-            change = self._network.update(update.predicates, update.events)
+            change = self._network.update(predicates, update.events)
         except Error as error:
             self.report("sensor", str(error), time=update.time)
             return
         if self._max_age:
-            for name, value in update.predicates:
+            for name, value in predicates:
                 if name in self._max_age:
                     self._seen[name] = update.time
                     if value is not None and name not in self._age_timers:
@@ -401,6 +407,16 @@ class PredicateManager(Actor):
             self._counter = counter = self._counter + 1
             message = PredicateUpdate(update.time, counter, rising, falling, unknown)
             self.updates.emit_on(message, rising, falling, unknown)
+
+    def _fresh(self, update: SensorUpdate) -> tuple[tuple[str, bool | None], ...]:
+        """Return the values of an update, unknown where they waited for longer than they hold."""
+        age = self._now() - update.time
+        limits = self._max_age
+        stale = [name for name, value in update.predicates if value is not None and age > limits.get(name, age)]
+        if not stale:
+            return update.predicates
+        self.report("stale", f"values of {', '.join(stale)} waited {age / 1e9:.3g} s, longer than they hold")
+        return tuple((name, None if name in stale else value) for name, value in update.predicates)
 
     def _publish(self, time: int, change: Change) -> None:
         rising, falling, unknown, events, armed, disarmed = change
@@ -459,6 +475,19 @@ class PredicateManager(Actor):
                 sensor.set(None)
 
         return grounded
+
+
+def _subject(update: SensorUpdate) -> tuple[str, ...] | None:
+    """Return whose values a newer update of the same predicates supersedes; None where events must keep their order."""
+    return None if update.events else tuple(name for name, _ in update.predicates)
+
+
+def _scope() -> object:
+    """Return what runs: an asyncio task, or else a thread."""
+    try:
+        return asyncio.current_task() or get_ident()
+    except RuntimeError:  # no event loop runs here
+        return get_ident()
 
 
 def _tree(formula: Formula | str) -> Formula:

@@ -11,7 +11,7 @@ from mdm.runtime.statistics import ChannelStatistics
 from mdm.runtime.stream import Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Hashable, Iterable
 
     from mdm.runtime.actor import Actor
     from mdm.runtime.dispatcher import Dispatcher
@@ -91,6 +91,7 @@ class Channel(Generic[T]):
         "name",
         "published",
         "retain",
+        "supersedes",
         "type",
     )
 
@@ -109,6 +110,8 @@ class Channel(Generic[T]):
         self.last: T | _Unmade[T] | None = None
         self.published = 0
         self.dropped = 0
+        # Tells what a message is about, where a newer one from another thread supersedes it; None where none does.
+        self.supersedes: Callable[[T], Hashable | None] | None = None
         # Whether anybody listens, so that a costly message need not be made for nobody.
         self.heard = False
         self._unheard = 0

@@ -11,10 +11,12 @@ from threading import get_ident
 from typing import TYPE_CHECKING, Any
 
 from mdm.errors import Error
+from mdm.runtime.inbox import Inbox
 from mdm.runtime.statistics import DispatcherStatistics
 
 if TYPE_CHECKING:
     import asyncio
+    from collections.abc import Callable
 
     from mdm.runtime.channel import Channel, Subscription
     from mdm.runtime.clock import Clock
@@ -41,10 +43,12 @@ class Dispatcher:
         "_loop",
         "_max_nanoseconds",
         "_max_slices",
+        "_overflowing",
         "_refused",
         "_turns",
         "_woken",
         "active",
+        "on_overflow",
         "queue",
         "thread",
     )
@@ -57,7 +61,9 @@ class Dispatcher:
         self.active = False
         self.thread = 0
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._inbox: deque[tuple[Channel[Any], Any]] = deque()
+        self._inbox = Inbox()
+        self._overflowing: set[Channel[Any]] = set()
+        self.on_overflow: Callable[[str], object] = str
         self._woken = False
         self._turns = 0
         self._interrupted = 0
@@ -127,7 +133,7 @@ class Dispatcher:
             self.active = False
 
     def publish_from_thread(self, channel: Channel[Any], message: object) -> None:
-        """Take a message from another thread; many of them share one wake-up of the event loop.
+        """Take a message from another thread into the `Inbox`; many of them share one wake-up of the event loop.
 
         Raises:
             Error: If the runtime does not run.
@@ -136,22 +142,46 @@ class Dispatcher:
         if loop is None or loop.is_closed():
             self._refused += 1
             raise Error(f"channel {channel.name!r} got a message while its runtime did not run")
-        self._inbox.append((channel, message))
+        self._inbox.put(channel, message)
         if not self._woken:
             self._woken = True
             loop.call_soon_threadsafe(self._drain)
 
     def _drain(self) -> None:
+        loop, inbox = self._loop, self._inbox
+        if self.active and loop is not None and len(self.queue) >= inbox.bound:
+            loop.call_soon(self._drain)  # a turn without end must not become the place where things pile up
+            return
         self._woken = False
-        inbox = self._inbox
         # Only what is there now: what comes meanwhile has woken the event loop anew, which must not starve.
         for _ in range(len(inbox)):
-            channel, message = inbox.popleft()
+            item = inbox.take()
+            if item is None:
+                break
             self._from_threads += 1
+            channel, message = item
             channel.publish(message)
+        self._tell_losses()
+
+    def _tell_losses(self) -> None:
+        """Tell what was lost: once, until a channel's messages are all taken again."""
+        losses = self._inbox.losses()
+        for channel, lost in losses.items():
+            channel.dropped += lost
+            if channel not in self._overflowing:
+                self.on_overflow(
+                    f"{lost:,} messages of other threads on channel {channel.name!r} were lost: {self._inbox.bound:,} "
+                    f"waited already while the event loop did not take them"
+                )
+        self._overflowing = set(losses)
 
     def statistics(self) -> DispatcherStatistics:
         """Return what the dispatcher has done so far."""
         return DispatcherStatistics(
-            turns=self._turns, interrupted=self._interrupted, from_threads=self._from_threads, refused=self._refused
+            turns=self._turns,
+            interrupted=self._interrupted,
+            from_threads=self._from_threads,
+            replaced=self._inbox.replaced,
+            lost=self._inbox.lost,
+            refused=self._refused,
         )

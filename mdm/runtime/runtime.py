@@ -94,6 +94,7 @@ class Runtime:
         _check_watch(watchdog, emergency, emergency_after)
         self.clock = _clock_of_the_loop() if clock is None else clock
         self.dispatcher = Dispatcher(self.clock)
+        self.dispatcher.on_overflow = lambda detail: self._alarm("overflow", detail)
         self.abandoned: list[Work] = []
         self._channels: dict[str, Channel[Any]] = {}
         self.root = Actor("")

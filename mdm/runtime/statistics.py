@@ -48,11 +48,17 @@ class ActorStatistics(msgspec.Struct, frozen=True):
 
 
 class DispatcherStatistics(msgspec.Struct, frozen=True):
-    """Turns run, turns that were cut short to let the event loop breathe, messages that came from other threads."""
+    """Turns run, turns that were cut short to let the event loop breathe, messages that came from other threads.
+
+    Of these ``replaced`` counts those that a newer one superseded while they waited, ``lost`` those that were too many,
+    and ``refused`` those that came while the runtime did not run.
+    """
 
     turns: int
     interrupted: int
     from_threads: int
+    replaced: int
+    lost: int
     refused: int
 
 

@@ -407,3 +407,52 @@ def test_a_message_with_no_truth_value_is_reported_and_changes_nothing(value):
 def test_a_wrong_initial_value_is_refused():
     with pytest.raises(Error, match="predicate 'A' is True, False or None"):
         PredicateManager().sensor("A", initial="no")
+
+
+def test_a_batch_that_awaits_takes_its_own_tasks_changes_alone():
+    async def main(runtime):
+        manager = PredicateManager()
+        first, second, third = (manager.sensor(name, initial=False) for name in "ABC")
+        await runtime.start(manager)
+        updates = probe(manager.updates)
+        asyncio.get_running_loop().call_later(0.5, second.set, True)
+
+        async def other():
+            await asyncio.sleep(0.7)
+            third.set(True)
+
+        task = asyncio.create_task(other())
+        with manager.batch():
+            first.set(True)
+            await asyncio.sleep(1.0)
+            first.set(False)
+            first.set(True)
+        await task
+        return [(update.time, update.rising) for update in updates]
+
+    assert run_virtual(main)[-3:] == [(500_000_000, ("B",)), (700_000_000, ("C",)), (1_000_000_000, ("A",))]
+
+
+def test_a_value_that_waited_for_longer_than_it_holds_is_unknown():
+    async def main(runtime):
+        manager = PredicateManager()
+        sensor = manager.sensor("A", max_age=0.5)
+        lasting = manager.sensor("B")
+        await runtime.start(manager)
+        updates, faults = probe(manager.updates), probe(runtime.faults)
+        thread = threading.Thread(target=lambda: (sensor.set(True), lasting.set(True)))
+        thread.start()
+        thread.join()
+        asyncio.get_running_loop()._virtual.now += 600_000_000  # the loop is held for so long
+        await asyncio.sleep(0)
+        before = sensor.value, lasting.value
+        sensor.set(True)
+        return before, sensor.value, [name for update in updates for name in update.rising], faults
+
+    before, after, rising, faults = run_virtual(main)
+    assert before == (None, True)
+    assert after is True
+    assert rising == ["B", "A"]
+    assert [(fault.kind, fault.detail) for fault in faults] == [
+        ("stale", "values of A waited 0.6 s, longer than they hold")
+    ]

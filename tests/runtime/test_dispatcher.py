@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections import deque
+from pathlib import Path
 
 import pytest
 from hypothesis import given, strategies as st
+from programs import python
 from recorded import state
 
 from mdm import Actor, Error, Runtime, run
@@ -120,24 +122,24 @@ def test_other_threads_publish_through_one_wake_up(uvloop):
             def take(message):
                 assert threading.get_ident() == here
                 seen.append(message.index)
-                if len(seen) == 4000:
+                if len(seen) == 2000:
                     done.set()
 
             channel.subscribe(take)
             threads = [
-                threading.Thread(target=lambda base=base: [channel.publish(state(base + i)) for i in range(1000)])
-                for base in range(0, 4000, 1000)
+                threading.Thread(target=lambda base=base: [channel.publish(state(base + i)) for i in range(500)])
+                for base in range(0, 2000, 500)
             ]
             for thread in threads:
                 thread.start()
             await done.wait()
             for thread in threads:
                 thread.join()
-            assert sorted(seen) == list(range(4000))
-            for base in range(0, 4000, 1000):  # first in, first out for each thread
-                own = [number for number in seen if base <= number < base + 1000]
+            assert sorted(seen) == list(range(2000))
+            for base in range(0, 2000, 500):  # first in, first out for each thread
+                own = [number for number in seen if base <= number < base + 500]
                 assert own == sorted(own)
-            assert runtime.statistics().dispatcher.from_threads == 4000
+            assert runtime.statistics().dispatcher.from_threads == 2000
             return runtime, channel
 
     runtime, channel = run(main, uvloop=uvloop)
@@ -179,3 +181,124 @@ def test_a_dispatcher_survives_an_interrupt_in_a_handler():
 def test_a_dispatcher_needs_no_runtime():
     dispatcher = Dispatcher(WallClock())
     assert dispatcher.statistics().turns == 0
+
+
+FLOOD = """
+import asyncio, gc, os, sys, threading, time
+import mdm
+
+def resident():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+async def main():
+    manager = mdm.PredicateManager()
+    sensors = [manager.sensor(name, initial=False) for name in "AB"]
+    source = manager.event("E") if "events" in sys.argv else None
+    async with mdm.Runtime(log=None, watchdog=None) as runtime:
+        await runtime.start(manager)
+        updates, faults = [], []
+        runtime.faults.subscribe(faults.append)
+        started, ended, count = threading.Event(), threading.Event(), [0]
+
+        def flood():
+            started.set()
+            while not ended.is_set():
+                for sensor in sensors:
+                    sensor.set(count[0] % 2 == 0)
+                if source is not None:
+                    source.fire()
+                count[0] += 1
+            for sensor in sensors:
+                sensor.set(True)
+
+        thread = threading.Thread(target=flood)
+        manager.updates.subscribe(lambda update: updates.append(update.time))
+        thread.start()
+        started.wait()
+        before = resident()
+        time.sleep(float(sys.argv[1]))
+        ended.set()
+        thread.join()
+        after, updates[:], began = resident(), [], time.perf_counter()
+        await asyncio.sleep(0)
+        while not (sensors[0].value and sensors[1].value):
+            await asyncio.sleep(0)
+        took = time.perf_counter() - began
+        found = runtime.statistics().dispatcher
+        print(count[0], after - before, took, len(updates), found.from_threads, found.replaced, found.lost, len(faults))
+
+mdm.run(main)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
+@pytest.mark.parametrize("kind", ["predicates", "events"])
+def test_a_flood_while_the_loop_is_held_takes_little_memory_and_little_time(kind):
+    with python("-c", FLOOD, 1.0, kind) as process:
+        output, errors = process.communicate(timeout=60)
+    assert not errors
+    words = output.split()
+    took = float(words.pop(2))
+    count, grown, updates, taken, replaced, lost, faults = map(int, words)
+    assert count > 10_000
+    assert grown < 10_000_000
+    assert took < 0.5  # 0.1 on an idle machine
+    if kind == "predicates":
+        assert (updates, taken, lost, faults) == (2, 2, 0, 0)
+        assert replaced == 2 * count
+    else:
+        assert updates <= 2050
+        assert (taken <= 2050, lost > 0, faults) == (True, True, 1)
+    assert taken + replaced + lost == count * (2 if kind == "predicates" else 3) + 2
+
+
+def test_the_fault_about_lost_messages_is_told_once_each_time():
+    async def main(runtime):
+        channel, faults = runtime.channel("x", State), probe(runtime.faults)
+
+        def flood(number):
+            thread = threading.Thread(target=lambda: [channel.publish(state(i)) for i in range(number)])
+            thread.start()
+            thread.join()
+
+        counts = []
+        for number in (3000, 3000, 10, 3000):
+            flood(number)
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+            counts.append((channel.dropped, len(faults)))
+        return counts, faults[0]
+
+    counts, fault = run_virtual(main)
+    assert counts == [(952, 1), (1904, 1), (1904, 1), (2856, 2)]
+    assert (fault.source, fault.kind) == ("runtime", "overflow")
+    assert fault.detail.startswith("952 messages of other threads on channel 'x' were lost: 2,048 waited already")
+
+
+def test_what_threads_say_does_not_pile_up_behind_a_turn_without_end():
+    async def main(runtime):
+        channel, endless = runtime.channel("x", State), [True]
+        sides = [runtime.channel(name, State) for name in ("ping", "pong")]
+        seen = probe(channel)
+
+        def pass_on(to):
+            for _ in range(5000 if not channel.published and not to.published else 1):
+                if endless:
+                    to.publish(state(0))
+
+        for number in (0, 1):
+            sides[number].subscribe(lambda _, to=sides[1 - number]: pass_on(to))
+        sides[0].publish(state(0))
+        for _ in range(5):
+            thread = threading.Thread(target=lambda: [channel.publish(state(i)) for i in range(3000)])
+            thread.start()
+            thread.join()
+            await asyncio.sleep(0)
+            assert len(runtime.dispatcher.queue) < 10_000
+        endless.clear()
+        while len(seen) < 2048:
+            await asyncio.sleep(0)
+        return runtime.statistics().dispatcher
+
+    assert run_virtual(main).lost == 5 * 3000 - 2048

@@ -40,8 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
     import numpy as np  # noqa: PLC0415 - `mdm --help` needs no numpy
 
     from mdm.cli.report import as_json  # noqa: PLC0415
+    from mdm.cli.value import load, load_for, shown  # noqa: PLC0415
     from mdm.cli.verdict import judge  # noqa: PLC0415
-    from mdm.cli.worth import load, load_for, shown  # noqa: PLC0415
 
     if arguments.seed is None:
         arguments.seed = int(np.random.SeedSequence().generate_state(1)[0])

@@ -49,8 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate; return the exit status."""
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.value import load, load_for, shown  # noqa: PLC0415
     from mdm.cli.verdict import judge  # noqa: PLC0415
-    from mdm.cli.worth import load, load_for, shown  # noqa: PLC0415
 
     policy, world = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
     if (note := shown(world)) is not None:

@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
-    from mdm.cli.worth import load, load_for, shown  # noqa: PLC0415
+    from mdm.cli.value import load, load_for, shown  # noqa: PLC0415
 
     policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
     if sentence := shown(model):

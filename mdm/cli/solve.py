@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Solve the model; return the exit status."""
     from mdm.cli.progress import ProgressLine  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.cli.report import as_json  # noqa: PLC0415
-    from mdm.cli.worth import load, revealed, shown, with_false_negatives  # noqa: PLC0415
+    from mdm.cli.value import load, revealed, shown, with_false_negatives  # noqa: PLC0415
     from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
     from mdm.formats.target import check_place, write_text  # noqa: PLC0415
     from mdm.policies import mismatch  # noqa: PLC0415

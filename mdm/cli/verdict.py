@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from mdm.cli.document import describe_policy
-from mdm.cli.worth import claim
+from mdm.cli.value import claim
 from mdm.simulation import Evaluation, evaluate
 from mdm.solvers import exact_values
 

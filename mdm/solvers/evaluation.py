@@ -33,7 +33,7 @@ _SIZE = 500_000
 
 
 def exact_values(model: MDP, policy: Any, *, steps: int | None = None) -> Vector | None:
-    """Return what a policy is worth from each state, exactly; None where only simulation can tell.
+    """Return the exact value of a policy from each state; None where only simulation can tell.
 
     A controller begins in its start node or, if it has values of its nodes, in that which is best at the model's
     initial belief.
@@ -60,7 +60,7 @@ def exact_values(model: MDP, policy: Any, *, steps: int | None = None) -> Vector
 
 
 def state_values(model: MDP, policy: StatePolicy, *, steps: int | None = None) -> Vector:
-    """Return what a policy over states is worth from each state: S numbers.
+    """Return the value of a policy over states from each state: S numbers.
 
     Args:
         model: The model; the states of a POMDP are taken to be seen.
@@ -93,7 +93,7 @@ def _chain(model: MDP, weights: Vector) -> tuple[Any, Vector]:
 
 
 def controller_values(model: POMDP, controller: FiniteStateController, *, steps: int | None = None) -> Vector:
-    """Return what each node of a controller is worth from each state: N x S.
+    """Return the value of each node of a controller from each state: N x S.
 
     Where a node has no successor the plan ends, and nothing more is earned. False negatives and events
     without an observation leave the node as it is and count for no decision.

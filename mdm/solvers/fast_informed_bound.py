@@ -43,8 +43,8 @@ def fast_informed_bound(model: POMDP, *, limits: Limits | None = None) -> Soluti
             those for QMDP's vectors included.
 
     Returns:
-        The vectors, and the upper bound that they are; nothing is proven of what their policy is worth: ``lower`` is
-        -inf. With a discount of 1 they are a bound only once QMDP's are exact; before, ``upper`` is inf.
+        The vectors, which are an upper bound. Nothing is proven of their policy's value: ``lower`` is -inf. With a
+        discount of 1 they are a bound only once QMDP's are exact; before, ``upper`` is inf.
 
     Raises:
         ModelError: If the discount is 1, and values grow or fall without end; or the model has false negatives.

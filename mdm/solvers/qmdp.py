@@ -27,7 +27,7 @@ __all__ = ["qmdp"]
 
 
 def qmdp(model: MDP, *, limits: Limits | None = None) -> Solution:
-    """Return what a POMDP's actions were worth if its state were known, as `AlphaVectors`, one per action.
+    """Return the values of a POMDP's actions in known states, as `AlphaVectors`, one per action.
 
     Args:
         model: The model; factored ones are flattened.
@@ -35,8 +35,8 @@ def qmdp(model: MDP, *, limits: Limits | None = None) -> Solution:
             sweeps, or policies where the discount is 1.
 
     Returns:
-        The vectors, and the upper bound that they are; nothing is proven of what their policy is worth: ``lower`` is
-        -inf. With a discount of 1 they are a bound only when they are exact; before, ``upper`` is inf.
+        The vectors, which are an upper bound. Nothing is proven of their policy's value: ``lower`` is -inf. With a
+        discount of 1 they are a bound only when they are exact; before, ``upper`` is inf.
 
     Raises:
         ModelError: If the discount is 1, and values grow or fall without end; or the model has false negatives.

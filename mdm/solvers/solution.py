@@ -16,8 +16,8 @@ class Progress(msgspec.Struct, frozen=True):
 
     Attributes:
         seconds: Since it began.
-        lower: What the policy found so far is worth at the initial belief, at least; -inf while nothing is known.
-        upper: What any policy is worth there, at most; inf while nothing is known.
+        lower: A lower bound of the value of the policy found so far at the initial belief; -inf while nothing is known.
+        upper: An upper bound of the value of any policy there; inf while nothing is known.
         iterations: Sweeps, trials or rounds, as the solver counts them.
         size: How large the policy is: vectors, nodes or states.
         memory: Bytes that the process holds.
@@ -42,8 +42,8 @@ class Solution(msgspec.Struct, frozen=True):
     Attributes:
         policy: The policy.
         solver: Which solver made it.
-        lower: The policy is worth at least this at the initial belief; -inf where the solver proves nothing.
-        upper: No policy is worth more; inf where the solver proves nothing.
+        lower: A lower bound of the policy's value at the initial belief; -inf where the solver proves nothing.
+        upper: An upper bound of any policy's value there; inf where the solver proves nothing.
         reason: Why the solver stopped: the ``gap`` asked for was reached, the ``time``, the ``iterations`` or the
             ``memory`` allowed were used up, it was ``interrupted``, it has ``converged`` and would find nothing better,
             or the result is ``exact``.

@@ -1,12 +1,12 @@
 """The exact search for the best joint plan: multi-agent A* over partial plans, with histories clustered.
 
-A partial plan fixes what the agents do in the first steps. It is worth at most what its steps bring and, from there on,
-what a team that shared all observations would get; the most promising one is continued by every joint decision rule
-that could still beat the best plan known (D. Szer, F. Charpillet and S. Zilberstein, "MAA*: a heuristic search
-algorithm for solving decentralized POMDPs", UAI 2005). Histories of an agent after which the same is to be expected, of
-states and of the others' histories, are one (F. A. Oliehoek, S. Whiteson and M. T. J. Spaan, *Lossless clustering of
-histories in decentralized POMDPs*, AAMAS 2009). The rules of a step are found by branch and bound over one agent's
-cluster after the other. The worst case is doubly exponential in the horizon: it is for small ones.
+A partial plan fixes what the agents do in the first steps. Its value is at most that of its steps and, from there on,
+of a team that shared all observations; the most promising one is continued by every joint decision rule that could
+still beat the best plan known (D. Szer, F. Charpillet and S. Zilberstein, "MAA*: a heuristic search algorithm for
+solving decentralized POMDPs", UAI 2005). Histories of an agent after which the same is to be expected, of states and of
+the others' histories, are one (F. A. Oliehoek, S. Whiteson and M. T. J. Spaan, *Lossless clustering of histories in
+decentralized POMDPs*, AAMAS 2009). The rules of a step are found by branch and bound over one agent's cluster after the
+other. The worst case is doubly exponential in the horizon: it is for small ones.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = ["PlanSearch"]
 
 _DIGITS = 10
 _SAME = 1e-10
-"""Plans whose values differ by less, relative to the numbers at hand, are worth the same."""
+"""Plans whose values differ by less, relative to the numbers at hand, are equally good."""
 
 Rule = tuple[tuple[int, ...], ...]
 """What each agent does in each of its clusters."""
@@ -59,7 +59,7 @@ class PlanSearch:
 
     Args:
         team: The team.
-        stages: The solution of the team as one agent, which bounds what a plan may be worth.
+        stages: The solution of the team as one agent, which bounds the value of a plan.
         lower: The value of the best plan known.
         effort: How many partial decision rules it may look at.
         goes_on: Asked now and then; False uses up the effort.
@@ -84,7 +84,7 @@ class PlanSearch:
 
     @property
     def upper(self) -> float:
-        """No plan is worth more."""
+        """No plan has a greater value."""
         return max(self.lower, -self._open[0][0]) if self._open else self.lower
 
     @property

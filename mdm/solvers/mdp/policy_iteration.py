@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 __all__ = ["evaluate", "improve_policies", "modified_policy_iteration", "policy_iteration", "steps"]
 
 _BETTER = 1e-11
-"""By what share of the values an action must be better to replace another: more than rounding."""
+"""An action replaces another if it is better by this share of the values: more than rounding."""
 _EACH = 15
-"""One of so many sweeps looks for the best actions. An odd number: so these go forward and backward in turn."""
+"""One of so many sweeps finds the best actions. The number is odd, so that these go forward and backward in turn."""
 
 
 def policy_iteration(model: MDP, *, limits: Limits | None = None) -> Solution:
@@ -131,7 +131,7 @@ def improve_policies(dynamics: Dynamics, belief: Vector, limits: Limits, solver:
 def _going_on(step: Step) -> Vector:
     """Return values of actions that choose the policy's own.
 
-    Others may be worth as much and only wait, for ever: those that come before are lowered by their last bit.
+    Others may have the same value and only wait, for ever: those before them are lowered by their last bit.
     """
     own = np.take_along_axis(step.table, step.policy[:, None], axis=1)
     before = np.arange(step.table.shape[1]) < step.policy[:, None]
@@ -139,7 +139,7 @@ def _going_on(step: Step) -> Vector:
 
 
 def evaluate(dynamics: Dynamics, policy: Actions) -> Vector:
-    """Return what each state is worth under a policy: the solution of (I - discount P) V = R.
+    """Return the value of each state under a policy: the solution of (I - discount P) V = R.
 
     Raises:
         ModelError: If the discount is 1, and the policy earns or pays without end.

@@ -4,11 +4,11 @@ With d = T V - V over all states, T the backup, the optimal values lie within
 
     T V + discount / (1 - discount) * [min d, max d],
 
-and what is greedy to V is worth at least the lower end (J. B. MacQueen, *A modified dynamic programming method for
-Markovian decision problems*, Journal of Mathematical Analysis and Applications 14, 1966; E. L. Porteus, *Some bounds
-for discounted sequential decision processes*, Management Science 18, 1971). The bounds are as far apart in every state.
-Any V will do: sweeps of any kind may come between. V moves on from the lower end of its bounds, where T V >= V, so that
-it rises in all sweeps, also in those of a policy that is not the best.
+and a policy that is greedy to V has at least the lower end as its value (J. B. MacQueen, *A modified dynamic
+programming method for Markovian decision problems*, Journal of Mathematical Analysis and Applications 14, 1966; E. L.
+Porteus, *Some bounds for discounted sequential decision processes*, Management Science 18, 1971). The bounds are as far
+apart in every state. Any V will do: sweeps of any kind may come between. V moves on from the lower end of its bounds,
+where T V >= V, so that it rises in all sweeps, also in those of a policy that is not the best.
 
 Sweeps in place leave errors that differ from state to state by as much as they changed, which keeps the bounds apart
 where the discount is near 1; backups of all states at once even them out. A few of these before the last make a round
@@ -50,9 +50,9 @@ class Round(NamedTuple):
     """Values and what a backup proves by them.
 
     Attributes:
-        values: V, what the states are worth, about.
+        values: V, about the values of the states.
         backed: T V.
-        policy: What is greedy to V.
+        policy: The greedy policy of V.
         below: The optimal value of each state is at least T V and this.
         above: It is at most T V and this.
     """
@@ -117,7 +117,7 @@ def sweeping(dynamics: Dynamics, gap: float, each: int) -> Callable[[Vector, Rou
     Args:
         dynamics: The model.
         gap: How far the bounds may be apart at the end.
-        each: Every so many sweeps look for the best actions; see `mdm.solvers.mdp.backups.sweep`.
+        each: One of so many sweeps finds the best actions; see `mdm.solvers.mdp.backups.sweep`.
     """
     most = each * sweeps_of(dynamics)
     share = _SETTLED * (1 - dynamics.discount)

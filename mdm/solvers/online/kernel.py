@@ -34,13 +34,13 @@ class SearchTree(NamedTuple):
         weights: Their probabilities.
         parents: For each node the one above, and the action that leads from there.
         chances: The probability of the observation that leads there.
-        upper: For each node and action what it is worth at most.
-        lower: For each node and action what it is worth at least.
+        upper: For each node and action an upper bound of its value.
+        lower: For each node and action a lower bound of its value.
         gains: For each node and action its expected reward.
         children: For each node and action its first child and how many there are; 0 where it was not expanded.
-        best: For each node the action that is worth most, at most.
-        most: For each node what that is.
-        least: For each node what its best action is worth at least.
+        best: For each node the action with the greatest upper bound.
+        most: For each node this upper bound.
+        least: For each node the greatest lower bound of its actions.
         errors: For each node the widest bounds of a leaf below it, by the leaf's weight in it.
         place: Room for a number for each state; -1 all over between uses.
         tally: Room for a number for each observation and for no detection; 0 all over between uses.

@@ -1,9 +1,7 @@
-"""What a tree search looks ahead in: a model as arrays, and bounds of what its states are worth.
+"""What a tree search reads: a model as arrays, and bounds of values that do not depend on the tree.
 
-Bounds of a belief's value, for each action that may come first: above, that the state is known from then on (QMDP),
-by value iteration from above, so that it may stop at any time; below, that the action goes on for ever (a blind
-policy), by the same from below (M. Hauskrecht, *Value-function approximations for partially observable Markov decision
-processes*, Journal of Artificial Intelligence Research 13, 2000). A sweep costs the non-zeros of all T.
+For each first action a belief's value is bounded above by the values of known states (QMDP), and below by that of the
+blind policy of this action; see `mdm.solvers.bounds`.
 """
 
 from __future__ import annotations
@@ -40,8 +38,8 @@ class SearchTables(NamedTuple):
         num_observations: How many there are.
         rewards: R(s, a), S x A.
         discount: Below 1.
-        upper: What an action is worth in a state at most, S x A.
-        lower: What plans are worth in a state at least, S x N.
+        upper: Upper bounds of the value of an action in a state, S x A.
+        lower: Lower bounds of the value of plans in a state, S x N.
         actions: The first action of each plan.
     """
 

@@ -48,8 +48,8 @@ class SearchResult(msgspec.Struct, frozen=True):
 
     Attributes:
         action: The action.
-        lower: For each action what it is worth at least; -inf where nothing is known.
-        upper: For each action what it is worth at most.
+        lower: For each action a lower bound of its value; -inf where nothing is known.
+        upper: For each action an upper bound of its value.
         expansions: How many leaves were expanded.
         nodes: How many beliefs the tree has.
         seconds: How long it took.
@@ -300,9 +300,9 @@ class TreeSearch(Kind):
         return self.search(x).action
 
     def value(self, x: Any) -> float:
-        """Return what a state or belief is worth at least, after a search."""
+        """Return a lower bound of the value of a state or belief, after a search."""
         return max(self.search(x).lower)
 
     def q_values(self, x: Any) -> npt.NDArray[np.float64]:
-        """Return what each action is worth at least, after a search; -inf where nothing is known."""
+        """Return a lower bound of the value of each action, after a search; -inf where nothing is known."""
         return np.array(self.search(x).lower)

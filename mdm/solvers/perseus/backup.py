@@ -50,14 +50,14 @@ class Vectors(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """What an action is worth at some points, and the vector that follows each observation: n, and n x O."""
+    """The values of an action at some points, and the vector that follows each observation: n, and n x O."""
 
     values: Vector
     following: Indices
 
 
 def choose(dynamics: JointDynamics, action: int, points: Matrix, vectors: Vector, only: Only | None = None) -> Choice:
-    """Return what an action is worth at some points, and the vectors that then follow. See `JointDynamics.follow`."""
+    """Return the values of an action at some points, and the vectors that follow. See `JointDynamics.follow`."""
     during = dynamics.during(action, points)
     ahead, following = dynamics.follow(action, during, vectors, only)
     return Choice(during @ dynamics.rewards[action] + dynamics.discount * ahead, following)
@@ -83,7 +83,7 @@ def improve(
     *,
     every: bool = False,
 ) -> tuple[Vectors, float]:
-    """Return vectors that are worth as much at all points and more at some, and the greatest improvement.
+    """Return vectors that are as good at all points and better at some, and the greatest improvement.
 
     Points are backed up in random order, as long as there are any that the new vectors have not improved (M. T. J.
     Spaan and N. Vlassis, *Perseus: randomized point-based value iteration for POMDPs*, JAIR 24, 2005, table 1): one
@@ -97,9 +97,9 @@ def improve(
         limits: Ends it early; the old vectors are kept then beside the new ones.
         every: Back up all points, those that were improved along with others, too.
     """
-    worth = points @ np.ascontiguousarray(old.values.T)
-    owners = worth.argmax(axis=1)
-    before = worth[np.arange(len(owners)), owners]
+    old_scores = points @ np.ascontiguousarray(old.values.T)
+    owners = old_scores.argmax(axis=1)
+    before = old_scores[np.arange(len(owners)), owners]
     slack = _ROUNDING * np.abs(before).max()
     enough = before - slack
     after = np.full(len(before), -np.inf)
@@ -121,7 +121,7 @@ def improve(
                 after = np.maximum(after, scores[:, place])
             elif owners[point] not in kept:
                 kept.add(int(owners[point]))
-                after = np.maximum(after, worth[:, owners[point]])
+                after = np.maximum(after, old_scores[:, owners[point]])
         made.append(Vectors(values[new], actions[new], block[new]))
         if not every:
             waiting = waiting[after[waiting] < enough[waiting]]
@@ -132,9 +132,9 @@ def improve(
 
 def needed(vectors: Vectors, points: Matrix) -> Vectors:
     """Return those that are the best of their action at some point."""
-    worth = points @ np.ascontiguousarray(vectors.values.T)
+    scores = points @ np.ascontiguousarray(vectors.values.T)
     found: set[int] = set()
     for action in np.unique(vectors.actions):
         own = np.flatnonzero(vectors.actions == action)
-        found.update(own[worth[:, own].argmax(axis=1)].tolist())
+        found.update(own[scores[:, own].argmax(axis=1)].tolist())
     return vectors.taken(sorted(found))

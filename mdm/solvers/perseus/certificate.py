@@ -1,4 +1,4 @@
-"""What vectors are worth as plans: the certificate of a policy.
+"""The values of vectors as plans: the certificate of a policy.
 
 Rounds leave out vectors that no point needs any more, though others were made of them; the greatest vector at a belief
 then promises more than choosing by the vectors earns. Here the vectors become the nodes of a controller whose edges

@@ -1,9 +1,9 @@
 """Perseus: randomised point-based value iteration.
 
 Alpha vectors are improved at a fixed set of beliefs, those that random exploration meets: in each round beliefs are
-backed up in random order until all of them are worth at least what they were, most by vectors that were made for others
+backed up in random order until the value of none is less than before, most by vectors that were made for others
 (M. T. J. Spaan and N. Vlassis, *Perseus: randomized point-based value iteration for POMDPs*, JAIR 24, 2005). It begins
-with what each action is worth if it is done for ever, so that every vector is a plan's value, and a lower bound of the
+with the value of each action, done for ever, so that every vector is a plan's value, and a lower bound of the
 optimal one. Every few rounds, and at the end, the vectors are evaluated as the plan that they are: this certifies what
 the policy earns, and rounds go on from there, so that far fewer are needed (point-based policy iteration: S. Ji,
 R. Parr, H. Li, X. Liao and L. Carin, AAAI 2007). The upper bound is the fast informed bound, which no round improves.

@@ -55,8 +55,8 @@ def _followers(graph: Graph, layout: Layout, nodes: Indices) -> Indices:
     sizes = np.maximum(graph.num_outcomes[edges], 0)
     outcomes, of = _stretches(graph.first_outcome[edges], sizes)
     future = np.bincount(of, graph.chance[outcomes] * graph.lower[graph.child[outcomes]], minlength=len(edges))
-    worth = np.where(sizes > 0, graph.reward[edges] + layout.discount * future, -np.inf).reshape(-1, num_actions)
-    best = worth.argmax(axis=1) + num_actions * np.arange(len(nodes))
+    scores = np.where(sizes > 0, graph.reward[edges] + layout.discount * future, -np.inf).reshape(-1, num_actions)
+    best = scores.argmax(axis=1) + num_actions * np.arange(len(nodes))
     chosen, _ = _stretches(graph.first_outcome[edges[best]], sizes[best])
     return np.asarray(graph.child[chosen])
 
@@ -83,8 +83,8 @@ def _stretches(starts: npt.NDArray[np.int64], sizes: npt.NDArray[np.int32]) -> t
 
 def _cover(vectors: Vector, beliefs: Vector, slack: float) -> Indices:
     """Return vectors of which each belief has one that is nearly its best."""
-    worth = vectors @ beliefs
-    near = worth >= worth.max(axis=0) - slack
+    scores = vectors @ beliefs
+    near = scores >= scores.max(axis=0) - slack
     open_ = np.ones(beliefs.shape[1], dtype=np.bool_)
     chosen = []
     for vector in np.argsort(-near.sum(axis=1), kind="stable"):

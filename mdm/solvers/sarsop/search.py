@@ -254,7 +254,7 @@ def _open(graph: Graph, node: int) -> None:
 
 @compiled
 def _edge_upper(layout: Layout, graph: Graph, scratch: Scratch, edge: int) -> float:
-    """Work out again what an action is worth at most."""
+    """Work out again the upper bound of an action."""
     first = graph.first_outcome[edge]
     value = 0.0
     for k in range(first, first + graph.num_outcomes[edge]):

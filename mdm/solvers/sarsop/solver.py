@@ -233,7 +233,7 @@ class _Search:
     def policy(self) -> AlphaVectors | MixedAlphaVectors:
         """Return the vectors as a policy: those that are best at the roots, and all that they are made of.
 
-        So each of its vectors is what one of its actions and then its own vectors are worth, at least: whoever follows
+        So each of its vectors is at most the value of one of its actions and then of its own vectors: whoever follows
         the policy earns no less than the lower bound.
         """
         graph = self._graph

@@ -9,7 +9,7 @@ import pytest
 from places import TIGER, TIGER_VECTORS
 
 from mdm import FormatError, load_model, load_policy, save_policy
-from mdm.cli.worth import claim, load, load_for, revealed, shown
+from mdm.cli.value import claim, load, load_for, revealed, shown
 from mdm.models import MDP, MixedPOMDP
 from mdm.policies import (
     AlphaVectors,

@@ -1,4 +1,4 @@
-"""What the sub-commands that judge policies have in common: the world to judge them in, and what they claim."""
+"""What the sub-commands that tell a policy's value have in common: its world, and the value that it claims."""
 
 from __future__ import annotations
 

@@ -118,7 +118,7 @@ def test_false_negatives_choose_a_solver_that_plans_for_them(mdm, tmp_path):
     assert (status, json.loads(output[0])["solver"]) == (0, "perseus")
     status, _, errors = mdm("solve", *given, "--solver", "sarsop")
     assert (status, len(errors.splitlines())) == (1, 1)
-    assert "SARSOP takes every event to be detected" in errors
+    assert "SARSOP does not support false negatives" in errors
     chain = tmp_path / "chain.mdp"
     chain.write_text(CHAIN)
     status, _, errors = mdm("solve", chain, "--false-negative", "0")

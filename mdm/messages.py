@@ -18,11 +18,14 @@ __all__ = [
     "ActionLife",
     "Answer",
     "Belief",
+    "Cause",
     "Control",
     "Decision",
     "EventUpdate",
     "Fault",
     "Message",
+    "Mode",
+    "ModeName",
     "Observation",
     "PredicateMap",
     "PredicateUpdate",
@@ -116,8 +119,8 @@ class Reward(Message, frozen=True, gc=False):
 class Decision(Message, frozen=True, gc=False):
     """Everything about one decision, for logs, records and tests.
 
-    ``cause`` names the stimulus: ``start``, ``resume``, ``reset``, ``state``, ``observation``, ``belief``, ``tick``, or
-    ``episode`` (the stimulus after a horizon, which starts a new episode).
+    ``cause`` names the stimulus: ``start``, ``resume``, ``reset``, ``state``, ``observation``, ``belief``, ``tick``,
+    ``episode`` (the stimulus after a horizon, which starts a new episode), or ``release`` (the end of a safe mode).
     """
 
     ensemble: str
@@ -145,9 +148,29 @@ class ActionLife(Message, frozen=True, gc=False):
 
 
 class Control(Message, frozen=True, gc=False):
-    """A command to a control layer."""
+    """A command to an ensemble; ``release`` ends its safe mode."""
 
-    command: Literal["start", "stop", "reset", "resume"]
+    command: Literal["start", "stop", "reset", "resume", "release"]
+
+
+ModeName = Literal["stopped", "deciding", "safe"]
+
+
+class Cause(msgspec.Struct, frozen=True, gc=False):
+    """Why an ensemble is safe: a kind, in words, and since when (nanoseconds)."""
+
+    kind: str
+    detail: str
+    since: int
+
+
+class Mode(Message, frozen=True, gc=False):
+    """The mode that an ensemble is in from now on, and why it is safe; ``since`` is when the mode began."""
+
+    ensemble: str
+    mode: ModeName
+    since: int
+    causes: tuple[Cause, ...] = ()
 
 
 class Tick(Message, frozen=True, gc=False):

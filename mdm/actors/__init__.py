@@ -4,10 +4,11 @@ from mdm.actors.action_layer import ActionLayer, ActionStatistics
 from mdm.actors.binding import Binding, bind
 from mdm.actors.control_layer import ControlLayer, ControlOptions, ControlStatistics
 from mdm.actors.drive import Drive, FixedRate, OnEvent
-from mdm.actors.ensemble import Ensemble
+from mdm.actors.ensemble import Ensemble, EnsembleStatistics
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
 from mdm.actors.planner import Planner, PlannerStatistics
 from mdm.actors.predicate_manager import PredicateManager
+from mdm.actors.safety import SafetyOptions
 from mdm.actors.sensor import EventSource, Sensor
 from mdm.actors.state_layer import StateFactor, StateLayer
 
@@ -20,6 +21,7 @@ __all__ = [
     "ControlStatistics",
     "Drive",
     "Ensemble",
+    "EnsembleStatistics",
     "EventSource",
     "FixedRate",
     "ObservationFactor",
@@ -28,6 +30,7 @@ __all__ = [
     "Planner",
     "PlannerStatistics",
     "PredicateManager",
+    "SafetyOptions",
     "Sensor",
     "StateFactor",
     "StateLayer",

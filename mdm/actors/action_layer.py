@@ -7,6 +7,7 @@ Every action has one exact life: ``running``, then one of ``succeeded``, ``faile
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -17,24 +18,33 @@ from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.messages import Action, ActionLife, ActionStatus
 from mdm.runtime import ActorStatistics, Histogram, Latencies
+from mdm.runtime.channel import Subscription
+from mdm.runtime.clock import check_seconds
 from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.predicate_manager import PredicateManager
     from mdm.runtime import Timer, Work
 
-__all__ = ["ActionLayer", "ActionStatistics"]
+__all__ = ["SAFE_TIMEOUT", "ActionLayer", "ActionStatistics", "Secured"]
+
+SAFE_TIMEOUT = 10.0
+"""Seconds that a safe action may take, where nothing else is said."""
+
+Secured = Callable[[str | None], None]
+
+_FAILED = frozenset({"failed", "timed_out", "abandoned"})
 
 
 class _Life:
     """One run of one action."""
 
-    __slots__ = ("action", "binding", "deadline", "ending", "grace", "name", "number", "work")
+    __slots__ = ("action", "binding", "deadline", "ending", "grace", "name", "number", "secures", "work")
 
-    def __init__(self, number: int, name: str, binding: Binding, action: Action) -> None:
+    def __init__(self, number: int, name: str, binding: Binding, action: Action, *, secures: bool = False) -> None:
         self.number = number
         self.name = name
         self.binding = binding
@@ -43,6 +53,7 @@ class _Life:
         self.deadline: Timer | None = None
         self.grace: Timer | None = None
         self.ending: ActionStatus | None = None
+        self.secures = secures
 
 
 class ActionStatistics(ActorStatistics, frozen=True):
@@ -68,6 +79,10 @@ class ActionLayer(Layer):
         component: From a joint action's index to this agent's; None where they are one.
         predicates: Takes the ends of actions as events (``Patrol.succeeded``).
         safe_action: An action's name, or a function, that leaves the robot safe.
+        safe_timeout: Seconds that the safe action may take.
+
+    Attributes:
+        alarm: Told of an action that failed, timed out or was abandoned where nothing listens for that event.
     """
 
     def __init__(
@@ -78,9 +93,13 @@ class ActionLayer(Layer):
         component: Callable[[int], int] | None = None,
         predicates: PredicateManager | None = None,
         safe_action: str | Callback | None = None,
+        safe_timeout: float = SAFE_TIMEOUT,
         name: str = "action",
     ) -> None:
         super().__init__(name)
+        check_seconds(safe_timeout, "safe_timeout", key="safe_timeout")
+        self.safe_timeout = safe_timeout
+        self.alarm: Callable[[str], None] | None = None
         self.names = names
         self.predicates = predicates
         self.bindings = _bindings(names, bindings)
@@ -89,6 +108,7 @@ class ActionLayer(Layer):
         self.ended: dict[ActionStatus, int] = {}
         self.skipped = 0
         self._component = component
+        self.joint = component is not None
         self._latencies = Latencies()
         self._record = self._latencies.record
         self._current: _Life | None = None
@@ -96,6 +116,8 @@ class ActionLayer(Layer):
         self._beside: dict[str, _Life] = {}
         self._idle: list[Callable[[], None]] = []
         self._halted = True
+        self._secure: Secured | None = None
+        self._patience: Timer | None = None
 
     @property
     def live(self) -> tuple[str, ...]:
@@ -133,6 +155,7 @@ class ActionLayer(Layer):
         self._now = self.runtime.clock.reader()
         self._path = self.owner.path
         self._halted = True
+        self._secure = None
         self.subscribe(self.owner.channel("action", Action), self._on_action)
 
     def admit(self) -> None:
@@ -140,27 +163,65 @@ class ActionLayer(Layer):
         self._halted = False
         self._idle.clear()
 
-    def halt(self, idle: Callable[[], None]) -> None:
-        """Cancel what is live, run no more, and call back when nothing lives; in a turn."""
+    def latch(self) -> None:
+        """Start nothing more that was or is decided; what lives goes on."""
         self._halted = True
         self._pending = None
-        for life in (*self._beside.values(), *([self._current] if self._current else [])):
-            self._cancel(life, "preempted")
+
+    def halt(self, idle: Callable[[], None]) -> None:
+        """Cancel what is live, run no more, and call back when nothing lives; in a turn."""
+        self.latch()
+        self._cancel_all()
         self.when_idle(idle)
+
+    def secure(self, secured: Secured, *, patience: float = 60.0) -> None:
+        """Cancel what is live, run no more, and run the safe action when nothing lives.
+
+        Args:
+            secured: Called when it has ended, in a turn behind all that was decided before: with None, or with how it
+                failed.
+            patience: Seconds after which whatever still lives is abandoned.
+        """
+        self.latch()
+        self._secure = secured
+        self._cancel_all()
+        lives = tuple(life for life in self._living() if not life.secures)
+        if lives:
+            self._patience = self.call_later(patience, lambda: self._give_up(lives))
+        self._settle()
+
+    def _give_up(self, lives: tuple[_Life, ...]) -> None:
+        """Abandon what still lives, where its own grace has not done so, as when the layer itself has failed."""
+        for life in set(lives).intersection(self._living()):
+            if life.work is not None:
+                self.abandon(life.work)
+            self._finish(life, "abandoned", "had not ended when the safe action was due")
+
+    def _living(self) -> tuple[_Life, ...]:
+        return (*self._beside.values(), *(() if self._current is None else (self._current,)))
+
+    def _cancel_all(self) -> None:
+        for life in self._living():
+            if not life.secures:
+                self._cancel(life, "preempted")
 
     def when_idle(self, idle: Callable[[], None]) -> None:
         """Call back when nothing lives: at once, or in the turn in which the last life ends."""
         self._idle.append(idle)
         self._settle()
 
-    def make_safe(self, time: int) -> None:
-        """Run the safe action in place of what is live."""
-        if self.safe is not None:
-            self._choose("safe action", self.safe, Action(time, -1, -1))
-
     def _settle(self) -> None:
         """Start what waits for the running action's end; where nothing lives or waits, tell those who wait for that."""
-        if self._current is None and self._pending is not None:
+        if self._secure is not None:
+            if self._current is None and not self._beside:
+                if self._patience is not None:
+                    self._patience.cancel()
+                    self._patience = None
+                if self.safe is None:
+                    self._tell_secured(None)
+                else:
+                    self._begin_life("safe action", self.safe, Action(self._now(), -1, -1), secures=True)
+        elif self._current is None and self._pending is not None:
             pending, self._pending = self._pending, None
             self._begin_life(*pending)
         elif self._current is None and not self._beside:
@@ -232,10 +293,10 @@ class ActionLayer(Layer):
 
     # -- Lives ---------------------------------------------------------------------------------------------------
 
-    def _begin_life(self, name: str, binding: Binding, action: Action) -> None:
+    def _begin_life(self, name: str, binding: Binding, action: Action, *, secures: bool = False) -> None:
         """Start a life. Hot path for plain functions."""
         self.started = number = self.started + 1
-        life = _Life(number, name, binding, action)
+        life = _Life(number, name, binding, action, secures=secures)
         if self._lives.heard:
             self._tell(life, "running")
         ensemble = binding.ensemble
@@ -259,12 +320,13 @@ class ActionLayer(Layer):
         self._take(life, result)
 
     def _keep(self, life: _Life) -> None:
-        if life.binding.concurrent:
+        if life.binding.concurrent and not life.secures:
             self._beside[life.name] = life
         else:
             self._current = life
-        if life.binding.timeout is not None:
-            life.deadline = self.call_later(life.binding.timeout, lambda: self._cancel(life, "timed_out"))
+        timeout = self.safe_timeout if life.secures else life.binding.timeout
+        if timeout is not None:
+            life.deadline = self.call_later(timeout, lambda: self._cancel(life, "timed_out"))
 
     def _cancel(self, life: _Life, ending: ActionStatus) -> None:
         """Ask a life to end; how it ends is known when it has."""
@@ -272,7 +334,7 @@ class ActionLayer(Layer):
             return
         life.ending = ending
         if life.binding.ensemble is not None:
-            life.binding.ensemble.stop()
+            life.binding.ensemble.interrupt()
         elif life.work is not None:
             life.work.cancel()
             life.grace = self.call_later(life.binding.grace, lambda: self._abandon(life))
@@ -312,12 +374,26 @@ class ActionLayer(Layer):
 
     def _end_life(self, life: _Life, status: ActionStatus, detail: str = "") -> None:
         self.ended[status] = self.ended.get(status, 0) + 1
-        if status in {"failed", "timed_out", "abandoned"}:
-            self.report("action", f"action {life.name!r} {status.replace('_', ' ')}: {detail}".rstrip(": "))
+        text = f"action {life.name!r} {status.replace('_', ' ')}: {detail}".rstrip(": ")
+        if life.secures:
+            self._tell_secured(None if status == "succeeded" else text)
+        if status in _FAILED:
+            self.report("action", text)
+            if self.alarm is not None and not life.secures and not self._listened(life.name, status):
+                self.alarm(text)
         if self._lives.heard:
             self._tell(life, status, detail)
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(life.name, status)
+
+    def _tell_secured(self, failure: str | None) -> None:
+        secured, self._secure = self._secure, None
+        if secured is not None:
+            self.runtime.dispatcher.deliver(Subscription(None, self, secured), failure)
+
+    def _listened(self, name: str, status: ActionStatus) -> bool:
+        """Whether a predicate or event of the system depends on this end of an action."""
+        return self.predicates is not None and f"{name}.{status}" in self.predicates.action_ends
 
     def _raise_end(self, name: str, status: ActionStatus) -> None:
         event = f"{name}.{status}"

@@ -7,13 +7,14 @@ policy's answer comes later, as a search's does, the layer asks its planner and 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Unpack, cast
 
 import msgspec
 import numpy as np
 
 from mdm.actors.drive import Drive, FixedRate, OnEvent, drive_of
 from mdm.actors.layer import Layer
+from mdm.actors.modes import AT_INPUT, AT_STIMULUS
 from mdm.actors.planner import Planner
 from mdm.beliefs import Support
 from mdm.controller import Controller
@@ -44,12 +45,30 @@ class ControlOptions(ControllerOptions, total=False):
             ``FixedRate(rate)`` or a number, so many times a second.
         on_no_observation: What a fixed-rate tick without a new observation means: ``predict`` (the default: time
             passes, nothing seen), ``repeat`` the last one, or the name of an observation.
-        deadline: Seconds from stimulus to decision; a later decision is reported, and the safe action runs instead.
+        deadline: Seconds from stimulus to decision; a later decision is reported, and where there is a safe action the
+            ensemble goes safe in place of it.
     """
 
     drive: Drive | float | str | None
     on_no_observation: str
     deadline: float | None
+
+
+class Guard(Protocol):
+    """Whom a control layer tells what endangers it, and who decides whether that makes the ensemble safe."""
+
+    @property
+    def deciding(self) -> bool:
+        """Whether the layer may decide."""
+
+    def alarm(self, fault: Fault) -> bool:
+        """Report a fault; return whether nothing that was or is decided may start."""
+
+    def reopen(self, kinds: frozenset[str], time: int) -> None:
+        """Take causes of a safe mode as gone."""
+
+    def blind(self, time: int) -> None:
+        """Take it that no state is known."""
 
 
 _OWN = ("drive", "on_no_observation", "deadline")
@@ -86,6 +105,7 @@ class ControlLayer(Layer):
         ConfigError: If sizes or names do not fit each other, or an option means nothing here.
 
     Attributes:
+        guard: Whom it tells what endangers it; None where it stands alone.
         controller: What decides.
         planner: Who searches, where the policy's answer comes later; else None.
     """
@@ -110,8 +130,11 @@ class ControlLayer(Layer):
             raise ConfigError(f"a deadline is a number of seconds above 0, not {self.deadline}", key="deadline")
         self.on_no_observation: str = own.get("on_no_observation", "predict")
         self._no_observation = self._no_observation_symbol()
-        self.has_safe_action = False
+        self.guard: Guard | None = None
         self.running = False
+        self._held = False
+        self._informed = False
+        self._acted: int | None = None
         self.superseded = 0
         self.undecided = 0
         self.missed = 0
@@ -132,6 +155,8 @@ class ControlLayer(Layer):
         self.planner: Planner | None = None
         self._question = 0
         self._open: tuple[int, str, Observed, int | None] | None = None
+        self._moved = False
+        self._unanswered: tuple[str, Observed] = ("release", None)
         if getattr(self.controller.policy, "deliberates", False):
             self.planner = Planner(
                 cast("Deliberating", self.controller.policy), drive=self.drive, deadline=self.deadline
@@ -198,9 +223,9 @@ class ControlLayer(Layer):
         self._reward_channel = channel("reward", Reward, retain=True)
         self._beliefs = channel("belief", Belief, retain=True)
         self._decisions = self.runtime.decisions
-        self._safety = channel("safety", Fault)
         self._path = self.owner.path
-        self.running = False
+        self.running = self._held = False
+        self._ticker = None
         self._state = None
         self._open = None
         if self._takes_states:
@@ -221,30 +246,110 @@ class ControlLayer(Layer):
     def _on_control(self, control: Control) -> None:
         command = control.command
         if command == "stop":
-            self.running = False
-            if self._ticker is not None:
-                self._ticker.cancel()
-                self._ticker = None
-            return
-        if command == "reset":
+            self.pause()
+        elif command == "reset":
             self._begin_episode()
-            if not self.running:
-                return
-        elif self.running:
-            return
-        else:
+            if self.running:
+                self._begin(control.time, command)
+        elif command != "release" and not self.running:
             self._begin_episode(keep=command == "resume")
-            self.running = True
-            if isinstance(self.drive, FixedRate):
+            if isinstance(self.drive, FixedRate) and self._ticker is None:
                 self._ticker = self.every(self.drive.rate, self._on_tick)
-        if self._event_driven and (not self._takes_states or self._state is not None):
-            self._decide(control.time, command, state=self._state)
+            if self.guard is None or self.guard.deciding:
+                self.running = True
+                self._begin(control.time, command)
+
+    def _begin(self, time: int, command: str) -> None:
+        """Decide on a command, where that is possible now."""
+        if self.blind:
+            if self.guard is not None:
+                self.guard.blind(time)
+        elif self._event_driven:
+            self._decide(time, command, state=self._state)
+
+    def pause(self) -> None:
+        """Decide no more until started again."""
+        self.running = False
+        if self._ticker is not None:
+            self._ticker.cancel()
+            self._ticker = None
+
+    @property
+    def blind(self) -> bool:
+        """Whether it decides on states, and knows none."""
+        return self._takes_states and self._state is None
+
+    # -- Safe modes ----------------------------------------------------------------------------------------------
+
+    def hold(self, done: int | None) -> None:
+        """Decide nothing while the ensemble is safe.
+
+        Args:
+            done: The safe action, where it is one of the model's: the belief then goes by it.
+        """
+        self.running = False
+        self._held = True
+        self._open = None
+        self._informed = done is not None and not self._takes_states
+        self._moved = False
+        self._unanswered = ("release", None)
+        if done is not None:
+            self.controller.last_action = self._acted = done
+
+    def let_go(self) -> None:
+        """Take it that the ensemble is stopped."""
+        self.running = self._held = False
+
+    def go_on(self, time: int, *, anew: bool, predict: bool) -> None:
+        """Decide again after a safe mode.
+
+        Args:
+            time: When.
+            anew: Begin a new episode: nobody knows what the safe action has done to the state.
+            predict: Time has passed, of which the belief does not know.
+        """
+        self._held, self.running = False, True
+        controller = self.controller
+        if not self._takes_states:
+            if (anew and not controller.given) or controller.over:
+                self._begin_episode()
+                self._unanswered = ("release", None)
+            elif predict and self._event_driven and not self._moved:
+                self._advance(None, time)
+        if self.running and self._event_driven and not self.blind:
+            cause, observation = self._unanswered
+            self._decide(time, cause, observation, state=self._state)
+
+    def _reopen(self, kinds: frozenset[str], time: int) -> None:
+        if self.guard is not None:
+            self.guard.reopen(kinds, time)
+
+    def _observe_safely(self, observation: Observation) -> None:
+        """Take an observation in while the ensemble is safe: into the belief, where it knows what is done."""
+        if not self._event_driven:
+            self._observation = observation
+        elif self._informed and not self.controller.over:
+            self._moved = True
+            self._advance(observation.values if observation.index is None else observation.index, observation.time)
+        self._reopen(AT_INPUT, observation.time)
+
+    def _tick_safely(self, tick: Tick) -> bool:
+        """Take a tick while the ensemble is safe; return whether it may decide again."""
+        self._reopen(AT_STIMULUS, tick.time)
+        if not self.running and self._informed and not self.controller.over:
+            observation, self._observation = self._observation, None
+            symbol: Observed = None
+            if observation is not None:
+                symbol = observation.values if observation.index is None else observation.index
+            self._advance(symbol, tick.time)
+        return self.running
 
     def _begin_episode(self, *, keep: bool = False) -> None:
         """Start an episode; what was asked in the one before decides nothing in it."""
         self._open = None
         self._observation = None
         self._last_observation = None
+        self._acted = None
         self.controller.reset(keep=keep)
 
     # -- Stimuli -------------------------------------------------------------------------------------------------
@@ -253,6 +358,8 @@ class ControlLayer(Layer):
         # Hot path, as all that a state leads to up to the action's message.
         index = self._state = state.index
         if index is None or not self.running or not self._event_driven:
+            if self.guard is not None and (index is None or self._held):
+                self._on_state_aside(state)
             return
         controller = self.controller
         cause = "episode" if controller.epoch >= self._last_epoch else "state"
@@ -262,12 +369,22 @@ class ControlLayer(Layer):
         try:
             step = self._see(index)
         except ModelError as error:
-            self._safety.publish(Fault(state.time, self.path, "state", str(error)))
+            self._alarm(Fault(state.time, self.path, "state", str(error)))
         else:
             self._publish(step, state.time, cause, None, index)
 
+    def _on_state_aside(self, state: State) -> None:
+        """Take a state on which nothing is decided: it is unknown, or the ensemble is safe."""
+        assert self.guard is not None
+        if state.index is None:
+            self.guard.blind(state.time)
+        else:
+            self.guard.reopen(AT_INPUT | {"unknown_input"}, state.time)
+
     def _on_observation(self, observation: Observation) -> None:
         if not self.running:
+            if self._held:
+                self._observe_safely(observation)
             return
         if not self._event_driven:
             if self._observation is not None:
@@ -279,9 +396,14 @@ class ControlLayer(Layer):
         else:
             symbol = observation.values if observation.index is None else observation.index
             self._advance(symbol, observation.time)
-            self._decide(observation.time, "observation", symbol)
+            if self._held:  # by now, for it was impossible
+                self._unanswered = ("observation", symbol)
+            else:
+                self._decide(observation.time, "observation", symbol)
 
     def _on_tick(self, tick: Tick) -> None:
+        if not self.running and not self._tick_safely(tick):
+            return
         cause, symbol = "tick", None
         if tick.missed:
             assert isinstance(self.drive, FixedRate)
@@ -299,13 +421,15 @@ class ControlLayer(Layer):
             elif self._no_observation != "predict":
                 symbol = self._no_observation
             symbol = self._advance(symbol, tick.time)
+            if self._held:  # by now, for what was observed is impossible
+                return
         if self._takes_states and self._state is None:
             self.undecided += 1
         else:
             self._decide(tick.time, cause, symbol, state=self._state)
 
     def _on_external_belief(self, belief: Belief) -> None:
-        if not self.running:
+        if not self.running and not self._held:
             return
         over = self.controller.over
         try:
@@ -314,7 +438,9 @@ class ControlLayer(Layer):
             self._refuse_belief("external_belief", belief, error)
             return
         self._observation = None
-        if self._event_driven:
+        if self._held:
+            self._reopen(AT_INPUT, belief.time)
+        elif self._event_driven:
             self._decide(belief.time, "episode" if over else "belief")
         elif self._open is not None:  # a tick's search begins anew from there
             time, cause, observation, state = self._open
@@ -348,9 +474,18 @@ class ControlLayer(Layer):
         self._last_observation = observation
         if controller.problem is not None:
             fault = Fault(time, self.path, "impossible_observation", controller.problem)
-            channel = self._safety if controller.on_impossible == "safe_action" else self.runtime.faults
-            channel.publish(fault)
+            if controller.on_impossible == "safe_action":
+                self._alarm(fault)
+            else:
+                self.runtime.faults.publish(fault)
         return observation
+
+    def _alarm(self, fault: Fault) -> bool:
+        """Report what endangers the ensemble; return whether that makes it safe."""
+        if self.guard is not None:
+            return self.guard.alarm(fault)
+        self.runtime.faults.publish(fault)
+        return False
 
     def _decide(self, time: int, cause: str, observation: Observed = None, *, state: int | None = None) -> None:
         """Let the controller choose, or ask the planner, and publish what was chosen."""
@@ -360,7 +495,7 @@ class ControlLayer(Layer):
                 return
             step = self.controller.decide() if state is None else self._see(state)
         except ModelError as error:
-            self._safety.publish(Fault(time, self.path, "state" if self._takes_states else "policy", str(error)))
+            self._alarm(Fault(time, self.path, "state" if self._takes_states else "policy", str(error)))
             return
         self._publish(step, time, cause, observation, state)
 
@@ -389,10 +524,15 @@ class ControlLayer(Layer):
     def _publish(self, step: Step, time: int, cause: str, observation: Observed, state: int | None) -> None:
         """Publish a decision, the action first."""
         latency = self._now() - time
-        in_time = self._deadline_ns is None or latency <= self._deadline_ns or self.planner is not None
-        if in_time or not self._late(latency, time):
-            self._actions.emit(Action(time, step.epoch, step.action))
         self._record(latency)
+        if self._deadline_ns is not None and latency > self._deadline_ns and self.planner is None:
+            # What was done before is still what is done.
+            self.controller.last_action = self._acted
+            if self._late(latency, time):
+                return
+            self.controller.last_action = step.action
+        self._actions.emit(Action(time, step.epoch, step.action))
+        self._acted = step.action
         if step.reward is not None:
             self._reward_channel.emit(Reward(time, step.epoch, step.reward))
         if not self._takes_states:
@@ -421,11 +561,9 @@ class ControlLayer(Layer):
                 self._beliefs.emit(Belief(time, belief))
 
     def _late(self, latency: int, time: int) -> bool:
-        """Report a missed deadline; return whether the safe action runs in place of what was decided."""
+        """Report a missed deadline; return whether the ensemble is safe in place of doing what was decided."""
         text = f"a decision came {latency / 1e6:.3f} ms after its stimulus; the deadline is {self.deadline} s"
-        channel = self._safety if self.has_safe_action else self.runtime.faults
-        channel.publish(Fault(time, self.path, "deadline", text))
-        return self.has_safe_action
+        return self._alarm(Fault(time, self.path, "deadline", text))
 
     def statistics(self) -> ControlStatistics:
         """Return what the layer has decided so far."""

@@ -5,16 +5,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Unpack
 
 import anyio
+import msgspec
 import numpy as np
 
-from mdm.actors.action_layer import ActionLayer
+from mdm.actors.action_layer import SAFE_TIMEOUT, ActionLayer
 from mdm.actors.control_layer import ControlLayer, ControlOptions
 from mdm.actors.drive import FixedRate
 from mdm.actors.layer import Layer
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
+from mdm.actors.safety import Safety, SafetyOptions
 from mdm.actors.state_layer import StateFactor, StateLayer
 from mdm.errors import ConfigError
-from mdm.messages import Belief, Control, Fault, Observation, PredicateUpdate, State
+from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
+from mdm.options import check_options
+from mdm.runtime import ActorStatistics
 from mdm.symbols import agent_index
 
 if TYPE_CHECKING:
@@ -28,10 +32,23 @@ if TYPE_CHECKING:
     from mdm.models.space import Symbol
     from mdm.runtime import Supervision
 
-__all__ = ["MOST_LEVELS", "Ensemble"]
+__all__ = ["MOST_LEVELS", "Ensemble", "EnsembleStatistics"]
 
 MOST_LEVELS = 100
 """Levels of a hierarchy."""
+
+
+class EnsembleStatistics(ActorStatistics, frozen=True):
+    """The mode of an ensemble, since when (nanoseconds) and why, and what it waits for.
+
+    ``waiting`` names the unknown predicates that keep it from deciding; ``safe_actions`` counts the safe action's runs.
+    """
+
+    mode: ModeName
+    since: int
+    causes: tuple[Cause, ...]
+    waiting: tuple[str, ...]
+    safe_actions: int
 
 
 class Ensemble(Layer):
@@ -53,10 +70,9 @@ class Ensemble(Layer):
         agent: Of a team, the agent under whose scope this ensemble acts, by index or name.
         local: Run that agent's own controller of a `JointController`, on its own observations alone; otherwise the
             policy decides for the whole team, on all that the team observes.
-        safe_action: What leaves the robot safe: an action's name or a function. It runs on a failure that nobody
-            could help, on a missed deadline, on input that grew too old, and when the runtime ends.
+        safe_action: What leaves the robot safe: an action's name or a function. The page on safety says when it runs.
         supervision: What its failure means.
-        options: Of its control layer, see `ControlOptions`: ``drive``, ``horizon``, ``deadline`` and others.
+        options: See `SafetyOptions` and `ControlOptions`: ``drive``, ``horizon``, ``deadline`` and others.
 
     Raises:
         ConfigError: If sizes or names do not fit each other.
@@ -76,25 +92,32 @@ class Ensemble(Layer):
         local: bool = False,
         safe_action: str | Callback | None = None,
         supervision: Supervision = "escalate",
-        **options: Unpack[ControlOptions],
+        **options: Unpack[SafetyOptions],
     ) -> None:
         super().__init__(name, supervision=supervision)
         self.predicates = predicates
-        self.active = False
         self._idle: list[Callable[[], None]] = []
-        self._safe_due = False
         try:
-            self.control = ControlLayer(policy, model, agent=agent if local else None, **options)
+            check_options(options, SafetyOptions)
+            control: Any = {key: value for key, value in options.items() if key in ControlOptions.__annotations__}
+            self.control = ControlLayer(policy, model, agent=agent if local else None, **control)
             controller = self.controller = self.control.controller
             names, component = _agent_actions(self.control, actions, 0 if local else agent)
             self.action = ActionLayer(
-                names, actions, component=component, predicates=predicates, safe_action=safe_action
+                *(names, actions),
+                component=component,
+                predicates=predicates,
+                safe_action=safe_action,
+                safe_timeout=options.get("safe_timeout", SAFE_TIMEOUT),
             )
             if controller.symbols.action_space is None:
                 self.control.action_names = names
-            self.control.has_safe_action = self.action.safe is not None
             if controller.on_impossible == "safe_action" and self.action.safe is None:
                 raise ConfigError("on_impossible asks for the safe action, but there is none", key="safe_action")
+            self.subensembles = tuple(
+                {id(b.ensemble): b.ensemble for b in self.action.bindings if b.ensemble is not None}.values()
+            )
+            self.safety = Safety(self, options)
         except ConfigError as error:
             raise ConfigError(error.message, key=".".join(filter(None, ("ensembles", name, error.key)))) from None
         self.state: StateLayer | None = None
@@ -107,9 +130,6 @@ class Ensemble(Layer):
             self.observation = ObservationLayer(
                 observations, self._manager("observations"), space=controller.symbols.observation_space
             )
-        self.subensembles = tuple(
-            {id(b.ensemble): b.ensemble for b in self.action.bindings if b.ensemble is not None}.values()
-        )
         self.levels: int = 1 + max((below.levels for below in self.subensembles), default=0)
         if self.levels > MOST_LEVELS:
             raise ConfigError(
@@ -242,6 +262,31 @@ class Ensemble(Layer):
         """Begin a new episode now."""
         self.control.reset()
 
+    def release(self) -> None:
+        """End the safe mode: whoever calls it answers for its causes. The safe action comes to its end first."""
+        self.channel("control", Control).publish(Control(self.runtime.clock.now(), "release"))
+
+    def interrupt(self) -> None:
+        """Stop within the call, so that nothing that was decided before starts."""
+        self.control.pause()
+        self.safety.stop(self.runtime.clock.now())
+        self.control.stop()
+
+    @property
+    def mode(self) -> ModeName:
+        """``stopped``, ``deciding`` or ``safe``."""
+        return self.safety.modes.mode
+
+    @property
+    def active(self) -> bool:
+        """Whether it was started and not stopped: it decides, or is safe."""
+        return self.mode != "stopped"
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """Why it is safe."""
+        return tuple(self.safety.modes.causes.values())
+
     async def ready(self) -> None:
         """Wait until the process of a tree search is ready; at once where the policy is of another kind."""
         if self.control.planner is not None:
@@ -251,24 +296,31 @@ class Ensemble(Layer):
         """Call back, once, in a turn, when the ensemble is next stopped and none of its actions lives."""
         self._idle.append(call)
 
-    def _on_safety(self, fault: Fault) -> None:
-        """Report a fault, and run the safe action in place of what is live."""
-        self.runtime.faults.publish(fault)
-        if self.active:
-            self.action.make_safe(fault.time)
-
     def _on_control(self, control: Control) -> None:
         if control.command in {"start", "resume"}:
-            self.active = True
-            self.action.admit()
-        elif control.command == "stop" and self.active:
-            self.active = False
-            self.action.halt(self._became_idle)
+            self.safety.start(control.time)
+        elif control.command == "stop":
+            self.safety.stop(control.time)
+        elif control.command == "release":
+            self.safety.release(control.time)
 
-    def _became_idle(self) -> None:
+    def became_idle(self) -> None:
+        """Tell those who wait for it that the ensemble is stopped and that nothing of it lives."""
         idle, self._idle = self._idle, []
         for call in idle:
             call()
+
+    def statistics(self) -> EnsembleStatistics:
+        """Return the mode, and what the ensemble waits for."""
+        modes = self.safety.modes
+        return EnsembleStatistics(
+            **msgspec.structs.asdict(super().statistics()),
+            mode=modes.mode,
+            since=modes.since,
+            causes=self.causes,
+            waiting=self.safety.waiting.names,
+            safe_actions=self.safety.runs,
+        )
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
@@ -279,66 +331,43 @@ class Ensemble(Layer):
         if self.predicates is not None and self.predicates.parent is None:
             self.add(self.predicates, first=True)
         self.subscribe(self.channel("control", Control), self._on_control)
-        self.subscribe(self.channel("safety", Fault), self._on_safety)
-        watched = self._watched()
-        if watched and self.predicates is not None:
-            self._subscribe_stale(self.predicates, watched)
-
-    def _watched(self) -> frozenset[str]:
-        """The sensors with a largest age that this ensemble depends on."""
-        manager = self.predicates
-        if manager is None:
-            return frozenset()
-        names = [name for factor in (self.state.factors if self.state else ()) for name in factor.predicates]
-        events = [name for factor in (self.observation.factors if self.observation else ()) for name in factor.events]
-        names += [name for name in events if name is not None]
-        return frozenset(sensor for name in names for sensor in manager.inputs_of(name) if sensor in manager.aged)
-
-    def _subscribe_stale(self, manager: PredicateManager, watched: frozenset[str]) -> None:
-        def look(update: PredicateUpdate) -> None:
-            lost = watched.intersection(update.unknown) if self.active else ()
-            if lost:
-                text = f"input is too old: {', '.join(sorted(lost))}"
-                self._on_safety(Fault(update.time, self.path, "stale_input", text))
-
-        self.subscribe(self.runtime.channel(f"{manager.path}/updates", PredicateUpdate), look)
+        self.safety.open()
 
     def on_running(self) -> None:
         """Begin to decide, unless another ensemble's action is what starts this one."""
         if not isinstance(self.parent, Ensemble):
             self.start()
 
-    async def on_stopping(self) -> None:
-        """End the running action and what is below, then run the safe action."""
-        for ensemble in self._below():
-            ensemble._safe_due = ensemble._safe_due or ensemble.active  # noqa: SLF001 - one family
-        if self.active:
-            self.active = False
-            self.control.running = False
-            await self._settled(self.action.halt)
-        self._became_idle()
-        if self._safe_due and self.action.safe is not None:
-            self.action.make_safe(self.runtime.clock.now())
-            await self._settled(self.action.when_idle)
-        self._safe_due = False
+    def on_failing(self, error: BaseException) -> None:
+        """Go safe in the turn of the failure, with no way back but a restart."""
+        self.safety.end("failure", f"{type(error).__name__}: {error}", lambda: None)
 
-    async def _settled(self, tell: Callable[[Callable[[], None]], None]) -> None:
+    async def on_stopping(self) -> None:
+        """End the running action and what is below, and run the safe actions: the outermost has the last word."""
         done = anyio.Event()
-        with anyio.move_on_after(self.patience):
-            tell(done.set)
+        self.safety.end("end", "the ensemble ends", done.set)
+        with anyio.move_on_after(self.patience) as scope:
             await done.wait()
+        if scope.cancelled_caught:
+            self.report("safe_action", f"what lives did not come to its end within {self.patience:g} s")
+
+    def on_stop(self) -> None:
+        """Forget the state: what was known before an end is not decided on after it."""
+        self.safety.waiting.end()
+        self.channel("state", State, retain=True).forget()
 
     @property
-    def patience(self) -> float:
+    def settling(self) -> float:
         """Seconds after which whatever is live here or below has ended, or was abandoned."""
         return 0.5 + max(
             binding.grace if binding.ensemble is None else binding.ensemble.patience for binding in self.action.bindings
         )
 
-    def _below(self) -> Iterator[Ensemble]:
-        yield self
-        for ensemble in self.subensembles:
-            yield from ensemble._below()  # noqa: SLF001 - one family
+    @property
+    def patience(self) -> float:
+        """Seconds after which the safe action has ended besides, or has failed twice."""
+        safe = self.action.safe
+        return self.settling + (0.0 if safe is None else 2 * (self.action.safe_timeout + safe.grace))
 
 
 def _agent_actions(

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mdm.logic import Change
-    from mdm.runtime import Channel, Supervision, Timer
+    from mdm.runtime import Channel, Runtime, Supervision, Timer
 
 __all__ = ["ACTION_END", "PredicateManager"]
 
@@ -67,6 +67,8 @@ class PredicateManager(Actor):
         self._early: dict[str, bool | None] = {}
         self._known: frozenset[str] = frozenset()
         self._senses: Callable[[SensorUpdate], None] | None = None
+        self._begun = False
+        self._home: Runtime | None = None
         self.action_ends: frozenset[str] = frozenset()
         self._first_events: EventUpdate | None = None
 
@@ -97,7 +99,7 @@ class PredicateManager(Actor):
         initial = truth(name, initial)
         if when is not None:
             check_plain(when, f"the 'when' of predicate {name!r}")
-        self._declare(name, "predicate", lambda network: network.add_input(name, self._early.get(name, initial)))
+        self._declare(name, "predicate", lambda network: network.add_input(name, self._told(name, initial)))
         if channel is not None and when is not None:
             self._groundings.append((name, channel, when))
         if max_age is not None:
@@ -194,6 +196,10 @@ class PredicateManager(Actor):
     def senses(self, name: str) -> bool:
         """Whether a name is a predicate that code sets."""
         return name in self._sensors
+
+    def derived(self, name: str) -> bool:
+        """Whether a name is defined by formulas over others."""
+        return bool(self._formulas.get(name))
 
     def raises(self, name: str) -> bool:
         """Whether a name is an event that code raises."""
@@ -330,10 +336,15 @@ class PredicateManager(Actor):
         else:
             self._input((), events)
 
+    def _told(self, name: str, initial: bool | None) -> bool | None:
+        """What a sensor was told before the start; at a restart it is unknown otherwise, whatever it began with."""
+        return self._early.get(name, None if self._begun else initial)
+
     def _input(self, predicates: tuple[tuple[str, bool | None], ...], events: tuple[str, ...]) -> None:
-        if self.life == "created":
+        if self._senses is None:
             self._early.update(predicates)
-            return
+            if not self._begun:
+                return
         runtime = self.runtime
         self.sensed.publish(SensorUpdate(runtime.clock.now(), predicates, events))
 
@@ -352,7 +363,12 @@ class PredicateManager(Actor):
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
         self._now = self.runtime.clock.reader()
+        self._senses = self.sensed.publish
+        self._begun = self._home is self.runtime
+        self._home = self.runtime
         self._network = self.network()
+        self._early.clear()
+        self._begun = True
         first = self._network.compile()
         self._known = frozenset(self._network.names)
         ends = {name for name in self._network.events if ACTION_END.fullmatch(name)}
@@ -376,7 +392,6 @@ class PredicateManager(Actor):
         self._counter = 1
         self.updates.publish(PredicateUpdate(now, 1, first.rising, first.falling, unknown))
         self.subscribe(self.sensed, self._sensed)
-        self._senses = self.sensed.publish
         for name, place, when in self._groundings:
             channel = self.runtime.channel(*place) if isinstance(place, tuple) else place
             self.subscribe(channel, self._grounding(name, when))
@@ -384,6 +399,10 @@ class PredicateManager(Actor):
             follower = Follower(self, agent, full)
             self.subscribe(updates, follower.update)
             follower.synchronise()
+
+    def on_stop(self) -> None:
+        """Keep what sensors are told from now on for the next start."""
+        self._senses = None
 
     def _sensed(self, update: SensorUpdate) -> None:
         predicates = update.predicates if not self._max_age else self._fresh(update)

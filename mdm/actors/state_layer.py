@@ -148,6 +148,23 @@ class StateLayer(Layer):
         """Return what stands for each value of each factor."""
         return tuple(wire for factor in self.factors for wire in factor.wires())
 
+    def inputs(self) -> frozenset[str]:
+        """Return the names of all that its factors' predicates depend on, themselves included."""
+        names = (name for factor in self.factors for name in factor.predicates)
+        return frozenset(found for name in names for found in self.predicates.inputs_of(name))
+
+    def unknown(self) -> tuple[str, ...]:
+        """Return the predicates that keep the state unknown, sorted: of derived ones, what they are unknown by."""
+        values = self.predicates.values()
+        names: set[str] = set()
+        for factor, digit in zip(self.factors, self._digits, strict=False):
+            if digit is None:
+                found = [name for name in factor.predicates if values.get(name) is None]
+                names.update(found or factor.predicates)
+        inputs = {one for name in names for one in self.predicates.inputs_of(name) if values.get(one, False) is None}
+        given = {name for name in inputs if not self.predicates.derived(name)}
+        return tuple(sorted(given or names))
+
     def problems(self) -> Iterator[ConfigError]:
         """Yield what is wrong with the factors: against the predicates declared and against the model."""
         for factor in self.factors:

@@ -24,7 +24,7 @@ class _Line(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     belief: list[float] | None = None
     predicates: dict[str, bool | None] | None = None
     events: list[str] | None = None
-    control: Literal["start", "stop", "reset"] | None = None
+    control: Literal["start", "stop", "reset", "release"] | None = None
     ensemble: str | None = None
 
 

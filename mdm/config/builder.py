@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import msgspec
 
-from mdm.actors import Binding, ControlOptions, Ensemble, ObservationFactor, PredicateManager, StateFactor
+from mdm.actors import Binding, Ensemble, ObservationFactor, PredicateManager, SafetyOptions, StateFactor
 from mdm.actors.drive import drive_of
 from mdm.actors.ensemble import MOST_LEVELS
 from mdm.actors.predicate_manager import ACTION_END
@@ -49,7 +49,7 @@ _KEYS = {
 }
 _OPTIONS = [
     option
-    for option in ControlOptions.__annotations__
+    for option in SafetyOptions.__annotations__
     if option in EnsembleTable.__struct_fields__ and option not in {"drive", "rewards", "seed"}
 ]
 """The options of a control layer that the table of an ensemble has as they are."""

@@ -30,7 +30,7 @@ __all__ = ["Actor"]
 
 T = TypeVar("T")
 Request = Literal["none", "stop", "restart", "fail"]
-_OVERRIDABLE = frozenset({"on_start", "on_running", "on_stopping", "on_stop", "statistics"})
+_OVERRIDABLE = frozenset({"on_start", "on_running", "on_failing", "on_stopping", "on_stop", "statistics"})
 Life = Literal["created", "starting", "running", "restarting", "stopping", "stopped", "failed"]
 
 
@@ -91,7 +91,7 @@ class Actor:
             ours = name.startswith("_") or name in _OVERRIDABLE or found is vars(Actor).get(name)
             if not ours and not (name == "path" and isinstance(found, property)):
                 raise Error(_hidden(cls, name))
-        for name in ("on_start", "on_running", "on_stop"):
+        for name in ("on_start", "on_running", "on_failing", "on_stop"):
             check_plain(getattr(cls, name), f"{cls.__qualname__}.{name}")
         if kind_of(inspect.unwrap(cls.on_stopping)) != "an async function":
             raise Error(f"{cls.__qualname__}.on_stopping is awaited: define it with `async def`")
@@ -106,6 +106,9 @@ class Actor:
 
     async def on_stopping(self) -> None:
         """End what must end in good order while children still live; called before they are stopped."""
+
+    def on_failing(self, error: BaseException) -> None:
+        """Do what cannot wait when it, or a child that it answers for, has failed. Called at once, before it stops."""
 
     def on_stop(self) -> None:
         """Let go of what `on_start` took; subscriptions, timers and work have ended by then."""
@@ -297,6 +300,10 @@ class Actor:
             self.__ask("fail")
         else:
             self.__escalate(error)
+        try:
+            self.on_failing(error)
+        except Exception as another:
+            self.report("exception", describe(another))
 
     def __escalate(self, error: BaseException) -> None:
         # It handles nothing more, but is stopped only in its turn, by those above.

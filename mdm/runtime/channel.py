@@ -235,6 +235,10 @@ class Channel(Generic[T]):
         """Make the message for a late subscriber when one comes, in place of keeping the last one published."""
         self._snapshot = snapshot
 
+    def forget(self) -> None:
+        """Keep the last message no more: a late subscriber waits for the next one."""
+        self.last = None
+
     def remove(self, subscription: Subscription[T]) -> int:
         """Forget a subscription, and return how many messages it had yet to handle; `Subscription.cancel` calls it."""
         self._subscriptions = _without(self._subscriptions, subscription)

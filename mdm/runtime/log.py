@@ -11,7 +11,7 @@ from mdm.runtime.virtual import VirtualClock
 from mdm.runtime.writer import StandardError, Writer
 
 if TYPE_CHECKING:
-    from mdm.messages import Decision, Fault, StateChange
+    from mdm.messages import Decision, Fault, Mode, StateChange
     from mdm.runtime.runtime import Runtime
     from mdm.runtime.statistics import LogStatistics
 
@@ -32,6 +32,7 @@ class Log:
         self._debug = debug
         self._writer = Writer()
         self._told: list[Fault] = []
+        self._safe: set[str] = set()
         self._logger = _logger(target, self._writer) if isinstance(target, str) else target
 
     def open(self, runtime: Runtime) -> None:
@@ -40,6 +41,7 @@ class Log:
         if not isinstance(runtime.clock, VirtualClock):
             self._writer.open()
         runtime.faults.subscribe(self._published)
+        runtime.modes.subscribe(self._changed)
         runtime.lives.subscribe(lambda change: put(self._life, change) if change.actor else None)
         if self._debug:
             runtime.decisions.subscribe(lambda decision: put(self._decision, decision))
@@ -65,6 +67,19 @@ class Log:
 
     def _fault(self, fault: Fault) -> None:
         self._logger.error("fault", time=fault.time / 1e9, source=fault.source, kind=fault.kind, detail=fault.detail)
+
+    def _changed(self, mode: Mode) -> None:
+        """Take a mode: safe ones are told, and what comes after them; the others come and go with decisions."""
+        was_safe = mode.ensemble in self._safe
+        (self._safe.add if mode.mode == "safe" else self._safe.discard)(mode.ensemble)
+        if was_safe or mode.mode == "safe":
+            self._writer.put(self._mode, mode)
+
+    def _mode(self, mode: Mode) -> None:
+        causes = ", ".join(cause.kind for cause in mode.causes)
+        self._logger.warning(
+            mode.mode, time=mode.time / 1e9, ensemble=mode.ensemble, since=mode.since / 1e9, causes=causes
+        )
 
     def _life(self, change: StateChange) -> None:
         self._logger.info(change.state, time=change.time / 1e9, actor=change.actor)

@@ -11,7 +11,7 @@ import anyio
 import msgspec
 
 from mdm.errors import Error
-from mdm.messages import Decision, Fault, StateChange
+from mdm.messages import Decision, Fault, Mode, StateChange
 from mdm.runtime.actor import Actor
 from mdm.runtime.channel import Channel
 from mdm.runtime.clock import Clock, WallClock, check_seconds
@@ -101,6 +101,7 @@ class Runtime:
         self.faults = self.channel("faults", Fault)
         self.lives = self.channel("lives", StateChange)
         self.decisions = self.channel("decisions", Decision)
+        self.modes = self.channel("modes", Mode)
         self._log = None if log is None else Log(log, debug=debug)
         self._emergency = emergency
         self._watchdog: Watchdog | None = None

@@ -1,0 +1,181 @@
+"""The modes of an ensemble: stopped, deciding or safe, as a state machine of plain data.
+
+Events are its methods; each returns the orders that the ensemble carries out, in their order. It knows no actor, no
+clock and no event loop: the time of each event is handed in.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TYPE_CHECKING, Final
+
+from mdm.messages import Cause
+
+if TYPE_CHECKING:
+    from mdm.messages import ModeName
+
+__all__ = ["AT_INPUT", "AT_STIMULUS", "WAYS_BACK", "Modes", "Order"]
+
+
+class Order(Enum):
+    """What the ensemble is to do.
+
+    Attributes:
+        ADMIT: Run what is decided from now on.
+        HALT: Cancel what lives, start nothing more, and tell when nothing lives.
+        SECURE: Cancel what lives, start nothing that was or is decided, and run the safe action when nothing lives.
+        RESUME: Decide again, after a safe mode.
+        IDLE: Tell those who wait for the end: the ensemble is stopped, and its safe action has ended.
+        EMERGENCY: Call what is left to do where the safe action has failed twice.
+    """
+
+    ADMIT = "admit"
+    HALT = "halt"
+    SECURE = "secure"
+    RESUME = "resume"
+    IDLE = "idle"
+    EMERGENCY = "emergency"
+
+
+WAYS_BACK: Final = {
+    "impossible_observation": "at once",
+    "deadline": "stimulus",
+    "state": "stimulus",
+    "policy": "stimulus",
+    "stale_input": "known",
+    "unknown_input": "known",
+    "action": "input",
+    "safe_action": "release",
+    "failure": "restart",
+    "end": "never",
+}
+"""What opens the way back from each cause, but for a person's `release`, which failures and the end do not heed."""
+
+AT_STIMULUS: Final = frozenset(cause for cause, way in WAYS_BACK.items() if way == "stimulus")
+"""Causes that are gone with the next stimulus, on which the ensemble then decides."""
+
+AT_INPUT: Final = AT_STIMULUS | {cause for cause, way in WAYS_BACK.items() if way == "input"}
+"""Causes that are gone with the next state or observation."""
+
+_FOR_GOOD = frozenset(cause for cause, way in WAYS_BACK.items() if way in {"restart", "never"})
+_TRIES = 2
+
+Orders = tuple[Order, ...]
+
+
+class Modes:
+    """The state machine.
+
+    Causes not in `WAYS_BACK` are a user's own: they hold until they are gone or released.
+
+    Attributes:
+        mode: The present one.
+        since: When it began.
+        causes: Why it is safe, by kind; each with its words and since when it holds. They outlast a cause that is gone
+            only while the mode does.
+        securing: Whether the safe action is due or runs.
+    """
+
+    __slots__ = ("_leaving", "_tries", "causes", "mode", "securing", "since")
+
+    def __init__(self, time: int = 0) -> None:
+        self.mode: ModeName = "stopped"
+        self.since = time
+        self.causes: dict[str, Cause] = {}
+        self.securing = False
+        self._tries = 0
+        self._leaving = False
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is no way back for this life of the ensemble."""
+        return not _FOR_GOOD.isdisjoint(self.causes)
+
+    # -- Events --------------------------------------------------------------------------------------------------
+
+    def start(self, time: int) -> Orders:
+        """The ensemble is to decide."""
+        if self.mode == "safe":
+            self._leaving = self._leaving and self.ended
+            return ()
+        if self.mode == "deciding" or self.ended:
+            return ()
+        self._enter("deciding", time)
+        return (Order.ADMIT,)
+
+    def stop(self, time: int) -> Orders:
+        """The ensemble is to decide no more; a safe action that is due or runs comes to its end first."""
+        if self.mode == "deciding":
+            self._enter("stopped", time)
+            return (Order.HALT,)
+        if self.mode == "safe":
+            self._leaving = True
+            return self._leave(time)
+        return ()
+
+    def endanger(self, kind: str, detail: str, time: int) -> Orders:
+        """Something went wrong."""
+        if self.mode == "stopped":
+            return ()
+        if self.mode == "safe" and not self.securing and WAYS_BACK.get(kind) == "at once":
+            return ()  # the robot is safe already, and nothing would ever take the cause away
+        self.causes.setdefault(kind, Cause(kind, detail, time))
+        return () if self.mode == "safe" else self._secure(time)
+
+    def end(self, time: int, kind: str = "end", detail: str = "the ensemble ends") -> Orders:
+        """There is no way back; the safe action runs once more, unless it is due or runs."""
+        self.causes.setdefault(kind, Cause(kind, detail, time))
+        return () if self.mode == "stopped" or self.securing else self._secure(time)
+
+    def gone(self, kinds: frozenset[str], time: int) -> Orders:
+        """Causes hold no more."""
+        if self.mode != "safe":
+            return ()
+        for kind in kinds - _FOR_GOOD:
+            self.causes.pop(kind, None)
+        return self._leave(time)
+
+    def release(self, time: int) -> Orders:
+        """A person says that it is over; a safe action that is due or runs comes to its end first."""
+        return self.gone(frozenset(self.causes), time)
+
+    def secured(self, failure: str | None, time: int) -> Orders:
+        """The safe action has ended, or failed."""
+        if not self.securing:
+            return ()
+        if failure is not None and self._tries < _TRIES:
+            self._tries += 1
+            return (Order.SECURE,)
+        self.securing = False
+        if failure is not None:
+            self.causes["safe_action"] = Cause("safe_action", failure, time)
+            return (Order.EMERGENCY, *self._leave(time))
+        self.causes.pop("impossible_observation", None)
+        return self._leave(time)
+
+    # -- Transitions ---------------------------------------------------------------------------------------------
+
+    def _enter(self, mode: ModeName, time: int) -> None:
+        self.mode, self.since = mode, time
+
+    def _secure(self, time: int) -> Orders:
+        if self.mode != "safe":
+            self._enter("safe", time)
+        self.securing = True
+        self._tries = 1
+        return (Order.SECURE,)
+
+    def _leave(self, time: int) -> Orders:
+        """Leave the safe mode where nothing holds it any more."""
+        if self.securing:
+            return ()
+        if self._leaving:
+            self._leaving = False
+            if not self.ended:
+                self.causes.clear()
+            self._enter("stopped", time)
+            return (Order.IDLE,)
+        if self.causes:
+            return ()
+        self._enter("deciding", time)
+        return (Order.RESUME,)

@@ -1,0 +1,325 @@
+"""Safety: carries out what the modes of an ensemble order, and tells of it.
+
+It notices what the layers report, asks the state machine of `mdm.actors.modes`, and obeys: the latch, the safe action,
+the way back. All of it happens in the very call that notices a cause.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, get_args
+
+from mdm.actors.control_layer import ControlOptions
+from mdm.actors.modes import Modes, Order
+from mdm.actors.waiting import Waiting
+from mdm.errors import ConfigError
+from mdm.messages import Fault, Mode, PredicateUpdate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from mdm.actors.ensemble import Ensemble
+    from mdm.actors.predicate_manager import PredicateManager
+    from mdm.messages import Cause
+
+__all__ = ["Reaction", "Safety", "SafetyOptions"]
+
+Reaction = Literal["safe", "continue"]
+
+_REACTIONS = ("on_failed_action", "on_lost_input", "on_unknown")
+
+
+class SafetyOptions(ControlOptions, total=False):
+    """What configures an ensemble's layers and modes: those of its control layer, see `ControlOptions`, and these.
+
+    Attributes:
+        safe_timeout: Seconds that the safe action may take (10 by default).
+        on_failed_action: An action that failed, timed out or was abandoned, where no predicate or event depends on that
+            end: ``safe`` (the default where there is a safe action) or ``continue``.
+        on_lost_input: A sensor's value that became older than its ``max_age``: the same two.
+        on_unknown: A state that turns unknown otherwise: the same two.
+        after_safe: What becomes of the belief where the safe action is none of the model's: it starts anew (``reset``,
+            the default), or goes on by prediction (``keep``).
+    """
+
+    safe_timeout: float
+    on_failed_action: Reaction | None
+    on_lost_input: Reaction | None
+    on_unknown: Reaction | None
+    after_safe: Literal["reset", "keep"]
+
+
+class Safety:
+    """The modes of one ensemble, and what they mean for its layers.
+
+    Args:
+        ensemble: Whose.
+        options: See `SafetyOptions`.
+
+    Attributes:
+        modes: The state machine.
+        waiting: Tells what an ensemble waits for that cannot decide.
+        runs: How often the safe action was begun, or begun anew.
+    """
+
+    def __init__(self, ensemble: Ensemble, options: SafetyOptions) -> None:
+        self.modes = Modes()
+        self.waiting = Waiting(ensemble)
+        self.runs = 0
+        self._ensemble = ensemble
+        self._has_safe_action = ensemble.action.safe is not None
+        self._reactions = {name: self._reaction(name, options.get(name)) for name in _REACTIONS}
+        self._keep = _keeps(options.get("after_safe", "reset"))
+        self._done = self._index_of_safe_action()
+        self._told: tuple[str, tuple[Cause, ...]] = ("stopped", ())
+        self._stale = False
+        self._base = 0
+        self._lost: set[str] = set()
+        self._ending = False
+        self._over = False
+        self._ended: list[Callable[[], None]] = []
+
+    def _reaction(self, name: str, given: object) -> bool:
+        """Whether a cause makes the ensemble safe."""
+        if given is not None and given not in get_args(Reaction):
+            raise ConfigError(f"{name} is 'safe' or 'continue', not {given!r}", key=name)
+        if given == "safe" and not self._has_safe_action:
+            raise ConfigError(f"{name} asks for the safe action, but there is none", key="safe_action")
+        return self._has_safe_action and given != "continue"
+
+    def _index_of_safe_action(self) -> int | None:
+        """The model's index of the safe action, where it is one of the model's and the agent is alone."""
+        action = self._ensemble.action
+        if action.safe is None or action.joint or action.safe not in action.bindings:
+            return None
+        return action.bindings.index(action.safe)
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Begin a life of the ensemble: stopped, with nothing from the one before."""
+        ensemble = self._ensemble
+        self.modes = Modes(ensemble.runtime.clock.now())
+        self._told = ("stopped", ())
+        self._ending = self._over = False
+        self._ended.clear()
+        self._lost.clear()
+        self._channel = ensemble.channel("mode", Mode, retain=True)
+        ensemble.control.guard = self
+        ensemble.action.alarm = self._on_failed_action
+        watched = self._watched()
+        if ensemble.predicates is not None and watched:
+            self._watch(ensemble.predicates, watched)
+
+    def _watched(self) -> frozenset[str]:
+        """The sensors with a largest age that this ensemble depends on."""
+        ensemble = self._ensemble
+        manager = ensemble.predicates
+        if manager is None:
+            return frozenset()
+        names = [name for factor in (ensemble.state.factors if ensemble.state else ()) for name in factor.predicates]
+        observed = ensemble.observation.factors if ensemble.observation else ()
+        names += [name for factor in observed for name in factor.events if name is not None]
+        return frozenset(sensor for name in names for sensor in manager.inputs_of(name) if sensor in manager.aged)
+
+    def _watch(self, manager: PredicateManager, watched: frozenset[str]) -> None:
+        def look(update: PredicateUpdate) -> None:
+            lost = watched.intersection(update.unknown)
+            self._lost |= lost
+            self._lost.difference_update(update.rising, update.falling)
+            if lost:
+                self._on_lost_input(lost, update.time)
+            elif not self._lost:
+                self.reopen(frozenset({"stale_input"}), update.time)
+
+        updates = self._ensemble.runtime.channel(f"{manager.path}/updates", PredicateUpdate)
+        self._ensemble.subscribe(updates, look, topics=watched)
+
+    # -- Commands ------------------------------------------------------------------------------------------------
+
+    @property
+    def deciding(self) -> bool:
+        """Whether the control layer may decide."""
+        return self.modes.mode == "deciding" and not self._ending
+
+    def start(self, time: int) -> None:
+        """Decide."""
+        if not self._ending:
+            self._obey(self.modes.start(time), time)
+
+    def stop(self, time: int) -> None:
+        """Decide no more."""
+        self._obey(self.modes.stop(time), time)
+
+    def release(self, time: int) -> None:
+        """Take a person's word that nothing holds any more."""
+        self._obey(self.modes.release(time), time)
+
+    # -- What the layers notice ----------------------------------------------------------------------------------
+
+    def alarm(self, fault: Fault) -> bool:
+        """Report a fault; where there is a safe action, go safe at once.
+
+        Returns:
+            Whether the ensemble is safe, so that nothing that was or is decided may start.
+        """
+        self._ensemble.runtime.faults.publish(fault)
+        if self._has_safe_action:
+            self._obey(self.modes.endanger(fault.kind, fault.detail, fault.time), fault.time)
+        return self.modes.mode == "safe"
+
+    def reopen(self, kinds: frozenset[str], time: int) -> None:
+        """Take causes as gone."""
+        if self.modes.mode == "safe":
+            self._obey(self.modes.gone(kinds, time), time)
+
+    def blind(self, time: int) -> None:
+        """Take it that no state is known: a cause where the ensemble has acted, else it waits."""
+        if not self.deciding:
+            return
+        if self._acted and not self._lost and self._reactions["on_unknown"]:
+            text = f"the state turned unknown: {', '.join(self.waiting.unknown()) or 'nobody tells it'}"
+            self.alarm(Fault(time, self._ensemble.path, "unknown_input", text))
+        else:
+            self.waiting.begin()
+
+    def _on_lost_input(self, lost: frozenset[str], time: int) -> None:
+        if not self.deciding or not self._acted:
+            return
+        fault = Fault(time, self._ensemble.path, "stale_input", f"input is too old: {', '.join(sorted(lost))}")
+        if self._reactions["on_lost_input"]:
+            self.alarm(fault)
+        else:
+            self._ensemble.runtime.faults.publish(fault)
+
+    def _on_failed_action(self, text: str) -> None:
+        if self.deciding and self._reactions["on_failed_action"]:
+            self._endanger("action", text)
+
+    @property
+    def _acted(self) -> bool:
+        """Whether an action has begun since the ensemble began to decide."""
+        return self._ensemble.action.started > self._base
+
+    def _endanger(self, kind: str, detail: str) -> None:
+        time = self._ensemble.runtime.clock.now()
+        self._obey(self.modes.endanger(kind, detail, time), time)
+
+    # -- Orders --------------------------------------------------------------------------------------------------
+
+    def _obey(self, orders: tuple[Order, ...], time: int) -> None:
+        action, control = self._ensemble.action, self._ensemble.control
+        if any(kind != "impossible_observation" for kind in self.modes.causes):
+            self._stale = True
+        for order in orders:
+            if order is Order.SECURE:
+                self.waiting.end()
+                self.runs += 1
+                control.hold(self._done)
+                action.secure(self._on_secured, patience=self._ensemble.settling)
+            elif order is Order.HALT:
+                self.waiting.end()
+                control.let_go()
+                action.halt(self._ensemble.became_idle)
+            elif order is Order.IDLE:
+                control.let_go()
+                self._ensemble.became_idle()
+            elif order is Order.EMERGENCY:
+                self._call_emergency(time)
+            else:
+                self._base = action.started
+                action.admit()
+                if order is Order.RESUME:
+                    self._resume(time)
+                self._stale = False
+        self._tell(time)
+
+    def _resume(self, time: int) -> None:
+        self._tell(time)
+        stale, self._stale = self._stale and self._done is None, False
+        self._ensemble.control.go_on(time, anew=stale and not self._keep, predict=stale or self._done is not None)
+        if self.deciding and self._ensemble.control.blind:
+            self.waiting.begin()
+
+    def _on_secured(self, failure: str | None) -> None:
+        now = self._ensemble.runtime.clock.now()
+        self._obey(self.modes.secured(failure, now), now)
+        if self._ending and not self.modes.securing:
+            self._finish()
+
+    def _call_emergency(self, time: int) -> None:
+        detail = f"the safe action failed twice: {self.modes.causes['safe_action'].detail}"
+        self._ensemble.report("safe_action", detail, time=time)
+        self._ensemble.runtime.emergency(f"ensemble {self._ensemble.path!r}: {detail}")
+
+    def _tell(self, time: int) -> None:
+        """Publish the mode and its causes, where they have changed."""
+        modes = self.modes
+        now = (modes.mode, tuple(modes.causes.values()))
+        if now != self._told:
+            self._told = now
+            message = Mode(time, self._ensemble.path, modes.mode, modes.since, now[1])
+            self._channel.publish(message)
+            self._ensemble.runtime.modes.publish(message)
+
+    # -- The end -------------------------------------------------------------------------------------------------
+
+    def end(self, kind: str, detail: str, ended: Callable[[], None]) -> None:
+        """Make all that is below safe, then this ensemble, with no way back; the outermost has the last word.
+
+        Args:
+            kind: The cause: ``end`` or ``failure``.
+            detail: In words.
+            ended: Called when it is done.
+        """
+        if self._over:
+            ended()
+            return
+        self._ended.append(ended)
+        if self._ending:
+            return
+        for safety in self._family():
+            safety.latch()
+        self._ending = True
+        waiting = len(self._ensemble.subensembles) + 1
+
+        def one() -> None:
+            nonlocal waiting
+            waiting -= 1
+            if not waiting:
+                self._end(kind, detail)
+
+        for child in self._ensemble.subensembles:
+            child.safety.end(kind, detail, one)
+        one()
+
+    def _end(self, kind: str, detail: str) -> None:
+        now = self._ensemble.runtime.clock.now()
+        if not self._has_safe_action:
+            self._obey(self.modes.stop(now), now)
+        self._obey(self.modes.end(now, kind, detail), now)
+        if not self.modes.securing:
+            self._ensemble.action.when_idle(self._finish)
+
+    def _finish(self) -> None:
+        if not self._over:
+            self._over = True
+            self._ensemble.became_idle()
+            ended, self._ended = self._ended, []
+            for tell in ended:
+                tell()
+
+    def latch(self) -> None:
+        """Let nothing more that was or is decided start."""
+        self._ensemble.control.running = False
+        self._ensemble.action.latch()
+
+    def _family(self) -> Iterator[Safety]:
+        yield self
+        for child in self._ensemble.subensembles:
+            yield from child.safety._family()  # noqa: SLF001 - one family
+
+
+def _keeps(after_safe: object) -> bool:
+    if after_safe not in {"reset", "keep"}:
+        raise ConfigError(f"after_safe is 'reset' or 'keep', not {after_safe!r}", key="after_safe")
+    return after_safe == "keep"

@@ -1,0 +1,177 @@
+"""The state machine of modes: its table, an exhaustive search of small worlds, and random long ones."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import settings, strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from mdm.actors.modes import AT_INPUT, AT_STIMULUS, WAYS_BACK, Modes, Order
+
+CAUSES = ("impossible_observation", "deadline", "stale_input", "action", "mine")
+EVENTS = {
+    "start": lambda modes, time: modes.start(time),
+    "stop": lambda modes, time: modes.stop(time),
+    "release": lambda modes, time: modes.release(time),
+    "secured": lambda modes, time: modes.secured(None, time),
+    "failed": lambda modes, time: modes.secured("it broke", time),
+    "end": lambda modes, time: modes.end(time),
+    "stimulus": lambda modes, time: modes.gone(AT_STIMULUS, time),
+    "input": lambda modes, time: modes.gone(AT_INPUT, time),
+    "known": lambda modes, time: modes.gone(frozenset({"stale_input"}), time),
+    **{cause: lambda modes, time, cause=cause: modes.endanger(cause, "words", time) for cause in CAUSES},
+}
+
+
+class World:
+    """What the layers would do: whether decisions start actions, and whether the safe action is under way."""
+
+    def __init__(self):
+        self.modes = Modes()
+        self.admits = False
+        self.safe_runs = False
+        self.tries = 0
+        self.emergencies = 0
+        self.time = 0
+
+    def apply(self, event):
+        before, ended = self.modes.mode, self.modes.ended
+        self.time += 1
+        if event in {"secured", "failed"}:
+            if not self.safe_runs:
+                return
+            self.safe_runs = False
+        for order in EVENTS[event](self.modes, self.time):
+            if order in {Order.ADMIT, Order.RESUME}:
+                assert not self.safe_runs, "a decision starts an action beside the safe action"
+                assert not self.modes.causes, "decides although a cause holds"
+                assert not ended, "there was no way back"
+                self.admits = True
+            elif order is Order.SECURE:
+                assert not self.safe_runs, "the safe action runs twice at once"
+                self.admits, self.safe_runs = False, True
+                self.tries = self.tries + 1 if event == "failed" else 1
+                assert self.tries <= 2
+            elif order is Order.EMERGENCY:
+                assert self.tries == 2
+                self.emergencies += 1
+            elif order is Order.HALT:
+                self.admits = False
+        after = self.modes.mode
+        assert self.admits == (after == "deciding")
+        assert self.safe_runs == self.modes.securing
+        assert not self.safe_runs or after == "safe"
+        if before == "deciding" and (event in CAUSES or event == "end"):
+            assert (after, self.safe_runs) == ("safe", True), "a cause did not start the safe action"
+        if before == "safe" and after == "deciding":
+            assert event in {"release", "secured", "stimulus", "input", "known"}
+        if after != before:
+            assert self.modes.since == self.time
+
+    @property
+    def key(self):
+        modes = self.modes
+        hidden = (modes._tries, modes._leaving)
+        return (modes.mode, frozenset(modes.causes), modes.securing, hidden, self.admits, self.safe_runs, self.tries)
+
+
+def test_every_small_world_keeps_the_latch():
+    import copy
+
+    frontier, seen = [World()], set()
+    while frontier:
+        world = frontier.pop()
+        for event in EVENTS:
+            following = copy.deepcopy(world)
+            following.apply(event)
+            if following.key not in seen:
+                seen.add(following.key)
+                frontier.append(following)
+    assert {key[0] for key in seen} == {"stopped", "deciding", "safe"}
+    assert len(seen) > 500
+
+
+class Machine(RuleBasedStateMachine):
+    def __init__(self):
+        super().__init__()
+        self.world = World()
+
+    @rule(event=st.sampled_from(sorted(EVENTS)))
+    def apply(self, event):
+        self.world.apply(event)
+
+    @invariant()
+    def a_safe_mode_has_a_reason(self):
+        modes = self.world.modes
+        assert modes.mode != "safe" or modes.causes or modes.securing
+
+
+Machine.TestCase.settings = settings(max_examples=50, stateful_step_count=60, deadline=None)
+TestMachine = Machine.TestCase
+
+
+def decide():
+    modes = Modes()
+    assert modes.start(0) == (Order.ADMIT,)
+    return modes
+
+
+@pytest.mark.parametrize(
+    ("cause", "gone"),
+    [
+        ("deadline", AT_STIMULUS),
+        ("state", AT_STIMULUS),
+        ("policy", AT_STIMULUS),
+        ("action", AT_INPUT),
+        ("stale_input", frozenset({"stale_input"})),
+        ("unknown_input", frozenset({"unknown_input"})),
+        ("lost_teammate", frozenset({"lost_teammate"})),
+    ],
+)
+def test_the_way_back_needs_both_the_safe_action_s_end_and_the_cause_s(cause, gone):
+    modes = decide()
+    assert modes.endanger(cause, "words", 1) == (Order.SECURE,)
+    assert modes.secured(None, 2) == ()
+    assert modes.gone(gone, 3) == (Order.RESUME,)
+    assert modes.endanger(cause, "words", 4) == (Order.SECURE,)
+    assert modes.gone(gone, 5) == ()
+    assert modes.secured(None, 6) == (Order.RESUME,)
+
+
+def test_several_causes_hold_together():
+    modes = decide()
+    modes.endanger("deadline", "late", 1)
+    assert modes.endanger("stale_input", "old", 2) == ()
+    modes.secured(None, 3)
+    assert modes.gone(AT_STIMULUS, 4) == ()
+    assert [(cause.kind, cause.since) for cause in modes.causes.values()] == [("stale_input", 2)]
+    assert modes.gone(frozenset({"stale_input"}), 5) == (Order.RESUME,)
+
+
+@pytest.mark.parametrize("kind", ["failure", "end"])
+def test_nobody_releases_a_failure_or_the_end(kind):
+    modes = decide()
+    assert modes.end(1, kind) == (Order.SECURE,)
+    modes.secured(None, 2)
+    assert modes.release(3) == ()
+    assert modes.mode == "safe"
+    assert modes.stop(4) == (Order.IDLE,)
+    assert modes.start(5) == ()
+
+
+def test_a_safe_action_that_fails_twice_is_an_emergency():
+    modes = decide()
+    modes.endanger("deadline", "late", 1)
+    assert modes.secured("broken", 2) == (Order.SECURE,)
+    assert modes.secured("broken", 3) == (Order.EMERGENCY,)
+    assert modes.gone(AT_STIMULUS, 4) == ()
+    assert modes.release(5) == (Order.RESUME,)
+
+
+def test_every_cause_of_the_table_has_its_way_back():
+    for cause, way in WAYS_BACK.items():
+        modes = decide()
+        modes.endanger(cause, "words", 1)
+        assert modes.secured(None, 2) == ((Order.RESUME,) if way == "at once" else ())
+        released = modes.release(3)
+        assert (released == (Order.RESUME,)) == (way not in {"at once", "restart", "never"})

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["Planner", "PlannerStatistics"]
 
 _PATIENCE = 0.1
+_SILENCE = 5.0
 _RESTART = Restart(limit=3, within=60.0, backoff=0.1)
 
 
@@ -65,7 +66,8 @@ class Planner(Layer):
     has died, which is reported; it is started anew, at most three times a minute. And it answers where the search has
     not by the deadline; what the search says later is dropped and counted. A deadline counts from the first question
     that is open, whatever comes after it. Without a fallback questions wait for the process, a missed deadline is
-    answered with no action, and a process that cannot be kept alive is this actor's failure.
+    answered with no action, and a process that cannot be kept alive is this actor's failure. Without a deadline a
+    question that is open for 5 seconds, and twice the search's own, is reported.
 
     Args:
         policy: The search, with its fallback.
@@ -90,6 +92,7 @@ class Planner(Layer):
         self._ready = anyio.Event()
         self._open: Question | None = None
         self._timer: Timer | None = None
+        self._silent = False
         self._virtual = False
         self._count = self._searched = self._fallbacks = self._superseded = self._late = 0
         self._expansions = self._processes = 0
@@ -109,6 +112,7 @@ class Planner(Layer):
         assert isinstance(self.parent, Layer)
         channel = self.parent.owner.channel
         self._process, self._open, self._timer = None, None, None
+        self._silent = False
         self._virtual = isinstance(self.runtime.clock, VirtualClock)
         self._found = Subscription(None, self, self._on_found)
         self._answers = channel("answer", Answer)
@@ -139,8 +143,12 @@ class Planner(Layer):
             self._send(self._process, question)
         elif self.policy.fallback is not None:
             self._fall_back()
-        if self._open is not None and self._timer is None and self.deadline is not None:
+        if self._open is None or self._timer is not None:
+            return
+        if self.deadline is not None:
             self._timer = self.call_at(question.time + round(self.deadline * 1e9), self._on_deadline)
+        elif not self._silent:
+            self._timer = self.call_at(question.time + round(self._patience * 1e9), self._on_silence)
 
     def _send(self, process: SearchProcess, question: Question) -> None:
         process.ask(question.number, *self.policy.belief_of(question.at), self._count)
@@ -163,6 +171,22 @@ class Planner(Layer):
         self.report("deadline", f"the search has no answer after {self.deadline} s: the fallback decides")
         self._fall_back()
 
+    @property
+    def _patience(self) -> float:
+        """Seconds after which a question without a deadline is reported."""
+        return 2 * (self.policy.seconds or 0.0) + _SILENCE
+
+    def _on_silence(self) -> None:
+        self._timer = None
+        if self._open is not None:
+            self._silent = True
+            state = "does not answer" if self._process is not None else "is not ready yet"
+            self.report(
+                "search",
+                f"a question is open for {self._patience:g} s: the process that searches {state}, and there is no "
+                f"deadline at which anything else decides",
+            )
+
     def _fall_back(self) -> None:
         """Let the fallback answer what is open, if there is one."""
         if self._open is not None and self.policy.fallback is not None:
@@ -171,6 +195,7 @@ class Planner(Layer):
     def _answer(self, action: int | None, source: Literal["search", "fallback", "nothing"]) -> None:
         assert self._open is not None
         question = self._open
+        self._silent = False
         self._forget()
         self._searched += source == "search"
         self._fallbacks += source == "fallback"

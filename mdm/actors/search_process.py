@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from mdm.runtime.frames import HEADER, frame, unframed
@@ -30,6 +31,8 @@ class SearchProcess:
     def __init__(self, policy: Deliberating) -> None:
         self._policy = policy
         self._process: asyncio.subprocess.Process | None = None
+        self._waiting: tuple[int, npt.NDArray[Any], npt.NDArray[Any], int] | None = None
+        self._sending: asyncio.Task[None] | None = None
 
     @property
     def pid(self) -> int | None:
@@ -51,12 +54,31 @@ class SearchProcess:
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             start_new_session=True,
         )
-        self._write(await asyncio.to_thread(frame, self._policy.parts()))
+        self._input.transport.set_write_buffer_limits(high=0)
+        self._input.write(await asyncio.to_thread(frame, self._policy.parts()))
         await self._receive()
 
     def ask(self, number: int, states: npt.NDArray[Any], weights: npt.NDArray[Any], count: int) -> None:
-        """Send a question, in place of one that is not answered yet; returns at once."""
-        self._write(frame((number, states, weights, count)))
+        """Send a question, in place of one that is not answered yet; returns at once.
+
+        Where the process does not read, the newest question alone waits.
+        """
+        self._waiting = (number, states, weights, count)
+        if self._sending is not None and not self._sending.done():
+            return
+        if self._input.transport.get_write_buffer_size():
+            self._sending = asyncio.get_running_loop().create_task(self._send_when_read())
+        else:
+            self._send()
+
+    def _send(self) -> None:
+        question, self._waiting = self._waiting, None
+        self._input.write(frame(question))
+
+    async def _send_when_read(self) -> None:
+        with suppress(ConnectionError):  # of which whoever waits for the answer learns
+            await self._input.drain()
+            self._send()
 
     async def answer(self) -> tuple[int, Found]:
         """Wait for the next answer: the question's number and the result.
@@ -72,6 +94,8 @@ class SearchProcess:
         process = self._process
         if process is None:
             return None
+        if self._sending is not None:
+            self._sending.cancel()
         if process.stdin is not None:
             process.stdin.close()  # which ends it by itself, even if nobody waits here any more
         try:
@@ -80,10 +104,11 @@ class SearchProcess:
             process.kill()
             return await process.wait()
 
-    def _write(self, data: bytes) -> None:
+    @property
+    def _input(self) -> asyncio.StreamWriter:
         assert self._process is not None
         assert self._process.stdin is not None
-        self._process.stdin.write(data)
+        return self._process.stdin
 
     async def _receive(self) -> Any:
         assert self._process is not None

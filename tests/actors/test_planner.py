@@ -370,3 +370,57 @@ def test_states_of_an_mdp():
     decisions, faults = run_virtual(main)
     assert decisions == [(0, "go"), (1, "stay")]
     assert "there is no symbol 7" in faults[0].detail
+
+
+def test_a_process_that_is_stopped_has_the_newest_question_alone_waiting(tiger):
+    policy = mdm.solvers.TreeSearch(tiger, expansions=1)
+    question = policy.belief_of(np.array([0.5, 0.5]))
+
+    async def main():
+        process = SearchProcess(policy)
+        try:
+            await process.start()
+            os.kill(process.pid, signal.SIGSTOP)
+            for number in range(5000):
+                process.ask(number, *question, number)
+            kept = process._process.stdin.transport.get_write_buffer_size()
+            os.kill(process.pid, signal.SIGCONT)
+            numbers = [(await process.answer())[0]]
+            while numbers[-1] < 4999:
+                numbers.append((await process.answer())[0])
+            return kept, numbers
+        finally:
+            await process.end()
+
+    kept, numbers = asyncio.run(asyncio.wait_for(main(), 60))
+    assert kept < 1000
+    assert numbers == sorted(set(numbers))
+    assert len(numbers) < 2000  # as many as a pipe holds
+
+
+def test_a_process_that_is_stopped_is_told_where_nothing_else_decides(tiger, monkeypatch):
+    monkeypatch.setattr("mdm.actors.planner._SILENCE", 0.2)
+
+    async def main(runtime):
+        one = ensemble(tiger, expansions=100)
+        await runtime.start(one)
+        answers = runtime.channel("tiger/answer", Answer).stream()
+        await one.ready()
+        await anext(answers)
+        faults = probe(runtime.faults)
+        os.kill(one.control.planner.pid, signal.SIGSTOP)
+        try:
+            for _ in range(2):
+                one.publish_observation(0)
+                while not faults:
+                    await asyncio.sleep(0.01)
+            told = len(faults)
+        finally:
+            os.kill(one.control.planner.pid, signal.SIGCONT)
+        await anext(answers)
+        return told, faults[0]
+
+    told, fault = live(main)
+    assert told == 1
+    assert (fault.source, fault.kind) == ("tiger/control/planner", "search")
+    assert fault.detail.startswith("a question is open for 0.2 s: the process that searches does not answer")

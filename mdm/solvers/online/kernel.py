@@ -105,8 +105,9 @@ def plant(
     tree.states[:length] = states
     tree.weights[:length] = weights
     if length > particles:
-        length = _drawn(tree, 0, length, particles, generator)
-    _add(tables, tree, length, -1, -1, 1.0, -1)
+        length = _drawn(tree, int(np.int64(0)), length, particles, generator)
+    none = int(np.int64(-1))
+    _add(tables, tree, length, none, none, 1.0, none)
 
 
 @compiled
@@ -126,7 +127,7 @@ def grow(tables: SearchTables, tree: SearchTree, generator: np.random.Generator,
     for done in range(count):
         if _settled(tree):
             return done
-        node = 0
+        node = int(np.int64(0))
         while tree.children[node, tree.best[node], 1] > 0:
             child, end = _children(tree, node, tree.best[node])
             node, widest = child, -1.0
@@ -178,7 +179,7 @@ def _back_up(tables: SearchTables, tree: SearchTree, node: int, action: int) -> 
 @compiled
 def _judge(tables: SearchTables, tree: SearchTree, node: int) -> None:
     """Find a node's best action and the error below it."""
-    best, most, least = 0, -np.inf, -np.inf
+    best, most, least = int(np.int64(0)), -np.inf, -np.inf
     for action in range(tree.upper.shape[1]):
         if tree.upper[node, action] > most:
             best, most = action, tree.upper[node, action]

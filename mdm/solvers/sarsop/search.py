@@ -229,7 +229,8 @@ def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray
         for k in range(begin, offset[symbol]):
             total += scratch.entry_weight[k]
         if total > 0.0:
-            child = add_node(layout, graph, scratch, informed, scratch.choice[symbol], begin, offset[symbol], total)
+            block = int(np.int64(scratch.choice[symbol]))
+            child = add_node(layout, graph, scratch, informed, block, begin, offset[symbol], total)
             graph.symbol[outcome] = symbol
             graph.chance[outcome] = total
             graph.child[outcome] = child
@@ -258,7 +259,7 @@ def _edge_upper(layout: Layout, graph: Graph, scratch: Scratch, edge: int) -> fl
     first = graph.first_outcome[edge]
     value = 0.0
     for k in range(first, first + graph.num_outcomes[edge]):
-        child = graph.child[k]
+        child = int(np.int64(graph.child[k]))
         refresh(graph, scratch, child)
         value += graph.chance[k] * graph.upper[child]
     value = min(graph.edge_upper[edge], graph.reward[edge] + layout.discount * value)
@@ -271,7 +272,7 @@ def _edge_lower(layout: Layout, graph: Graph, scratch: Scratch, edge: int) -> fl
     first = graph.first_outcome[edge]
     value = 0.0
     for k in range(first, first + graph.num_outcomes[edge]):
-        child = graph.child[k]
+        child = int(np.int64(graph.child[k]))
         refresh(graph, scratch, child)
         value += graph.chance[k] * graph.lower[child]
     return float(graph.reward[edge] + layout.discount * value)
@@ -300,7 +301,7 @@ def _back_up_vector(layout: Layout, graph: Graph, scratch: Scratch, node: int, a
     """Add the vector of doing an action at a belief and then what is best after each observation."""
     num_states = layout.rewards.shape[1]
     edge = graph.first_edge[node] + action
-    block = graph.block[node]
+    block = int(np.int64(graph.block[node]))
     first = graph.first_outcome[edge]
     last = first + graph.num_outcomes[edge]
     for k in range(first, last):
@@ -343,7 +344,7 @@ def backup(layout: Layout, graph: Graph, scratch: Scratch, node: int, step: floa
     edge = graph.first_edge[node]
     upper = -np.inf
     best = -np.inf
-    chosen = -1
+    chosen = int(np.int64(-1))
     refresh(graph, scratch, node)
     for action in range(graph.informed.shape[1]):
         if graph.num_outcomes[edge + action] >= 0 and graph.edge_upper[edge + action] >= graph.lower[node]:
@@ -475,7 +476,7 @@ def explore(  # noqa: C901 - one pass, no calls
             # The action of the greatest upper bound, found anew as often as looking closer makes it less.
             action = -1
             while True:
-                best = 0
+                best = int(np.int64(0))
                 for other in range(1, num_actions):
                     if graph.edge_upper[edge + other] > graph.edge_upper[edge + best]:
                         best = other
@@ -525,7 +526,7 @@ def explore(  # noqa: C901 - one pass, no calls
             if not _has_room(graph, room):
                 enough = False
                 break
-            node = scratch.path[i]
+            node = int(np.int64(scratch.path[i]))
             backup(layout, graph, scratch, node, step)
             _predicted(graph, node, scale[0], scale[1], scale[2], bins)
             _learn(graph, node)

@@ -1,0 +1,19 @@
+"""The steps of SARSOP, compiled."""
+
+from __future__ import annotations
+
+import pytest
+
+from mdm.models.compilation import can_compile
+from mdm.problems import tiger
+from mdm.solvers import solve
+from mdm.solvers.sarsop import search
+
+
+@pytest.mark.skipif(not can_compile(), reason="numba is not there, or MDM_COMPILE is 0")
+def test_each_step_is_compiled_once():
+    """A second type of an argument would double what its first user waits for."""
+    solve(tiger(), "sarsop", gap=1.0)
+    steps = {name: step.signatures for name, step in vars(search).items() if hasattr(step, "signatures")}
+    assert {name: len(signatures) for name, signatures in steps.items()} == dict.fromkeys(steps, 1)
+    assert "explore" in steps

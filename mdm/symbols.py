@@ -121,7 +121,7 @@ class Symbols:
             raise ModelError("the policy decides on states that it sees: it takes no belief")
         if isinstance(given, str | int | np.integer):
             if self.num_states is None:
-                raise ModelError("the policy goes by observations, and its nodes have no known values: give no belief")
+                raise ModelError("the nodes of the plan have no values: give no belief")
             certain: Vector = np.zeros(self.num_states)
             certain[self.state_index(given)] = 1
             return certain

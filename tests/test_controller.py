@@ -292,7 +292,7 @@ class Half:
         (QTable, None, {}, "not the class QTable: make one of it"),
         (7, None, {}, "a policy is an object of mdm.policies, the path of a file, a list"),
         ([0.5, 1.5], None, {}, "a policy is an object of mdm.policies"),
-        (Cautious(), None, {}, "needs the POMDP by which to track the belief, but there is none"),
+        (Cautious(), None, {}, "needs a POMDP to track the belief, but there is none"),
         (Cautious(), 7, {}, "a model is an MDP or POMDP, or the path of a file, not 7"),
         ([0, 1], None, {"horizn": 3}, "there is no option 'horizn'; did you mean 'horizon'?"),
         ([0, 1], None, {"horizon": 0}, "a horizon is at least 1 decision, not 0"),

@@ -1,4 +1,4 @@
-"""Which belief filter suits a model: by its size, how many of its probabilities are 0, and whether there is numba."""
+"""The choice of a belief filter: by the size and sparsity of the model, and whether numba is installed."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ if TYPE_CHECKING:
 __all__ = ["chosen_filter", "is_vast"]
 
 _ROWS = 10_000_000
-"""A factored model with more rows of T than these is asked for rows one by one."""
+"""The largest number of rows of T for which a factored model is flattened."""
 _FOLDED = 4_000_000
-"""So many numbers may be held as a dense matrix for each action and observation."""
+"""The largest total size of dense matrices, one per action and observation."""
 _SMALL = 128
-"""Up to so many states a dense matrix is as fast as any."""
+"""The number of states up to which a dense matrix is as fast as any."""
 _DENSE = 1 / 16
-"""From this part of non-zeros on a dense matrix is as fast as a compressed one."""
+"""The density of T from which a dense matrix is as fast as a CSR one."""
 _ARRANGED = 200_000_000
-"""So many numbers of CSR matrices may be held a second time, arranged for beliefs over all states."""
+"""The largest number of CSR entries that are copied for beliefs over all states."""
 _NARROW = 8
-"""A belief is held by its support while that is a smaller part of the states than one in so many."""
+"""The support is used while it is smaller than S divided by this."""
 _GATHERED = 5_000, 64
-"""By numpy alone: only for more states than the first, and one in so many as the second; it costs 40 µs at least."""
+"""Without numba, the least S for the support, and the divisor of S: a step costs at least 40 µs."""
 
 
 def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:
-    """Return the filter that suits a model best.
+    """Return the best filter for a model.
 
     Args:
         model: The POMDP.
-        fast: Whether to use numba; by default where it is there.
+        fast: Whether to use numba; by default if it is installed.
     """
     fast = can_compile() if fast is None else fast
     all_detected = model.false_negative is None
@@ -59,7 +59,7 @@ def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:
         return LikelyFilter(model, fast=fast)
     dynamics = Dynamics(model)
     wide = GroupedFilter if fast else CompressedFilter
-    if not all_detected or (not fast and size <= _GATHERED[0]):  # false negatives lead everywhere
+    if not all_detected or (not fast and size <= _GATHERED[0]):  # false negatives spread over all states
         return wide(dynamics)
     narrow = CompiledSupportFilter(dynamics) if fast else SupportFilter(dynamics)
     if held_numbers(dynamics) > _ARRANGED:
@@ -69,12 +69,12 @@ def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:
 
 
 def is_vast(model: POMDP) -> bool:
-    """Whether a factored model has too many rows of T to make matrices for belief updates alone."""
+    """Whether a factored model is too large to be flattened for belief tracking."""
     return isinstance(model, FactoredPOMDP) and len(model.state_space) * len(model.action_space) > _ROWS
 
 
 def _filled(model: POMDP) -> float:
-    """Return which part of T is not zero."""
+    """Return the density of T."""
     matrices = [model.transition_matrix(a) for a in range(len(model.action_space))]
     entries = sum(matrix.nnz if is_compressed(matrix) else int(np.count_nonzero(matrix)) for matrix in matrices)
     return entries / (len(matrices) * len(model.state_space) ** 2)

@@ -1,6 +1,6 @@
-"""Belief filters for large models: a product of a transposed CSR matrix with the belief, over all states.
+"""Belief filters for large models: products of transposed CSR matrices with a belief over all states.
 
-Cost of a step: O(non-zeros of T); by numba only of the rows of the states in which the observation is possible.
+Cost of a step: O(non-zeros of T); with numba, of the rows of next states in which the observation is possible.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _FOLDED = 4_000_000
 
 
 class _WideFilter:
-    """What filters over all states share: two arrays, of which one is the belief and the other the next one."""
+    """The base of filters over all states: one array for the belief, and one for the next."""
 
     is_sparse = False
 
@@ -39,10 +39,10 @@ class _WideFilter:
         self._resolvents = dynamics.resolvents
         self._total = 1.0
         self.size = 0
-        """How many states the belief gives weight to."""
+        """The size of the support of the belief."""
 
     def load(self, belief: Support) -> None:
-        """Begin from a belief."""
+        """Load a belief."""
         self._before[:] = 0
         self._before[belief.states] = belief.probabilities
         self._total = 1.0
@@ -55,28 +55,28 @@ class _WideFilter:
         return belief
 
     def support(self) -> Support:
-        """Return the belief by its support, as new arrays."""
+        """Return the support of the belief, as new arrays."""
         (states,) = self._before.nonzero()
         return Support(states, self._before[states] * (1 / self._total))
 
     def snapshot(self) -> Any:
-        """Return the belief as it is held."""
+        """Return the internal form of the belief."""
         return [self._before.tobytes(), self._total, self.size]
 
     def restore(self, snapshot: Any) -> None:
-        """Go on from a snapshot."""
+        """Restore a snapshot."""
         data, self._total, self.size = snapshot
         self._before = np.frombuffer(data).copy()
 
     def _reached(self, action: int, observation: int) -> Vector:
-        """Return the belief, moved along all the false negatives that may precede an observation."""
+        """Return the belief times the resolvent of the false negatives before an observation."""
         if self._false_negative is None or observation == self._false_negative:
             return self._before
         reached: Vector = self._resolvents[action].weights(self._before)
         return reached
 
     def _take(self, total: float, size: int) -> float:
-        """Go on from the next belief, whose sum is given; return by how much it is less than that of the present."""
+        """Accept the next belief, given its sum and support size; return the quotient of the two sums."""
         if not total > 0:
             return 0.0
         self._before, self._after = self._after, self._before
@@ -89,14 +89,13 @@ class _WideFilter:
 
 
 class CompressedFilter(_WideFilter):
-    """By scipy: with a matrix per action and observation where these fit, or else with T and then P(o | a, s').
+    """The filter by scipy: a matrix per action and observation if these fit, else T and then P(o | a, s').
 
     Args:
         dynamics: The model.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
-
         super().__init__(dynamics)
         self._transposed = once(dynamics.transition_matrices, lambda matrix: matrix.T.tocsr())
         self._joints: list[list[Matrix]] | None = None
@@ -119,11 +118,11 @@ class CompressedFilter(_WideFilter):
         return matrix
 
     def step(self, action: int, observation: int) -> float:
-        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        """Update by an action and an observation; return P(observation | belief, action)."""
         return self.step_any(action, (observation,))
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
-        """Take an action after which one of some observations was made, which one is not known; return P of that."""
+        """Update by an action and a set of possible observations; return their probability."""
         if self._joints is None:
             after = self._transposed[action] @ self._before
             after *= self._likelihood(action, observations)
@@ -135,12 +134,12 @@ class CompressedFilter(_WideFilter):
         return self._write(after)
 
     def predict(self, action: int) -> float:
-        """Take an action after which nothing is known; return 1."""
+        """Predict: update by an action without an observation; return 1."""
         return self._write(self._transposed[action] @ self._before)
 
     def _write(self, after: Vector) -> float:
         self._after = after
-        # Not a product with ones: BLAS would wake its threads for it, which can take longer than all the rest.
+        # Not a product with ones: waking the threads of BLAS can take longer than all the rest.
         return self._take(float(after.sum()), int(np.count_nonzero(after)))
 
     def _likelihood(self, action: int, observations: Sequence[int]) -> Vector:
@@ -154,14 +153,14 @@ class CompressedFilter(_WideFilter):
 
 
 class GroupedFilter(_WideFilter):
-    """By numba: the rows of a transposed matrix lie grouped by their lengths, see `belief_kernels.pull`.
+    """The filter by numba: rows of the transposed matrices are grouped by length, see `kernels.pull`.
 
     Args:
         dynamics: The model.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
-        from mdm.beliefs.kernels import pull  # noqa: PLC0415 - numba takes long to import
+        from mdm.beliefs.kernels import pull  # noqa: PLC0415 - numba is slow to import
 
         super().__init__(dynamics)
         self._pull: Any = pull
@@ -178,12 +177,12 @@ class GroupedFilter(_WideFilter):
         self.predict(0)  # compiled now, not at the first step
 
     def step(self, action: int, observation: int) -> float:
-        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        """Update by an action and an observation; return P(observation | belief, action)."""
         before = self._before if self._false_negative is None else self._reached(action, observation)
         return self._take(*self._pull(*self._moves[action][observation], before, self._after))
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
-        """Take an action after which one of some observations was made, which one is not known; return P of that."""
+        """Update by an action and a set of possible observations; return their probability."""
         moves = self._moves[action]
         if not self._dynamics.moves_by_joints:
             layout = self._layouts[action]
@@ -203,15 +202,15 @@ class GroupedFilter(_WideFilter):
         return self._take(float(after.sum()), int(np.count_nonzero(after)))
 
     def predict(self, action: int) -> float:
-        """Take an action after which nothing is known; return 1."""
+        """Predict: update by an action without an observation; return 1."""
         return self._take(*self._pull(*self._predictions[action], self._before, self._after))
 
 
 class _Layout:
-    """A CSR matrix transposed, its rows grouped by length; what `belief_kernels.pull` takes of it."""
+    """A transposed CSR matrix with rows grouped by length, as the arguments of `kernels.pull`."""
 
     def __init__(self, matrix: Matrix) -> None:
-        from mdm.beliefs.kernels import arrange  # noqa: PLC0415 - numba takes long to import
+        from mdm.beliefs.kernels import arrange  # noqa: PLC0415 - numba is slow to import
 
         size = matrix.shape[0]
         lengths = np.bincount(matrix.indices, minlength=size)
@@ -234,15 +233,15 @@ class _Layout:
         )
 
     def all_rows(self, places: npt.NDArray[np.uint32], likelihood: Vector) -> Any:
-        """Return what to pull along to all states, of equal likelihood."""
+        """Return the arguments for all next states, with their likelihood."""
         return (*self._arrays, self._first, places, likelihood)
 
     def some_rows(self, places: npt.NDArray[np.uint32], likelihood: Vector) -> Any:
-        """Return what to pull along to some states, by their places, with their likelihood."""
+        """Return the arguments for some next states, given by place, with their likelihood."""
         return (*self._arrays, np.searchsorted(places, self._first).astype(np.uint64), places, likelihood)
 
     def columns(self, observations: Matrix) -> list[Any]:
-        """Return what to pull along after each observation, of P(o | s'), S' x O."""
+        """Return the arguments for each observation, from P(o | s'), S' x O."""
         states = np.repeat(np.arange(observations.shape[0]), np.diff(observations.indptr))
         places = self._place[states]
         order = np.lexsort((places, observations.indices))
@@ -252,7 +251,7 @@ class _Layout:
 
 
 def held_numbers(dynamics: Dynamics) -> int:
-    """Return how many numbers the matrices hold by which a belief moves, the starts of their rows included."""
+    """Return the total size of the matrices of belief updates: entries and row starts."""
     moved = dynamics.transition_matrices
     if dynamics.moves_by_joints:
         moved = [matrix for matrices in dynamics.joint_matrices for matrix in matrices]
@@ -260,8 +259,8 @@ def held_numbers(dynamics: Dynamics) -> int:
 
 
 def unsigned(matrix: Matrix) -> tuple[Any, Any, Vector]:
-    """Return where the rows of a CSR matrix begin, its entries' columns, and the entries, as kernels take them."""
+    """Return the row starts, columns and entries of a CSR matrix, as the kernels take them."""
     columns = matrix.indices.view(np.uint32) if matrix.indices.dtype == np.int32 else matrix.indices.astype(np.uint32)
     data = matrix.data.view()
-    columns.flags.writeable = data.flags.writeable = False  # as those of models are: numba compiles for one kind
+    columns.flags.writeable = data.flags.writeable = False  # as in models: numba compiles for one kind
     return matrix.indptr.astype(np.uint64), columns, data

@@ -1,8 +1,8 @@
 """Belief filters for small or dense models: a product of the belief with a matrix.
 
-Cost of a step: O(S^2), or by numba O(S) for each state that the belief gives weight to. Without numba the products are
-BLAS's, which for some hundred states and more wakes threads of its own: on a busy machine that makes them up to ten
-times slower, unless ``OPENBLAS_NUM_THREADS=1`` is set in the environment.
+Cost of a step: O(S^2), or with numba O(S) per state of the support. Without numba the products are those of BLAS, which
+uses threads from some hundred states on. On a busy machine that makes them up to ten times slower, unless the
+environment has ``OPENBLAS_NUM_THREADS=1``.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ __all__ = ["CompiledFoldedFilter", "FoldedFilter", "LikelyFilter"]
 
 
 class _DenseFilter:
-    """What dense filters share: two arrays, of which one is the belief and the other the next one.
+    """The base of dense filters: one array for the belief, and one for the next.
 
-    An array that was handed out is not written to again: another takes its place.
+    An array that was handed out is replaced, never written to again.
     """
 
     is_sparse = False
@@ -40,19 +40,19 @@ class _DenseFilter:
         self._transitions = once(Dynamics(model).matrices, dense)
 
     def load(self, belief: Support) -> None:
-        """Begin from a belief."""
+        """Load a belief."""
         self._before = np.zeros(self._size)
         self._handed_out = False
         self._before[belief.states] = belief.probabilities
         self._total = 1.0
 
     def predict(self, action: int) -> float:
-        """Take an action after which nothing is known; return 1."""
+        """Predict: update by an action without an observation; return 1."""
         self._before.dot(self._transitions[action], self._after)
         return self._take(float(self._after.sum()))
 
     def dense(self) -> Vector:
-        """Return the belief as an array of S numbers, read-only, which never changes."""
+        """Return the belief as an immutable array of S numbers."""
         if self._total != 1:
             self._normalise()
         self._handed_out = True
@@ -60,22 +60,22 @@ class _DenseFilter:
         return self._before
 
     def support(self) -> Support:
-        """Return the belief by its support, as new arrays."""
+        """Return the support of the belief, as new arrays."""
         (states,) = self._before.nonzero()
         return Support(states, self._before[states] * (1 / self._total))
 
     def snapshot(self) -> Any:
-        """Return the belief as it is held."""
+        """Return the internal form of the belief."""
         return [self._before.tobytes(), self._total]
 
     def restore(self, snapshot: Any) -> None:
-        """Go on from a snapshot."""
+        """Restore a snapshot."""
         data, self._total = snapshot
         self._before = np.frombuffer(data).copy()
         self._handed_out = False
 
     def _take(self, total: float) -> float:
-        """Go on from the next belief, whose sum is given; return by how much it is less than that of the present."""
+        """Accept the next belief, given its sum; return the quotient of the two sums."""
         if not total > 0:
             return 0.0
         probability, self._total = total / self._total, total
@@ -94,7 +94,7 @@ class _DenseFilter:
 
 
 class FoldedFilter(_DenseFilter):
-    """Holds P(s', o | s, a) of each action and observation in one matrix, with the false negatives before it.
+    """A matrix P(s', o | s, a) per action and observation, including the false negatives before it.
 
     Args:
         model: The POMDP.
@@ -114,14 +114,14 @@ class FoldedFilter(_DenseFilter):
         self._ones = np.ones(len(model.state_space))
 
     def step(self, action: int, observation: int) -> float:
-        """Take an action and what was observed after it; return P(observation | belief, action)."""
-        # Hot path: a product with ones costs a third of a sum, and the belief is divided only when somebody asks.
+        """Update by an action and an observation; return P(observation | belief, action)."""
+        # Hot path: a product with ones costs a third of a sum, and the belief is normalised only on access.
         after = self._after
         self._before.dot(self._folded[action][observation], after)
         return self._take(after.dot(self._ones).item())
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
-        """Take an action after which one of some observations was made, which one is not known; return P of that."""
+        """Update by an action and a set of possible observations; return their probability."""
         after = self._after
         after[:] = 0
         for observation in observations:
@@ -130,22 +130,22 @@ class FoldedFilter(_DenseFilter):
 
 
 class CompiledFoldedFilter(FoldedFilter):
-    """The same by numba: half the time for a few states, and states without weight cost nothing.
+    """The same by numba: half the time for a few states, and states outside the support cost nothing.
 
-    Its belief is always normalised: in a compiled loop that costs less than to find out later that it is not.
+    Its belief is always normalised: in a compiled loop that is cheaper than a check on access.
     """
 
     def __init__(self, model: POMDP) -> None:
-        from mdm.beliefs.kernels import move_normalised  # noqa: PLC0415 - numba takes long to import
+        from mdm.beliefs.kernels import move_normalised  # noqa: PLC0415 - numba is slow to import
 
         super().__init__(model)
         self._move = move_normalised
-        for _ in range(2):  # compiled now, not at the first step: from a belief of ours, and from one handed out
+        for _ in range(2):  # compiled now, not at the first step: for a writeable and for a read-only belief
             self._move(self._folded[0][0], self._before, self._after)
             self.dense()
 
     def step(self, action: int, observation: int) -> float:
-        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        """Update by an action and an observation; return P(observation | belief, action)."""
         total = self._move(self._folded[action][observation], self._before, self._after)
         if not total > 0:
             return 0.0
@@ -153,7 +153,7 @@ class CompiledFoldedFilter(FoldedFilter):
         return total
 
     def _take(self, total: float) -> float:
-        """Go on from the next belief, whose sum is given."""
+        """Accept the next belief, given its sum, and normalise it."""
         probability = super()._take(total)
         if self._total != 1:
             self._normalise()
@@ -161,10 +161,10 @@ class CompiledFoldedFilter(FoldedFilter):
 
 
 class LikelyFilter(_DenseFilter):
-    """Multiplies with T, and the result with P(o | a, s'): for models of which not all can be held folded.
+    """Multiplies by T and then by P(o | a, s'), for models too large for a matrix per action and observation.
 
     Args:
-        model: A POMDP whose observations tell of states.
+        model: A POMDP without event observations.
         fast: Whether to use numba.
     """
 
@@ -173,19 +173,19 @@ class LikelyFilter(_DenseFilter):
         self._likelihoods = Dynamics(model).likelihoods
         self._move = None
         if fast:
-            from mdm.beliefs.kernels import move_likely  # noqa: PLC0415 - numba takes long to import
+            from mdm.beliefs.kernels import move_likely  # noqa: PLC0415 - numba is slow to import
 
             self._move = move_likely
-            for _ in range(2):  # compiled now, not at the first step: from a belief of ours, and from one handed out
+            for _ in range(2):  # compiled now, not at the first step: for a writeable and for a read-only belief
                 self._move(self._transitions[0], self._likelihoods[0][0], self._before, self._after)
                 self.dense()
 
     def step(self, action: int, observation: int) -> float:
-        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        """Update by an action and an observation; return P(observation | belief, action)."""
         return self._step(action, self._likelihoods[action][observation])
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
-        """Take an action after which one of some observations was made, which one is not known; return P of that."""
+        """Update by an action and a set of possible observations; return their probability."""
         return self._step(action, self._likelihoods[action][list(observations)].sum(axis=0))
 
     def _step(self, action: int, likelihood: Vector) -> float:

@@ -1,6 +1,6 @@
-"""Belief filters that hold a belief by its support: the states that it gives weight to, and how much.
+"""Belief filters by support: the states of non-zero probability.
 
-Cost of a step: O(non-zeros of the rows of T of these states), however many states the model has.
+Cost of a step: O(non-zeros of their rows of T), however many states the model has.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ __all__ = ["CompiledSupportFilter", "SupportFilter"]
 
 
 class SupportFilter:
-    """By numpy: gathers the rows of the states that the belief gives weight to.
+    """The filter by numpy: gathers the rows of the support.
 
     Args:
-        dynamics: The model, without false negatives: these lead everywhere.
+        dynamics: The model, without false negatives: these spread over all states.
     """
 
     is_sparse = True
@@ -39,19 +39,19 @@ class SupportFilter:
         self._values = np.empty(0)
         self._total = 1.0
         self.size = 0
-        """How many states the belief gives weight to."""
+        """The size of the support of the belief."""
 
     def load(self, belief: Support) -> None:
-        """Begin from a belief."""
+        """Load a belief."""
         self._keep(belief.states, belief.probabilities)
         self._total = 1.0
 
     def step(self, action: int, observation: int) -> float:
-        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        """Update by an action and an observation; return P(observation | belief, action)."""
         return self.step_any(action, (observation,))
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
-        """Take an action after which one of some observations was made, which one is not known; return P of that."""
+        """Update by an action and a set of possible observations; return their probability."""
         if self._dynamics.moves_by_joints:
             joints = self._dynamics.joint_matrices[action]
             parts = [_entries(joints[o], self._states[: self.size]) for o in observations]
@@ -65,7 +65,7 @@ class SupportFilter:
         return self._write(states, values)
 
     def predict(self, action: int) -> float:
-        """Take an action after which nothing is known; return 1."""
+        """Predict: update by an action without an observation; return 1."""
         return self._write(
             *self._summed([_entries(self._dynamics.transition_matrices[action], self._states[: self.size])])
         )
@@ -75,23 +75,23 @@ class SupportFilter:
         return self.support().dense(self._dynamics.num_states)
 
     def support(self) -> Support:
-        """Return the belief by its support, as new arrays."""
+        """Return the support of the belief, as new arrays."""
         size = self.size
         return Support(self._states[:size].astype(np.intp), self._values[:size] * (1 / self._total))
 
     def snapshot(self) -> Any:
-        """Return the belief as it is held."""
+        """Return the internal form of the belief."""
         size = self.size
         return [self._states[:size].astype(np.int64).tobytes(), self._values[:size].tobytes(), self._total]
 
     def restore(self, snapshot: Any) -> None:
-        """Go on from a snapshot."""
+        """Restore a snapshot."""
         states, values, total = snapshot
         self._keep(np.frombuffer(states, np.int64), np.frombuffer(values).copy())
         self._total = total
 
     def _summed(self, parts: list[tuple[npt.NDArray[np.intp], Any, Vector]]) -> tuple[npt.NDArray[Any], Vector]:
-        """Return the states that entries of rows lead to, and the belief's weights that reach each."""
+        """Return the next states, and the weight of each."""
         reached = np.concatenate([targets for _, targets, _ in parts])
         weights = np.concatenate([self._values[of] * data for of, _, data in parts])
         states, place = np.unique(reached, return_inverse=True)
@@ -110,7 +110,7 @@ class SupportFilter:
         self._states, self._values, self.size = states, values, len(states)
 
     def _take(self, total: float) -> float:
-        """Go on from a belief whose sum is given; return by how much it is less than that of the one before."""
+        """Accept the next belief, given its sum; return the quotient of the two sums."""
         probability, self._total = total / self._total, total
         if total < TINY:
             self._values[: self.size] /= total
@@ -119,19 +119,19 @@ class SupportFilter:
 
 
 class CompiledSupportFilter(SupportFilter):
-    """The same by numba, see `belief_kernels.push`: a step takes a microsecond or two for twenty states.
+    """The same by numba, see `kernels.push`: a step takes a microsecond or two for twenty states.
 
     Args:
         dynamics: The model, without false negatives.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
-        from mdm.beliefs.kernels import push  # noqa: PLC0415 - numba takes long to import
+        from mdm.beliefs.kernels import push  # noqa: PLC0415 - numba is slow to import
 
         super().__init__(dynamics)
         self._push: Any = push
         size = dynamics.num_states
-        # Memory that nobody writes to takes none: of all these only the pages where beliefs come by.
+        # The operating system allocates only the pages that are written to.
         self._states, self._next_states = np.empty(size, np.uint32), np.empty(size, np.uint32)
         self._values, self._next_values = np.empty(size), np.empty(size)
         self._sums = np.zeros(size)
@@ -153,11 +153,11 @@ class CompiledSupportFilter(SupportFilter):
         self._run(self._moves[0][0])  # compiled now, not at the first step
 
     def step(self, action: int, observation: int) -> float:
-        """Take an action and what was observed after it; return P(observation | belief, action)."""
+        """Update by an action and an observation; return P(observation | belief, action)."""
         return self._run(self._moves[action][observation])
 
     def predict(self, action: int) -> float:
-        """Take an action after which nothing is known; return 1."""
+        """Predict: update by an action without an observation; return 1."""
         return self._run(self._predictions[action])
 
     def _run(self, move: tuple[Any, ...]) -> float:
@@ -182,7 +182,7 @@ class CompiledSupportFilter(SupportFilter):
 
 
 def _entries(matrix: Matrix, rows: npt.NDArray[Any]) -> tuple[npt.NDArray[np.intp], npt.NDArray[Any], Vector]:
-    """Return the entries of some rows of a CSR matrix: to which of the rows each belongs, its column, itself."""
+    """Return the entries of some rows of a CSR matrix: place of the row, column, value."""
     starts = matrix.indptr[rows]
     lengths = matrix.indptr[rows + 1] - starts
     of = np.repeat(np.arange(len(rows)), lengths)

@@ -1,4 +1,4 @@
-"""Policies: from what is known of the state to an action, one module a kind."""
+"""Policies: functions from information states to actions, one module per kind."""
 
 from __future__ import annotations
 
@@ -52,4 +52,4 @@ PACKABLE: dict[str, type[Packable]] = {
         StochasticPolicy,
     )
 }
-"""The kinds of policies that files hold, by their names there."""
+"""The kinds of policies that files can hold, by their names in them."""

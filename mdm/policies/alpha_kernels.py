@@ -1,4 +1,4 @@
-"""The values of many alpha vectors at a belief, for numba: rows of few states are read where they lie, not copied."""
+"""The values of alpha vectors at a belief, for numba: the rows of a support are read in place, not copied."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def at_belief(by_state: Vector, belief: Vector) -> Vector:
 
 @compiled
 def at_support(by_state: Vector, states: Any, weights: Vector) -> Vector:
-    """Return the values of N vectors at a belief in a few states."""
+    """Return the values of N vectors at a belief, given by its support."""
     if states.size != weights.size:
         raise IndexError("each state has one weight")
     for index in range(states.size):

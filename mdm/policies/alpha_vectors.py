@@ -2,8 +2,7 @@
 
 V(b) = max over vectors of alpha . b, and the action is that of the maximal vector (R. D. Smallwood and E. J. Sondik,
 *The optimal control of partially observable Markov processes over a finite horizon*, Operations Research 21, 1973).
-A choice costs one product of the N x S matrix with the belief; of large ones only of the columns of the states that
-the belief gives weight to.
+A choice costs one product of the N x S matrix with the belief; of a large matrix only of the columns of the support.
 """
 
 from __future__ import annotations
@@ -33,21 +32,27 @@ if TYPE_CHECKING:
 __all__ = ["AlphaVectors"]
 
 _LARGE = 20_000
-"""From so many numbers on it pays to look for the states that a belief gives weight to."""
+"""The number of entries from which it pays to look for the support."""
 
 
 class AlphaVectors(BeliefPolicy):
-    """Chooses the action of the vector that is maximal at a belief; of equal ones, the lowest action.
+    """Chooses the action of the maximal vector at a belief; of equal ones, the lowest action.
 
     A belief is an array of S numbers, or its `Support`, at a cost that does not grow with S.
 
     Args:
         vectors: N x S.
         actions: The N vectors' actions.
-        num_actions: How many actions there are; by default one more than the largest.
+        num_actions: The number of actions; by default one more than the largest.
 
     Raises:
         ModelError: If shapes do not fit or a number is not finite.
+
+    Example::
+
+        policy = mdm.policies.AlphaVectors([[1, -1], [0, 0]], actions=[1, 0])
+        policy.action([0.9, 0.1])  # 1
+        policy.value([0.9, 0.1])  # 0.8
     """
 
     kind: ClassVar[str] = "alpha"
@@ -73,9 +78,9 @@ class AlphaVectors(BeliefPolicy):
                 f"0 to {self.num_actions - 1}"
             )
         self.num_states = matrix.shape[1]
-        # In the order of their actions, so that the first maximum is that of the lowest action.
+        # Sorted by action, so that the first maximum has the lowest action.
         order = np.argsort(np.asarray(actions), kind="stable")
-        # A row for each state, so that those of few states lie side by side.
+        # A row per state, so that the rows of a support are contiguous.
         self._by_state = np.ascontiguousarray(matrix[order].T)
         self._by_state.setflags(write=False)
         self.vectors = self._by_state.T
@@ -87,7 +92,7 @@ class AlphaVectors(BeliefPolicy):
             self._at_belief, self._at_support = at_belief, at_support
             one = Support(np.zeros(1, np.intp), np.ones(1))
             for belief in (one, one.dense(self.num_states), np.zeros(self.num_states)):
-                self._at(belief)  # compiled now, not at the first choice; once more for arrays that can be written to
+                self._at(belief)  # compiled now, not at the first choice; also for writeable arrays
         self.actions: list[int] = [int(actions[index]) for index in order]
 
     def action(self, belief: npt.NDArray[np.float64] | Support) -> int:
@@ -96,7 +101,7 @@ class AlphaVectors(BeliefPolicy):
         Raises:
             ModelError: If the belief is not over the policy's states.
         """
-        # Hot path: methods of arrays, at half the cost of numpy's functions.
+        # Hot path: array methods cost half of numpy's functions.
         if self._is_large or belief.__class__ is Support:
             return self.actions[self._at(belief).argmax()]
         try:
@@ -114,7 +119,7 @@ class AlphaVectors(BeliefPolicy):
         return float(self._at(belief).max())
 
     def q_values(self, belief: npt.NDArray[np.float64] | Support) -> npt.NDArray[np.float64]:
-        """Return the value of each action at a belief; -inf for an action without vectors, which is never chosen.
+        """Return the value of each action at a belief; -inf for an action without vectors.
 
         Raises:
             ModelError: If the belief is not over the policy's states.
@@ -129,11 +134,11 @@ class AlphaVectors(BeliefPolicy):
         return chosen
 
     def facts(self) -> dict[str, int | None]:
-        """Return its sizes, by name."""
+        """Return its sizes by name."""
         return {**super().facts(), "vectors": len(self.vectors)}
 
     def batch(self, model: MDP) -> Batch | None:
-        """Return its decisions for many episodes at once."""
+        """Return its decisions for a batch of episodes."""
         return BeliefBatch(self, model) if isinstance(model, POMDP) else None
 
     def packed(self) -> Packed:
@@ -142,7 +147,7 @@ class AlphaVectors(BeliefPolicy):
 
     @classmethod
     def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
-        """Return the policy that was packed."""
+        """Return a packed policy."""
         return cls(arrays["vectors"], listed(arrays["actions"]), sizes["actions"])
 
     def _at(self, belief: npt.NDArray[np.float64] | Support) -> npt.NDArray[np.float64]:
@@ -164,7 +169,9 @@ class AlphaVectors(BeliefPolicy):
 
     def _refuse(self, belief: npt.NDArray[np.float64] | Support) -> NoReturn:
         if isinstance(belief, Support):
-            raise ModelError(f"the policy is for beliefs over {self.num_states} states, not over others") from None
+            raise ModelError(
+                f"the policy is for beliefs over {self.num_states} states: a state of the belief is none of them"
+            ) from None
         shape = np.shape(belief)
         raise ModelError(f"the policy is for beliefs of {self.num_states} numbers, not of shape {shape}") from None
 
@@ -172,7 +179,7 @@ class AlphaVectors(BeliefPolicy):
 def _at_belief(by_state: npt.NDArray[np.float64], belief: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Return the values of N vectors, given as S x N, at a belief."""
     (states,) = belief.nonzero()
-    if len(states) * 4 < len(belief):  # beyond that, copying their rows costs more than it saves
+    if len(states) * 4 < len(belief):  # for a larger support, copying the rows costs more than it saves
         return _at_support(by_state, states, belief[states])
     values: npt.NDArray[np.float64] = belief.dot(by_state)
     return values
@@ -181,8 +188,8 @@ def _at_belief(by_state: npt.NDArray[np.float64], belief: npt.NDArray[np.float64
 def _at_support(
     by_state: npt.NDArray[np.float64], states: npt.NDArray[np.intp], weights: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Return the values of N vectors at a belief in a few states."""
-    if states.min(initial=0) < 0:  # which would count from the end
+    """Return the values of N vectors at a belief, given by its support."""
+    if states.min(initial=0) < 0:  # a negative index
         raise IndexError
     values: npt.NDArray[np.float64] = weights.dot(by_state.take(states, 0))
     return values

@@ -1,4 +1,4 @@
-"""Decisions of many episodes at once: what each of them does next, as arrays."""
+"""Decisions of a batch of episodes, as arrays."""
 
 from __future__ import annotations
 
@@ -19,38 +19,38 @@ if TYPE_CHECKING:
 __all__ = ["ENDED", "Batch", "BeliefBatch", "ProbabilityBatch", "TableBatch"]
 
 ENDED = -1
-"""In place of an action, where a plan ends."""
+"""Stands for the action after the end of a plan."""
 
 
 class Batch(Protocol):
-    """The decisions of many episodes."""
+    """The decisions of a batch of episodes."""
 
     def begin(self, states: Indices, numbers: Vector) -> Indices:
-        """Return the first actions of episodes that begin in some states; `ENDED` where a plan has none."""
+        """Return the first actions of episodes that begin in some states; `ENDED` for an empty plan."""
         ...
 
     def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:
         """Return the next actions of some episodes.
 
         Args:
-            episodes: Their places among those that go on.
-            states: Where each is now.
-            actions: What it did.
-            seen: What it observed then.
-            numbers: From [0, 1), for policies that draw.
+            episodes: Their indices among the running episodes.
+            states: The present state of each.
+            actions: Its last action.
+            seen: The observation after it.
+            numbers: From [0, 1), for stochastic policies.
         """
         ...
 
     def keep(self, which: npt.NDArray[np.bool_]) -> None:
-        """Drop the other episodes."""
+        """Keep some episodes, and drop the others."""
         ...
 
 
 class TableBatch:
-    """Decisions by tables of actions, one for each decision or one for all.
+    """Decisions by tables of actions, one per stage.
 
     Args:
-        tables: H x S actions; the last one serves all later decisions.
+        tables: H x S actions; the last row serves all later stages.
     """
 
     def __init__(self, tables: Indices) -> None:
@@ -64,7 +64,7 @@ class TableBatch:
         return first
 
     def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
-        """Return the next actions; every step of time has a decision, so all episodes are at the same stage."""
+        """Return the next actions; every time step has a decision, so all episodes are at the same stage."""
         self._stage = min(self._stage + 1, len(self._tables) - 1)
         following: Indices = self._tables[self._stage, states]
         return following
@@ -74,7 +74,7 @@ class TableBatch:
 
 
 class ProbabilityBatch:
-    """Decisions that are drawn.
+    """Decisions drawn at random.
 
     Args:
         weights: The probability of each action in each state, A x S.
@@ -101,7 +101,7 @@ class BeliefBatch:
     """Decisions of a policy over beliefs, which are tracked as a matrix.
 
     Args:
-        policy: The policy, by its ``actions_at``.
+        policy: The policy, with ``actions_at``.
         model: The model.
     """
 

@@ -1,4 +1,4 @@
-"""The policy that always does the same: a baseline, and what an agent without a plan falls back to."""
+"""The policy that always chooses the same action: a baseline, and a fallback."""
 
 from __future__ import annotations
 
@@ -23,12 +23,16 @@ class ConstantPolicy(Unknowing):
 
     Args:
         action: The action's index.
-        num_actions: How many actions there are.
-        num_states: How many states the model has.
-        input: What it is asked with: a ``state``, or a ``belief``.
+        num_actions: The number of actions.
+        num_states: The number of states.
+        input: The input of `action`: a ``state`` or a ``belief``.
 
     Raises:
-        ModelError: If there is no such action or no state, or it is to be asked with something else.
+        ModelError: If there is no such action, no state, or no such input.
+
+    Example::
+
+        mdm.policies.ConstantPolicy(1, num_actions=3, num_states=2).action([0.5, 0.5])  # 1
     """
 
     form = "always the same action"
@@ -56,6 +60,6 @@ class ConstantPolicy(Unknowing):
         result[self._action] = 1
         return result
 
-    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - nothing of it matters
-        """Return its decisions for many episodes at once."""
+    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - the action is enough
+        """Return its decisions for a batch of episodes."""
         return TableBatch(np.full((1, self.num_states), self._action))

@@ -1,8 +1,8 @@
-"""Finite-state controllers: a graph whose nodes are actions and whose edges are observations.
+"""Finite-state controllers: graphs with an action per node and an edge per observation.
 
-A controller does what its node says and moves along the edge of what it then observes; it needs no belief. Policy
-graphs of exact solvers have this form, and so do policy trees (E. A. Hansen, *Solving POMDPs by searching in policy
-space*, UAI 1998). A step costs one look-up.
+A controller executes the action of its node and follows the edge of the observation; it needs no belief. Policy graphs
+and policy trees have this form (E. A. Hansen, *Solving POMDPs by searching in policy space*, UAI 1998). A step costs
+one look-up.
 """
 
 from __future__ import annotations
@@ -31,19 +31,25 @@ __all__ = ["FiniteStateController"]
 
 
 class FiniteStateController(Plan):
-    """Nodes with an action each, and for each observation the node that follows.
+    """A graph of nodes, each with an action, and a successor per observation.
 
-    It holds no node of its own: whoever runs it keeps the node and asks for the next.
+    It is immutable, and does not hold the present node: a `Controller` does.
 
     Args:
         actions: The N nodes' actions.
-        successors: N rows of a node per observation; None where an observation cannot occur or the plan ends.
-        num_actions: How many actions there are; by default one more than the largest.
-        values: N x S, the value of starting in each node from each state, where that is known.
-        start: The node to begin with where no belief chooses one.
+        successors: A row per node, with a node per observation; None if the observation is impossible or the plan ends.
+        num_actions: The number of actions; by default one more than the largest.
+        values: The value of each node in each state, N x S, if known.
+        start: The first node, unless a belief and ``values`` choose one.
 
     Raises:
         ModelError: If sizes do not fit, an action or node does not exist, or a value is not finite.
+
+    Example::
+
+        # Action 0 until observation 1, then action 1 for ever.
+        policy = mdm.policies.FiniteStateController([0, 1], [[0, 1], [1, 1]])
+        policy.next_node(0, 1)  # 1
     """
 
     kind: ClassVar[str] = "controller"
@@ -78,17 +84,17 @@ class FiniteStateController(Plan):
 
     @property
     def controllers(self) -> tuple[FiniteStateController, ...]:
-        """The controller alone."""
+        """The controller itself."""
         return (self,)
 
     def joined(self) -> FiniteStateController:
-        """Return the controller itself, as a team's would be joined."""
+        """Return the controller itself."""
         return self
 
     def mismatch(self, model: MDP) -> str | None:
-        """Return what keeps it from being one for a model, as a sentence; None where it is."""
+        """Return why it does not fit a model, as a sentence; None if it fits."""
         if not isinstance(model, POMDP):
-            return "the policy goes by observations, but the model has none"
+            return "the policy needs observations, but the model has none"
         ours, theirs = (
             (self.num_actions, self.num_observations),
             (len(model.action_space), len(model.observation_space)),
@@ -100,11 +106,11 @@ class FiniteStateController(Plan):
         return None
 
     def value_at(self, belief: Vector) -> float | None:
-        """Return the value of the best node at a belief; None where the nodes' values are not known."""
+        """Return the value of the best node at a belief; None if the nodes have no values."""
         return None if self.values is None else self.value(belief)
 
     def facts(self) -> dict[str, Any]:
-        """Return its sizes, by name."""
+        """Return its sizes by name."""
         return {**super().facts(), "observations": self.num_observations, "nodes": self.num_nodes}
 
     def packed(self) -> Packed:
@@ -120,7 +126,7 @@ class FiniteStateController(Plan):
 
     @classmethod
     def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
-        """Return the policy that was packed."""
+        """Return a packed policy."""
         table = arrays["successors"]
         if table.ndim != 2:
             raise ModelError(f"successors are a nodes x observations array, not one of shape {table.shape}")
@@ -134,7 +140,7 @@ class FiniteStateController(Plan):
 
     @property
     def num_states(self) -> int | None:  # type: ignore[override]
-        """How many states its values are for; None where it has none."""
+        """The number of states of its values; None if it has none."""
         return None if self.values is None else self.values.shape[1]
 
     def action_at(self, node: int) -> int:
@@ -143,7 +149,7 @@ class FiniteStateController(Plan):
         return self.actions[node]
 
     def next_node(self, node: int, observation: int) -> int | None:
-        """Return the node that follows; None where the observation cannot occur or the plan ends."""
+        """Return the next node; None if the observation is impossible or the plan ends."""
         self._check_node(node)
         if not 0 <= observation < self.num_observations:
             raise ModelError(
@@ -152,7 +158,7 @@ class FiniteStateController(Plan):
         return self.successors[node][observation]
 
     def is_last(self, node: int) -> bool:
-        """Return whether a plan ends with this node: no observation leads on."""
+        """Return whether a node is the last of a plan, without successors."""
         self._check_node(node)
         return node in self._last
 
@@ -162,19 +168,19 @@ class FiniteStateController(Plan):
 
     @cached_property
     def horizon(self) -> int | None:  # type: ignore[override]
-        """How many decisions the longest way has; None where one goes in a circle.
+        """The number of decisions on the longest path; None if there is a cycle.
 
-        Ways begin at ``start``, or where values let any node be the first, at any.
+        Paths begin at ``start``, or at any node if the nodes have values.
         """
         reached = dict.fromkeys([self.start] if self.values is None else range(self.num_nodes), 0)
         nodes = list(reached)
-        for node in nodes:  # which grows meanwhile
+        for node in nodes:  # it grows meanwhile
             for after in self._following(node):
                 if after not in reached:
                     nodes.append(after)
                 reached[after] = reached.get(after, 0) + 1
         decisions, ready = dict.fromkeys(nodes, 1), [node for node in nodes if not reached[node]]
-        for node in ready:  # which grows meanwhile: each node after all that lead to it
+        for node in ready:  # it grows meanwhile, in topological order
             for after in self._following(node):
                 decisions[after] = max(decisions[after], decisions[node] + 1)
                 reached[after] -= 1
@@ -186,24 +192,24 @@ class FiniteStateController(Plan):
         return [after for after in self.successors[node] if after is not None]
 
     def start_node(self, belief: npt.NDArray[np.float64]) -> int:
-        """Return the node that is best to begin with at a belief: the first of the greatest value.
+        """Return the first node of the greatest value at a belief.
 
         Raises:
-            ModelError: If the nodes' values are not known, or are for other states.
+            ModelError: If the nodes have no values, or the belief is not over their states.
         """
         return int(self._values(belief).argmax())
 
     def value(self, belief: npt.NDArray[np.float64]) -> float:
-        """Return the value of beginning in the best node at a belief.
+        """Return the value of the best node at a belief.
 
         Raises:
-            ModelError: If the nodes' values are not known, or are for other states.
+            ModelError: If the nodes have no values, or the belief is not over their states.
         """
         return float(self._values(belief).max())
 
     def _values(self, belief: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         if self.values is None:
-            raise ModelError("the controller's nodes have no known values: evaluate it on its model")
+            raise ModelError("the controller's nodes have no values: evaluate it on its model")
         if np.shape(belief) != (self.values.shape[1],):
             raise ModelError(
                 f"the controller's values are for beliefs of {self.values.shape[1]} numbers, not of shape "

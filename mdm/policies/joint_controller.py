@@ -1,8 +1,8 @@
-"""Joint policies of teams whose members see no more than their own observations: a controller per agent.
+"""Joint policies of decentralised POMDPs: a controller per agent, each by its agent's own observations.
 
-Such are the solutions of decentralised POMDPs (D. S. Bernstein, R. Givan, N. Immerman and S. Zilberstein, *The
-complexity of decentralized control of Markov decision processes*, Mathematics of Operations Research 27, 2002). The
-plan of a finite horizon is a tree: a node per history of observations, and nothing after the last.
+Source: D. S. Bernstein, R. Givan, N. Immerman and S. Zilberstein, *The complexity of decentralized control of Markov
+decision processes*, Mathematics of Operations Research 27, 2002. A plan of finite horizon is a tree with a node per
+history of observations.
 """
 
 from __future__ import annotations
@@ -28,17 +28,23 @@ if TYPE_CHECKING:
 __all__ = ["JointController"]
 
 _MOST = 20_000
-"""Nodes of a team's controllers, joined."""
+"""The largest number of joint nodes."""
 
 
 class JointController(Plan):
-    """A `FiniteStateController` per agent, each moved by its own agent's observations alone.
+    """A `FiniteStateController` per agent, each updated by its agent's own observations.
 
     Args:
-        controllers: One per agent, in the agents' order; their actions and observations are that agent's own.
+        controllers: One per agent, in the agents' order, over that agent's own actions and observations.
 
     Raises:
         ModelError: If there is none.
+
+    Example::
+
+        listen = mdm.policies.FiniteStateController([0], [[0, 0]], num_actions=3)
+        policy = mdm.policies.JointController([listen, listen])
+        mdm.Controller(policy, mdm.problems.dec_tiger()).start().action_name  # 'listen listen'
     """
 
     kind: ClassVar[str] = "joint"
@@ -56,17 +62,17 @@ class JointController(Plan):
 
     @property
     def num_agents(self) -> int:
-        """How many agents it is for."""
+        """The number of agents."""
         return len(self.controllers)
 
     @property
     def num_actions(self) -> int:  # type: ignore[override]
-        """How many joint actions there are."""
+        """The number of joint actions."""
         return math.prod(controller.num_actions for controller in self.controllers)
 
     @property
     def num_states(self) -> None:  # type: ignore[override]
-        """No number: it goes by observations and holds no values."""
+        """None: it has no values."""
 
     @property
     def start(self) -> tuple[int, ...]:
@@ -75,12 +81,12 @@ class JointController(Plan):
 
     @property
     def num_observations(self) -> int:  # type: ignore[override]
-        """How many joint observations there are."""
+        """The number of joint observations."""
         return math.prod(controller.num_observations for controller in self.controllers)
 
     @property
     def horizon(self) -> int | None:  # type: ignore[override]
-        """How many decisions the team's plan has, which is over with the first agent's; None where none ends."""
+        """The number of decisions up to the end of the first agent's plan; None if no plan ends."""
         return min((each.horizon for each in self.controllers if each.horizon is not None), default=None)
 
     def actions_at(self, nodes: Sequence[int]) -> tuple[int, ...]:
@@ -89,7 +95,7 @@ class JointController(Plan):
         return tuple(controller.action_at(node) for controller, node in pairs)
 
     def next_nodes(self, nodes: Sequence[int], observations: Sequence[int]) -> tuple[int | None, ...]:
-        """Return each agent's next node after its own observation; None where its plan ends."""
+        """Return each agent's next node after its own observation; None at the end of its plan."""
         seen = self._per_agent(observations, "observations")
         given = zip(self.controllers, self._per_agent(nodes, "nodes"), seen, strict=True)
         return tuple(controller.next_node(node, observation) for controller, node, observation in given)
@@ -100,9 +106,9 @@ class JointController(Plan):
         return given
 
     def joined(self) -> FiniteStateController | None:
-        """Return the controllers as one, over joint actions and observations; None where it has too many nodes.
+        """Return a single controller over joint actions and observations; None if it has more than 20,000 nodes.
 
-        Its nodes are those combinations of the agents' nodes that can be reached from their first ones.
+        Its nodes are the reachable combinations of the agents' nodes.
         """
         actions = [controller.num_actions for controller in self.controllers]
         seen = list(itertools.product(*(range(controller.num_observations) for controller in self.controllers)))
@@ -110,32 +116,32 @@ class JointController(Plan):
         pending = [self.start]
         found: list[int] = []
         successors: list[list[int | None]] = []
-        for nodes in pending:  # which grows meanwhile
+        for nodes in pending:  # it grows meanwhile
             found.append(int(np.ravel_multi_index(self.actions_at(nodes), actions)))
             row: list[int | None] = []
             for observations in seen:
                 after = self.next_nodes(nodes, observations)
-                together = tuple(node for node in after if node is not None)
-                if len(together) < len(after):
+                joint = tuple(node for node in after if node is not None)
+                if len(joint) < len(after):
                     row.append(None)
                     continue
-                if together not in index:
+                if joint not in index:
                     if len(index) == _MOST:
                         return None
-                    index[together] = len(index)
-                    pending.append(together)
-                row.append(index[together])
+                    index[joint] = len(index)
+                    pending.append(joint)
+                row.append(index[joint])
             successors.append(row)
         return FiniteStateController(found, successors, self.num_actions)
 
     def mismatch(self, model: MDP) -> str | None:
-        """Return what keeps it from being one for a model, as a sentence; None where it is."""
+        """Return why it does not fit a model, as a sentence; None if it fits."""
         if not isinstance(model, POMDP):
-            return "the policy goes by observations, but the model has none"
+            return "the policy needs observations, but the model has none"
         if self.num_agents != model.num_agents:
             return f"the policy is for {self.num_agents} agents, but the model has {model.num_agents}"
         if len(model.observation_space.factors) != model.num_agents:
-            return f"the model's observations are not one for each of its {model.num_agents} agents"
+            return f"the model's observations need a factor for each of its {model.num_agents} agents"
         factors = zip(self.controllers, model.action_space.factors, model.observation_space.factors, strict=True)
         for agent, (controller, actions, observations) in enumerate(factors):
             ours, theirs = (controller.num_actions, controller.num_observations), (len(actions), len(observations))
@@ -144,7 +150,7 @@ class JointController(Plan):
         return None
 
     def facts(self) -> dict[str, Any]:
-        """Return its sizes, by name."""
+        """Return its sizes by name."""
         nodes = [controller.num_nodes for controller in self.controllers]
         return {**super().facts(), "agents": self.num_agents, "nodes": nodes}
 
@@ -160,7 +166,7 @@ class JointController(Plan):
 
     @classmethod
     def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
-        """Return the policy that was packed."""
+        """Return a packed policy."""
 
         def own(agent: int, of: Mapping[str, Any]) -> dict[str, Any]:
             prefix = f"agent{agent}_"

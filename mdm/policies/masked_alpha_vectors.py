@@ -1,8 +1,8 @@
-"""Policies over beliefs as alpha vectors that are each defined on some of the states only.
+"""Policies over beliefs as masked alpha vectors, each defined on a subset of the states.
 
-A vector is applicable to a belief whose support lies inside the vector's states; of the applicable ones the maximal
-decides (T. Smith and R. Simmons, *Focused real-time dynamic programming for MDPs: squeezing more out of a heuristic*,
-AAAI 2006, of the solver ZMDP). A choice costs two products of sparse matrices, in the number of entries.
+A vector is applicable to a belief if its subset contains the support; the maximal applicable vector decides (T. Smith
+and R. Simmons, *Focused real-time dynamic programming for MDPs: squeezing more out of a heuristic*, AAAI 2006, on the
+solver ZMDP). A choice costs two products of sparse matrices with a vector.
 """
 
 from __future__ import annotations
@@ -30,20 +30,25 @@ if TYPE_CHECKING:
 __all__ = ["MaskedAlphaVectors"]
 
 _SUPPORT = 1e-10
-"""Probabilities up to this are of no support: what rounding leaves in a belief makes no vector inapplicable."""
+"""Smaller probabilities are rounding errors, not part of the support."""
 
 
 class MaskedAlphaVectors(BeliefPolicy):
-    """Chooses the action of the maximal vector among those that are defined wherever a belief has weight.
+    """Chooses the action of the maximal vector among those defined on all of a belief's support.
 
     Args:
-        vectors: N vectors, each as the values of the states where it is defined.
+        vectors: N vectors, each as a mapping from states to values.
         actions: The N vectors' actions.
         num_states: S; by default one more than the largest state.
-        num_actions: How many actions there are; by default one more than the largest.
+        num_actions: The number of actions; by default one more than the largest.
 
     Raises:
         ModelError: If sizes do not fit, a state or action does not exist, or a number is not finite.
+
+    Example::
+
+        policy = mdm.policies.MaskedAlphaVectors([{0: 5.0}, {0: 0.0, 1: 0.0}], actions=[1, 0])
+        policy.action([1.0, 0.0]), policy.action([0.9, 0.1])  # 1, 0
     """
 
     kind: ClassVar[str] = "masked"
@@ -57,7 +62,7 @@ class MaskedAlphaVectors(BeliefPolicy):
         num_actions: int | None = None,
     ) -> None:
         if not len(vectors) or not all(vectors):
-            raise ModelError("masked alpha vectors are at least one, each with at least one state")
+            raise ModelError("masked alpha vectors need at least one vector, and each at least one state")
         if len(actions) != len(vectors):
             raise ModelError(f"there are {len(vectors)} alpha vectors, but {len(actions)} actions for them")
         self.num_states = max(map(max, vectors)) + 1 if num_states is None else num_states
@@ -68,10 +73,10 @@ class MaskedAlphaVectors(BeliefPolicy):
                     f"alpha vector {index} is for action {action}, but the actions are 0 to {self.num_actions - 1}"
                 )
             if not (min(vector) >= 0 and max(vector) < self.num_states):
-                raise ModelError(f"alpha vector {index} has a state that is none of 0 to {self.num_states - 1}")
+                raise ModelError(f"alpha vector {index} has a state outside 0 to {self.num_states - 1}")
             if not np.isfinite(list(vector.values())).all():
                 raise ModelError(f"alpha vector {index} has a number that is not finite")
-        # In the order of their actions, so that the first maximum is that of the lowest action.
+        # Sorted by action, so that the first maximum has the lowest action.
         order = sorted(range(len(actions)), key=actions.__getitem__)
         self.vectors: tuple[dict[int, float], ...] = tuple(dict(sorted(vectors[index].items())) for index in order)
         self.actions: list[int] = [int(actions[index]) for index in order]
@@ -86,25 +91,25 @@ class MaskedAlphaVectors(BeliefPolicy):
         values = self._at(belief)
         best = int(values.argmax())
         if values[best] == -np.inf:
-            raise ModelError("no alpha vector of the policy is defined on all states that the belief gives weight to")
+            raise ModelError("no alpha vector of the policy is defined on all of the belief's support")
         return self.actions[best]
 
     def value(self, belief: npt.NDArray[np.float64]) -> float:
-        """Return the expected discounted return from a belief; -inf where no vector is applicable."""
+        """Return the expected discounted return from a belief; -inf if no vector is applicable."""
         return float(self._at(belief).max())
 
     def q_values(self, belief: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return the value of each action at a belief; -inf for one without an applicable vector."""
+        """Return the value of each action at a belief; -inf for an action without applicable vectors."""
         values = np.full(self.num_actions, -np.inf)
         np.maximum.at(values, self.actions, self._at(belief))
         return values
 
     def facts(self) -> dict[str, int | None]:
-        """Return its sizes, by name."""
+        """Return its sizes by name."""
         return {**super().facts(), "vectors": len(self.vectors)}
 
     def batch(self, model: MDP) -> Batch | None:
-        """Return its decisions for many episodes at once."""
+        """Return its decisions for a batch of episodes."""
         return BeliefBatch(self, model) if isinstance(model, POMDP) else None
 
     def packed(self) -> Packed:
@@ -119,14 +124,14 @@ class MaskedAlphaVectors(BeliefPolicy):
 
     @classmethod
     def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
-        """Return the policy that was packed."""
+        """Return a packed policy."""
         states, values = listed(arrays["states"]), arrays["values"].ravel().tolist()
         parts = pairwise(listed(arrays["starts"]))
         vectors = [dict(zip(states[a:b], values[a:b], strict=True)) for a, b in parts]
         return cls(vectors, listed(arrays["actions"]), sizes["states"], sizes["actions"])
 
     def _at(self, belief: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return the vectors' values at a belief, -inf for those that are not applicable."""
+        """Return the vectors' values at a belief; -inf for inapplicable ones."""
         if np.shape(belief) != (self.num_states,):
             raise ModelError(f"the policy is for beliefs of {self.num_states} numbers, not of shape {np.shape(belief)}")
         support = np.asarray(belief) > _SUPPORT
@@ -135,7 +140,7 @@ class MaskedAlphaVectors(BeliefPolicy):
         return values
 
     def _matrices(self) -> tuple[Any, Any]:
-        """Return the vectors, and 1 where they are defined, as sparse N x S matrices."""
+        """Return the vectors and their masks (1 for defined) as sparse N x S matrices."""
         data = np.array([value for vector in self.vectors for value in vector.values()], dtype=np.float64)
         states = np.array([state for vector in self.vectors for state in vector])
         starts = np.cumsum([0, *map(len, self.vectors)])

@@ -1,9 +1,8 @@
-"""Policies over beliefs of which one part is observed without error: alpha vectors for each of that part's values.
+"""Policies for mixed observability: a set of alpha vectors over the hidden part y for each observed value x.
 
-With mixed observability a state is (x, y), x observed and y hidden, and a belief over y is enough; the value function
-is a set of vectors over y for each x (S. C. W. Ong, S. W. Png, D. Hsu and W. S. Lee, *Planning under uncertainty for
-robotic tasks with mixed observability*, International Journal of Robotics Research 29, 2010). A choice costs one
-product of the vectors of x with the belief.
+A state is (x, y), x observed and y hidden; x and a belief over y are enough to decide (S. C. W. Ong, S. W. Png, D. Hsu
+and W. S. Lee, *Planning under uncertainty for robotic tasks with mixed observability*, International Journal of
+Robotics Research 29, 2010). A choice costs one product of the vectors of x with the belief.
 """
 
 from __future__ import annotations
@@ -33,28 +32,34 @@ if TYPE_CHECKING:
 __all__ = ["MixedAlphaVectors"]
 
 _SURE = 1 - 1e-9
-"""The belief in one observed value from which nothing else counts."""
+"""The probability from which an observed value counts as certain."""
 _OPEN = -1
 
 
 class MixedAlphaVectors(BeliefPolicy):
-    """Chooses by the vectors of what is observed; where a belief leaves that open, by a vote.
+    """Chooses by the vectors of the observed value x; if a belief leaves x open, by a vote.
 
-    A belief here is over whole states: an array of S numbers, or its `Support`, at a cost that does not grow with S.
-    Where all its weight has one x, the action is that of the maximal vector of x. Where it has weight on several, each
-    x votes with its probability for the best action given x, the greatest sum wins, and of equal ones the lowest action
-    (action voting: A. R. Cassandra, L. P. Kaelbling and J. A. Kurien, *Acting under uncertainty*, IROS 1996). The value
-    then is what is expected once x is seen, which is at least what the chosen action earns.
+    A belief is over states (x, y): an array of S numbers, or its `Support`, at a cost that does not grow with S. If its
+    support has a single x, the action is that of the maximal vector of x. Otherwise each x votes with its probability
+    for its best action; the greatest sum wins, of equal ones the lowest action (action voting: A. R. Cassandra, L. P.
+    Kaelbling and J. A. Kurien, *Acting under uncertainty*, IROS 1996). The value is then the expectation over x of the
+    value given x, an upper bound of the value of the chosen action.
 
     Args:
         vectors: N x Y, values of the hidden part.
         actions: The N vectors' actions.
         observed: The N vectors' x.
-        num_actions: How many actions there are; by default one more than the largest.
-        states: X x Y, the index of each whole state; by default x is the most significant digit.
+        num_actions: The number of actions; by default one more than the largest.
+        states: X x Y, the index of each state; by default x is the most significant digit.
 
     Raises:
         ModelError: If shapes do not fit, an index does not exist, or a number is not finite.
+
+    Example::
+
+        # Two observed values, two hidden ones: action 0 is right for x = 0, action 1 for x = 1.
+        policy = mdm.policies.MixedAlphaVectors([[1, 0], [0, 1]], actions=[0, 1], observed=[0, 1])
+        policy.action([0, 0, 0.5, 0.5])  # 1
     """
 
     kind: ClassVar[str] = "mixed"
@@ -74,10 +79,10 @@ class MixedAlphaVectors(BeliefPolicy):
         self.num_actions = checked.num_actions
         width = checked.num_states
         if len(observed) != len(actions) or min(observed) < 0:
-            raise ModelError(f"each of {len(actions)} alpha vectors needs an observed value, an index from 0 on")
+            raise ModelError(f"each of {len(actions)} alpha vectors needs the index of an observed value")
         self.states = _layout(np.arange((max(observed) + 1) * width).reshape(-1, width) if states is None else states)
         if self.states.shape[1] != width:
-            raise ModelError(f"the vectors have {width} values, but {self.states.shape[1]} hidden states are laid out")
+            raise ModelError(f"the vectors have {width} values, but there are {self.states.shape[1]} hidden states")
         if max(observed) >= len(self.states):
             raise ModelError(f"there is no observed value {max(observed)}; the {len(self.states)} count from 0")
         self.num_states = self.states.size
@@ -91,26 +96,26 @@ class MixedAlphaVectors(BeliefPolicy):
             else None
             for x in range(len(self.states))
         )
-        """For each observed value its vectors; None where there are none."""
+        """The vectors of each observed value; None if it has none."""
 
     def action(self, belief: npt.NDArray[np.float64] | Support) -> int:
-        """Return the action for a belief over whole states.
+        """Return the action for a belief.
 
         Raises:
-            ModelError: If the belief is not over the policy's states, or all its weight is where no vectors are.
+            ModelError: If the belief is not over the policy's states, or no observed value of its support has vectors.
         """
         votes = np.zeros(self.num_actions)
         for vectors, part in self._parts(belief):
             if vectors is not None:
                 votes[vectors.action(part)] += part.probabilities.sum()
         if not votes.any():
-            raise ModelError("the policy has no alpha vectors for what the belief says of the observed part")
+            raise ModelError("the policy has no alpha vectors for the observed values of the belief")
         return int(votes.argmax())
 
     def value(self, belief: npt.NDArray[np.float64] | Support) -> float:
-        """Return the expected discounted return from a belief, the observed part being seen before one acts.
+        """Return the expected discounted return from a belief, if x is observed before the first action.
 
-        It is -inf where the belief has weight on an observed value without vectors.
+        It is -inf if an observed value of the support has no vectors.
 
         Raises:
             ModelError: If the belief is not over the policy's states.
@@ -119,7 +124,7 @@ class MixedAlphaVectors(BeliefPolicy):
         return float(sum(-np.inf if vectors is None else vectors.value(part) for vectors, part in parts))
 
     def q_values(self, belief: npt.NDArray[np.float64] | Support) -> npt.NDArray[np.float64]:
-        """Return what each action is worth at a belief whatever is observed; -inf where vectors of it are lacking."""
+        """Return the value of each action at a belief, the same for all x; -inf if an x has no vector of it."""
         values = np.zeros(self.num_actions)
         for vectors, part in self._parts(belief):
             values += -np.inf if vectors is None else vectors.q_values(part)
@@ -135,16 +140,16 @@ class MixedAlphaVectors(BeliefPolicy):
             sure = parts.sum(axis=1) > _SURE
             if vectors is not None and sure.any():
                 result[rows[sure]] = vectors.actions_at(parts[sure])
-        for row in np.flatnonzero(result == _OPEN):  # a vote, or no vectors, which is an error
+        for row in np.flatnonzero(result == _OPEN):  # a vote, or an error for lack of vectors
             result[row] = self.action(beliefs[row])
         return result
 
     def facts(self) -> dict[str, int | None]:
-        """Return its sizes, by name."""
+        """Return its sizes by name."""
         return {**super().facts(), "vectors": sum(len(each.vectors) for each in self.sets if each is not None)}
 
     def batch(self, model: MDP) -> Batch | None:
-        """Return its decisions for many episodes at once."""
+        """Return its decisions for a batch of episodes."""
         return BeliefBatch(self, model) if isinstance(model, POMDP) else None
 
     def packed(self) -> Packed:
@@ -160,16 +165,18 @@ class MixedAlphaVectors(BeliefPolicy):
 
     @classmethod
     def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
-        """Return the policy that was packed."""
+        """Return a packed policy."""
         actions, observed = listed(arrays["actions"]), listed(arrays["observed"])
         return cls(arrays["vectors"], actions, observed, sizes["actions"], states=arrays["layout"])
 
     def _parts(self, belief: npt.NDArray[np.float64] | Support) -> Iterator[tuple[AlphaVectors | None, Support]]:
-        """Yield the vectors and the weights of the hidden part for each observed value that has weight."""
+        """Yield the vectors of each observed value of the support, and the weights of its hidden part."""
         if isinstance(belief, Support):
             states, weights = belief
             if len(states) and not (states.min() >= 0 and states.max() < self.num_states):
-                raise ModelError(f"the policy is for beliefs over {self.num_states} states, not over others")
+                raise ModelError(
+                    f"the policy is for beliefs over {self.num_states} states: a state of the belief is none of them"
+                )
         else:
             if np.shape(belief) != (self.num_states,):
                 raise ModelError(
@@ -180,7 +187,7 @@ class MixedAlphaVectors(BeliefPolicy):
             weights = belief[states]
         observed, hidden = np.divmod(self._places[states], self.states.shape[1])
         first = observed[:1]
-        if (observed == first).all():  # as is usual
+        if (observed == first).all():  # the usual case
             for x in first.tolist():
                 yield self.sets[x], Support(hidden, weights)
             return
@@ -192,6 +199,6 @@ class MixedAlphaVectors(BeliefPolicy):
 def _layout(states: npt.ArrayLike) -> npt.NDArray[np.intp]:
     layout = np.array(states, dtype=np.intp)
     if layout.ndim != 2 or not np.array_equal(np.sort(layout, axis=None), np.arange(layout.size)):
-        raise ModelError("the layout of states is an observed x hidden array in which each state's index stands once")
+        raise ModelError("the layout of states is an observed x hidden array with each state's index exactly once")
     layout.setflags(write=False)
     return layout

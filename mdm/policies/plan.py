@@ -1,6 +1,6 @@
-"""Plans: policies that go from node to node by what is observed, and where one is under way.
+"""Plans: policies over the nodes of finite-state controllers, and the progress of one.
 
-A step costs a look-up for each agent; no model is needed.
+A step costs a look-up per agent, and needs no model.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ __all__ = ["Plan", "Walk"]
 
 
 class Plan(Kind):
-    """A finite-state controller, or one for each agent: the base of both."""
+    """The base of finite-state controllers: a single one, or one per agent."""
 
     input: Literal["observation"] = "observation"
     num_observations: int
 
     @property
     def controllers(self) -> tuple[FiniteStateController, ...]:
-        """The controllers, one for each agent."""
+        """The controllers, one per agent."""
         raise NotImplementedError
 
     def information(self, model: MDP | None) -> Walk:
-        """Return the nodes to begin with."""
+        """Return the first nodes."""
         known = model is not None and self.num_states is not None
         return Walk(self.controllers, model.initial_belief if known and model is not None else None)
 
@@ -52,20 +52,19 @@ class Plan(Kind):
         return action
 
     def batch(self, model: MDP) -> Batch | None:
-        """Return its decisions for many episodes at once."""
+        """Return its decisions for a batch of episodes."""
         return PlanBatch(self.controllers, model) if isinstance(model, POMDP) else None
 
 
 class Walk:
-    """Where a plan is: the node of each controller. It answers as any `Information` does, but knows of no belief.
+    """The present node of each controller: the `Information` of a plan, without a belief.
 
-    The symbols of a team are joint, with the first agent the most significant; each agent's controller moves by that
-    agent's part of the observation alone. Where the values of nodes are known, it begins at the best node for a belief:
-    the one given, or the initial one.
+    The symbols of a team are joint, with the first agent the most significant. Each controller is updated by its
+    agent's own component. If the nodes have values, the first node is the best one at a given or the initial belief.
 
     Args:
-        controllers: One for each agent.
-        initial: The belief to begin from by default.
+        controllers: One per agent.
+        initial: The initial belief.
     """
 
     belief: None = None
@@ -80,16 +79,16 @@ class Walk:
 
     @property
     def ended(self) -> bool:
-        """Whether the present action is the last: some agent's plan goes on after no observation."""
+        """Whether the present action is the last: the node of some agent has no successors."""
         return any(each.is_last(node) for each, node in zip(self._controllers, self.current, strict=True))
 
     @property
     def impossible(self) -> str:
-        """What an observation is that leads nowhere."""
+        """Why an observation is impossible, in words."""
         return f"has no edge at the nodes {self.current}"
 
     def reset(self, belief: npt.ArrayLike | None = None) -> None:
-        """Begin anew.
+        """Begin at the first nodes.
 
         Raises:
             ModelError: If a belief is given, but the nodes have no values for it; the nodes stay as they were.
@@ -100,22 +99,22 @@ class Walk:
             return
         size = self._controllers[0].num_states
         if size is None or len(self._controllers) > 1:
-            raise ModelError("the controller goes by observations: its nodes have no known values at a belief")
+            raise ModelError("the controller's nodes have no values: it cannot begin from a belief")
         self.current = (self._controllers[0].start_node(distribution(given, what="the belief", size=size)),)
 
     def update(self, action: int | None, observation: int | tuple[int | None, ...] | None) -> float:  # noqa: ARG002
-        """Follow what was observed after the present action.
+        """Follow the edges of an observation.
 
         Args:
-            action: What was done; the nodes know it.
-            observation: The (joint) observation's index; or a component per agent, None where that agent observed
-                nothing; or None where nobody did. Who observed nothing stays at its node.
+            action: Ignored: the nodes determine it.
+            observation: The index of the (joint) observation; or a component per agent, with None for a missing one;
+                or None for no observation. Without an observation an agent stays at its node.
 
         Returns:
-            1; or 0 where some agent's controller has no edge for it, which stays at its node.
+            1; or 0 if a controller has no edge for the observation, and stays at its node.
 
         Raises:
-            ModelError: If there is no such observation; the nodes stay as they were.
+            ModelError: If there is no such observation; the nodes are unchanged.
         """
         if observation is None:
             return 1.0
@@ -143,10 +142,10 @@ class Walk:
 
 
 class PlanBatch:
-    """A node for each episode and agent, moved by that agent's own observations.
+    """The nodes of a batch of episodes, one per episode and agent.
 
     Args:
-        controllers: One for each agent.
+        controllers: One per agent.
         model: The model.
     """
 
@@ -166,7 +165,7 @@ class PlanBatch:
     def begin(self, states: Indices, numbers: Vector) -> Indices:  # noqa: ARG002 - nothing is drawn
         """Return the first actions."""
         alone = self._controllers[0] if len(self._controllers) == 1 else None
-        if alone is not None and alone.values is not None:  # each begins where it is best by what it knows
+        if alone is not None and alone.values is not None:  # begin at the best node for the initial belief
             first, inverse = np.unique(states, return_inverse=True)
             nodes = np.array([alone.start_node(self._model.belief_at_start(int(state))) for state in first])
             self._nodes = nodes[None, inverse]

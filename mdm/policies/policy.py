@@ -1,4 +1,4 @@
-"""What a policy is: a choice of action by what is known, and what each kind of policy says of itself."""
+"""The protocol of policies, and the bases of their kinds."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ __all__ = ["Arrays", "BeliefPolicy", "Deliberating", "Found", "Kind", "Packed", 
 
 Arrays: TypeAlias = "Mapping[str, npt.NDArray[Any]]"
 Packed: TypeAlias = "tuple[dict[str, int], dict[str, npt.NDArray[Any]]]"
-"""The sizes and the arrays that a policy is made of."""
+"""The sizes and arrays of a policy."""
 
 
 class Policy(Protocol):
-    """Chooses actions; implement it to bring a kind of policy of your own.
+    """Chooses actions. Implement this protocol for a kind of policy of your own.
 
-    `StatePolicy` and `BeliefPolicy` are bases that leave ``action`` to be written.
+    The bases `StatePolicy` and `BeliefPolicy` leave only ``action`` to be written.
 
     Example::
 
@@ -45,14 +45,14 @@ class Policy(Protocol):
 
     @property
     def num_actions(self) -> int:
-        """How many (joint) actions it chooses among."""
+        """The number of (joint) actions."""
         ...
 
     def information(self, model: MDP | None, /) -> Information:
-        """Return what it chooses by, at its beginning.
+        """Return its information state at the start of an episode.
 
         Raises:
-            ConfigError: If that takes a model, and there is none, or one of another kind.
+            ConfigError: If it needs a model, and that is missing or of another kind.
         """
         ...
 
@@ -62,7 +62,7 @@ class Policy(Protocol):
 
 
 class Found(Protocol):
-    """What a search found."""
+    """The result of a search."""
 
     @property
     def action(self) -> int:
@@ -71,7 +71,7 @@ class Found(Protocol):
 
     @property
     def expansions(self) -> int:
-        """How many leaves of its tree were expanded."""
+        """The number of expansions."""
         ...
 
 
@@ -79,11 +79,11 @@ class Deliberating(Policy, Protocol):
     """A policy whose answer comes later, from a process of its own.
 
     Attributes:
-        deliberates: True, by which a control layer knows it.
+        deliberates: True; it marks the kind.
         worker: The module whose ``main`` runs in the process: it reads ``parts()``, then questions, and writes answers.
-        seconds: How long an answer takes; None where a number of expansions decides.
-        expansions: How many leaves are expanded at most; None where the time decides.
-        fallback: What decides where no answer comes in time; or None.
+        seconds: The time for an answer; None if only ``expansions`` limits it.
+        expansions: The most expansions per answer; None if only ``seconds`` limits it.
+        fallback: The policy that decides if no answer comes in time; or None.
     """
 
     deliberates: Literal[True]
@@ -93,15 +93,15 @@ class Deliberating(Policy, Protocol):
     fallback: Policy | None
 
     def parts(self) -> Any:
-        """Return what the process needs to know at its start."""
+        """Return the message that starts the process."""
         ...
 
     def prepare(self) -> None:
-        """Do what would make the first search in this process slow."""
+        """Prepare this process, so that the first search is not slow."""
         ...
 
     def belief_of(self, x: Any, /) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        """Return a question as the process takes it: states, and their probabilities."""
+        """Return a question for the process: states, and their probabilities."""
         ...
 
     def search(self, x: Any, /, *, timed: bool = True) -> Found:
@@ -110,11 +110,11 @@ class Deliberating(Policy, Protocol):
 
 
 class Kind:
-    """What kinds of policies have in common, as far as they know no better.
+    """The defaults of all kinds of policies.
 
     Attributes:
-        form: What the policy is, in a few words.
-        horizon: How many decisions its plan has; None where it has no end.
+        form: A description in a few words.
+        horizon: The number of decisions of its plan; None without an end.
     """
 
     form: ClassVar[str] = "a policy of another kind"
@@ -124,39 +124,37 @@ class Kind:
     horizon: int | None = None
 
     def value(self, x: Any, /) -> float:
-        """Return the expected discounted return from a state or belief, which this kind of policy does not know.
+        """Return the expected discounted return from a state or belief.
 
         Raises:
-            ModelError: Always.
+            ModelError: If the policy has no values, which is the default.
         """
-        raise ModelError(
-            f"a {type(self).__name__} holds no values, so that of {x!r} is unknown: evaluate it on its model"
-        )
+        raise ModelError(f"a {type(self).__name__} has no values, so none for {x!r}: evaluate it on its model")
 
     def value_at(self, belief: Vector) -> float | None:
-        """Return what the policy claims to be worth at a belief over states; None where it claims nothing."""
+        """Return the value that the policy claims at a belief; None if it has no values."""
         try:
             return self.value(belief)
         except ModelError:
             return None
 
     def mismatch(self, model: MDP) -> str | None:
-        """Return what keeps the policy from being one for a model, as a sentence; None where it is."""
+        """Return why the policy does not fit a model, as a sentence; None if it fits."""
         sizes = len(model.state_space), len(model.action_space)
         if (self.num_states, self.num_actions) != sizes:
             return other_sizes((self.num_states, self.num_actions), ("states", "actions"), sizes)
         return None
 
     def facts(self) -> dict[str, Any]:
-        """Return its sizes, by name."""
+        """Return its sizes by name."""
         return {"states": self.num_states, "actions": self.num_actions}
 
     def packed(self) -> Packed | None:
-        """Return its sizes and arrays; None where files hold no policies of its kind."""
+        """Return its sizes and arrays; None if files cannot hold its kind."""
         return None
 
-    def batch(self, model: MDP) -> Batch | None:  # noqa: ARG002 - for kinds that can
-        """Return its decisions for many episodes at once; None where they are made one by one."""
+    def batch(self, model: MDP) -> Batch | None:  # noqa: ARG002 - for kinds that support it
+        """Return its decisions for a batch of episodes; None if it decides for one at a time."""
         return None
 
     def __repr__(self) -> str:
@@ -165,12 +163,23 @@ class Kind:
 
 
 class StatePolicy(Kind):
-    """A policy over states, the base of its kinds. A kind of your own sets the sizes and defines ``action``.
+    """The base of policies over states. A kind of your own sets the sizes and defines ``action``.
 
     Attributes:
         num_states: S.
         num_actions: A.
-        table: The action per state, a list, where the policy is no more than that; None for others.
+        table: The list of actions per state, if that is the whole policy; else None.
+
+    Example::
+
+        class Parity(mdm.policies.StatePolicy):
+            num_states, num_actions = 4, 2
+
+            def action(self, state):
+                return state % 2
+
+
+        mdm.Controller(Parity()).start(3).action  # 1
     """
 
     input: Literal["state"] = "state"
@@ -178,7 +187,7 @@ class StatePolicy(Kind):
     num_states: int
 
     def information(self, model: MDP | None) -> Information:  # noqa: ARG002 - the state is seen
-        """Return the state, which is not seen yet."""
+        """Return the state, which is not known yet."""
         return KnownState()
 
     def action(self, state: Any, /) -> int:
@@ -192,7 +201,7 @@ class StatePolicy(Kind):
         return result
 
     def value_at(self, belief: Vector) -> float | None:
-        """Return the expected value of the states; None where they have none."""
+        """Return the expected value of the states; None if they have none."""
         (states,) = np.nonzero(belief)
         try:
             return float(sum(belief[state] * self.value(int(state)) for state in states))
@@ -201,12 +210,23 @@ class StatePolicy(Kind):
 
 
 class BeliefPolicy(Kind):
-    """A policy over beliefs, the base of its kinds. A kind of your own sets the sizes and defines ``action``.
+    """The base of policies over beliefs. A kind of your own sets the sizes and defines ``action``.
 
     Attributes:
         num_states: S.
         num_actions: A.
-        by_support: Whether ``action`` takes a belief by its `Support`, too.
+        by_support: Whether ``action`` accepts a `Support` as well as an array.
+
+    Example::
+
+        class Cautious(mdm.policies.BeliefPolicy):
+            num_states, num_actions = 2, 3
+
+            def action(self, belief):
+                return 0 if belief.max() < 0.9 else 1 + int(belief.argmax() == 0)
+
+
+        mdm.Controller(Cautious(), "tiger.pomdp").start().action_name  # 'listen'
     """
 
     input: Literal["belief"] = "belief"
@@ -214,7 +234,7 @@ class BeliefPolicy(Kind):
     by_support: bool = False
 
     def information(self, model: MDP | None) -> Information:
-        """Return the tracker of the belief.
+        """Return a belief tracker.
 
         Raises:
             ConfigError: If the model is no POMDP.
@@ -231,33 +251,33 @@ class BeliefPolicy(Kind):
 
 
 class Packable(Policy, Protocol):
-    """A kind of policy that files hold."""
+    """A kind of policy that files can hold."""
 
     @classmethod
     def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
-        """Return the policy that was packed.
+        """Return a packed policy.
 
         Raises:
-            KeyError: If something is missing.
-            ModelError: If something does not fit.
+            KeyError: If a size or an array is missing.
+            ModelError: If they do not fit each other.
         """
         ...
 
 
 def observable(model: MDP | None) -> POMDP:
-    """Return a model by which beliefs are tracked.
+    """Return a model for belief tracking.
 
     Raises:
-        ConfigError: If it is none.
+        ConfigError: If it is not a POMDP.
     """
     if isinstance(model, POMDP):
         return model
     why = "there is none" if model is None else "the one given has no observations"
-    raise ConfigError(f"a policy over beliefs needs the POMDP by which to track the belief, but {why}", key="model")
+    raise ConfigError(f"a policy over beliefs needs a POMDP to track the belief, but {why}", key="model")
 
 
 def mismatch(policy: Any, model: MDP) -> str | None:
-    """Return what keeps a policy from being one for a model, as a sentence; None where it is."""
+    """Return why a policy does not fit a model, as a sentence; None if it fits."""
     told = getattr(policy, "mismatch", None)
     if told is not None:
         text: str | None = told(model)
@@ -268,7 +288,7 @@ def mismatch(policy: Any, model: MDP) -> str | None:
 
 
 def other_sizes(ours: tuple[int | None, int], what: tuple[str, str], theirs: tuple[int, int]) -> str:
-    """Return the sentence that a policy is of other sizes than a model."""
+    """Return the sentence that a policy and a model differ in size."""
     return (
         f"the policy is for {ours[0]} {what[0]} and {ours[1]} {what[1]}, but the model has {theirs[0]} and {theirs[1]}"
     )
@@ -280,12 +300,12 @@ def whole(numbers: Any) -> npt.NDArray[np.int64]:
 
 
 def listed(array: npt.NDArray[Any]) -> list[int]:
-    """Return an array of one dimension of whole numbers as a list.
+    """Return a one-dimensional array of whole numbers as a list.
 
     Raises:
-        ModelError: If it is none.
+        ModelError: If it has other dimensions or numbers.
     """
     if array.ndim != 1 or array.dtype.kind not in "iu":
-        raise ModelError("an array of indices has other numbers or dimensions")
+        raise ModelError("an array of indices must be one-dimensional, of whole numbers")
     result: list[int] = array.tolist()
     return result

@@ -1,4 +1,4 @@
-"""The policy that chooses at random: what every other should beat."""
+"""The uniformly random policy: a baseline."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ __all__ = ["RandomPolicy"]
 
 
 class Unknowing(StatePolicy):
-    """A policy to which states and beliefs are all the same: it is asked with either.
+    """The base of policies that ignore the state or belief.
 
     Args:
-        num_actions: How many actions there are.
-        num_states: How many states the model has.
-        asked_with: A ``state``, or a ``belief``.
+        num_actions: The number of actions.
+        num_states: The number of states.
+        asked_with: The input of `action`: a ``state`` or a ``belief``.
 
     Raises:
-        ModelError: If there is no action or no state, or it is to be asked with something else.
+        ModelError: If there is no action, no state, or no such input.
     """
 
     input: Literal["state", "belief"]  # type: ignore[assignment]
@@ -46,21 +46,26 @@ class Unknowing(StatePolicy):
         self.input = asked_with  # type: ignore[assignment]
 
     def information(self, model: MDP | None) -> Information:
-        """Return the state, or the belief's tracker."""
+        """Return the state or a belief tracker."""
         return KnownState() if self.input == "state" else BeliefPolicy.information(self, model)  # type: ignore[arg-type]
 
 
 class RandomPolicy(Unknowing):
-    """Chooses every action with the same probability, whatever the state or belief.
+    """Chooses every action with the same probability, in every state or belief.
 
     Args:
-        num_actions: How many actions there are.
-        num_states: How many states the model has.
-        seed: Makes the draws reproducible.
-        input: What it is asked with: a ``state``, or a ``belief``.
+        num_actions: The number of actions.
+        num_states: The number of states.
+        seed: The seed of the draws.
+        input: The input of `action`: a ``state`` or a ``belief``.
 
     Raises:
-        ModelError: If there is no action or no state, or it is to be asked with something else.
+        ModelError: If there is no action, no state, or no such input.
+
+    Example::
+
+        random = mdm.policies.RandomPolicy(num_actions=3, num_states=2, seed=1)
+        mdm.evaluate("tiger.pomdp", random, episodes=100, seed=1).mean < 0  # True
     """
 
     form = "actions at random"
@@ -77,7 +82,7 @@ class RandomPolicy(Unknowing):
         self.seed(seed)
 
     def information(self, model: MDP | None) -> Information:
-        """Return the state or the belief's tracker, with numbers: the same seed makes the same decisions."""
+        """Return the state or a belief tracker, with random numbers: equal seeds give equal decisions."""
         return DrawnInformation(super().information(model), self._seed)
 
     def action(self, x: Any, /) -> int:
@@ -89,11 +94,11 @@ class RandomPolicy(Unknowing):
         """Return the probability of each action in each state, A x S."""
         return np.full((self.num_actions, self.num_states), 1 / self.num_actions)
 
-    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - nothing of it matters
-        """Return its decisions for many episodes at once."""
+    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - the weights are enough
+        """Return its decisions for a batch of episodes."""
         return ProbabilityBatch(self.weights())
 
     def seed(self, seed: int | None) -> None:
-        """Begin the draws anew."""
+        """Restart the draws from a seed."""
         self._seed = seed
         self._generator = np.random.default_rng(seed)

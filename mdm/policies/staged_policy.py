@@ -1,4 +1,4 @@
-"""Policies with a horizon: what is best depends on how many decisions are left."""
+"""Policies with a finite horizon, where the best action depends on the number of decisions left."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ __all__ = ["StagedPolicy"]
 
 
 class Staged(NamedTuple):
-    """A state, and how many decisions were made before."""
+    """A state, and the number of decisions before."""
 
     state: int
     stage: int
 
 
 class StagedState(KnownState):
-    """A state that is seen, at a stage.
+    """An observed state, and its stage.
 
     Args:
-        horizon: How many stages there are.
+        horizon: The number of stages.
     """
 
     def __init__(self, horizon: int) -> None:
@@ -52,13 +52,13 @@ class StagedState(KnownState):
         self._stage = -1
 
     def update(self, action: int | None, observation: int | None) -> float:  # noqa: ARG002 - as any information
-        """Take the state that is seen, at the next stage. Return 1."""
+        """Set the state, at the next stage. Return 1."""
         self._stage += 1
         self.current = Staged(self.current.state if observation is None else observation, self._stage)
         return 1.0
 
     def expected(self, values: Vector) -> float:
-        """Return the value of the state, of S numbers."""
+        """Return the state's entry of S values."""
         return float(values.item(self.current.state))
 
     def snapshot(self) -> Any:
@@ -72,16 +72,20 @@ class StagedState(KnownState):
 
 
 class StagedPolicy(StatePolicy):
-    """Values of actions per state and stage: the best is chosen, of equal ones that with the lowest index.
+    """A Q-table per stage: chooses the action of the greatest value, of equal ones the lowest index.
 
-    Stage 0 is the first decision of an episode. What asks without a stage gets the first decision, and what is asked
-    beyond the last stage is an error.
+    Stage 0, the default, is the first decision of an episode. A stage beyond the last is an error.
 
     Args:
         values: H x S x A, the value of each action in each state, with H, H - 1, ... 1 decisions to go.
 
     Raises:
         ModelError: If a value is NaN.
+
+    Example::
+
+        policy = mdm.policies.StagedPolicy([[[0, 3]], [[1, 0]]])  # 2 stages, 1 state, 2 actions
+        policy.action(0), policy.action(0, stage=1)  # 1, 0
     """
 
     kind: ClassVar[str] = "staged"
@@ -112,7 +116,7 @@ class StagedPolicy(StatePolicy):
         return int(self._row(state, stage).argmax())
 
     def value(self, state: int, stage: int = 0) -> float:
-        """Return what is expected from a state at a stage to the horizon."""
+        """Return the expected return from a state at a stage to the horizon."""
         return float(self._row(state, stage).max())
 
     def weights(self, stage: int = 0) -> Vector:
@@ -123,8 +127,8 @@ class StagedPolicy(StatePolicy):
         """Return the expected value of the states at the first stage."""
         return float(belief @ self.values[0].max(axis=1))
 
-    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - the tables are enough
-        """Return its decisions for many episodes at once."""
+    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - tables are enough
+        """Return its decisions for a batch of episodes."""
         return TableBatch(self.values.argmax(axis=2))
 
     def packed(self) -> Packed:
@@ -133,7 +137,7 @@ class StagedPolicy(StatePolicy):
 
     @classmethod
     def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
-        """Return the policy that was packed."""
+        """Return a packed policy."""
         return cls(arrays["values"])
 
     def at(self, stage: int) -> QTable:

@@ -1,4 +1,4 @@
-"""Policies over states, as tables: an action per state, probabilities of actions, values of actions."""
+"""Policies over states as tables: actions, probabilities of actions, or values of actions."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 __all__ = ["DeterministicPolicy", "QTable", "StochasticPolicy"]
 
 _ROUNDING = 1e-12
-"""Sums that are off by no more are left alone, so that what was written is read again, bit by bit."""
+"""Smaller errors of a sum are not normalised, so that a written policy is read again bit by bit."""
 
 
 class _Table(StatePolicy):
     """A policy with an entry per state."""
 
     def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - a table is enough
-        """Return its decisions for many episodes at once."""
+        """Return its decisions for a batch of episodes."""
         return TableBatch(np.array([[self.action(state) for state in range(self.num_states)]]))
 
     def _refuse(self, state: int) -> ModelError:
@@ -46,10 +46,14 @@ class DeterministicPolicy(_Table):
 
     Args:
         actions: S action indices.
-        num_actions: How many actions there are; by default one more than the largest.
+        num_actions: The number of actions; by default one more than the largest.
 
     Raises:
-        ModelError: If an entry is no action.
+        ModelError: If an entry is not an action.
+
+    Example::
+
+        mdm.policies.DeterministicPolicy([1, 0]).action(0)  # 1
     """
 
     kind: ClassVar[str] = "deterministic"
@@ -57,7 +61,7 @@ class DeterministicPolicy(_Table):
 
     def __init__(self, actions: Iterable[int], num_actions: int | None = None) -> None:
         self._actions: list[int] = []
-        if type(self).action is DeterministicPolicy.action:  # else a subclass has a say in it
+        if type(self).action is DeterministicPolicy.action:  # not overridden
             self.table = self._actions
         for state, action in enumerate(actions):
             if not isinstance(action, SupportsIndex):
@@ -90,7 +94,7 @@ class DeterministicPolicy(_Table):
 
     @classmethod
     def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
-        """Return the policy that was packed."""
+        """Return a packed policy."""
         return cls(listed(arrays["actions"]), sizes["actions"])
 
 
@@ -99,10 +103,15 @@ class StochasticPolicy(_Table):
 
     Args:
         probabilities: A x S, the probability of action (row) in state (column); columns sum to 1.
-        seed: Makes the draws reproducible.
+        seed: The seed of the draws.
 
     Raises:
         ModelError: If a column is not a distribution.
+
+    Example::
+
+        policy = mdm.policies.StochasticPolicy([[1.0, 0.5], [0.0, 0.5]], seed=1)
+        policy.action(0)  # 0
     """
 
     kind: ClassVar[str] = "stochastic"
@@ -125,12 +134,12 @@ class StochasticPolicy(_Table):
         matrix.setflags(write=False)
         self.probabilities = matrix
         cumulative = np.cumsum(matrix, axis=0)
-        cumulative /= cumulative[-1]  # so that rounding never leaves a gap to draw an action of probability 0 from
+        cumulative /= cumulative[-1]  # or rounding could lead to an action of probability 0
         self._cumulative = np.ascontiguousarray(cumulative.T)
         self.seed(seed)
 
     def information(self, model: MDP | None) -> Information:  # noqa: ARG002 - the state is seen
-        """Return the state with numbers of its own: the same seed makes the same decisions."""
+        """Return the state with random numbers: equal seeds give equal decisions."""
         return DrawnInformation(KnownState(), self._seed)
 
     def action(self, state: int | Drawn) -> int:
@@ -145,7 +154,7 @@ class StochasticPolicy(_Table):
         return self.probabilities
 
     def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - the table is enough
-        """Return its decisions for many episodes at once."""
+        """Return its decisions for a batch of episodes."""
         return ProbabilityBatch(self.probabilities)
 
     def packed(self) -> Packed:
@@ -154,23 +163,28 @@ class StochasticPolicy(_Table):
 
     @classmethod
     def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
-        """Return the policy that was packed."""
+        """Return a packed policy."""
         return cls(arrays["probabilities"], seed=seed)
 
     def seed(self, seed: int | None) -> None:
-        """Begin the draws anew."""
+        """Restart the draws from a seed."""
         self._seed = seed
         self._generator = np.random.default_rng(seed)
 
 
 class QTable(_Table):
-    """Values of actions per state: the best is chosen, of equal ones that with the lowest index.
+    """Values of actions per state: chooses the greatest value, of equal ones the lowest index.
 
     Args:
         values: S x A, the value of each action in each state.
 
     Raises:
         ModelError: If a value is NaN.
+
+    Example::
+
+        policy = mdm.policies.QTable([[0.0, 5.0], [2.0, 1.0]])
+        policy.action(0), policy.value(0)  # 1, 5.0
     """
 
     kind: ClassVar[str] = "q"
@@ -187,7 +201,7 @@ class QTable(_Table):
         self.values = table
         self.num_states, self.num_actions = table.shape
         self._actions: list[int] = table.argmax(axis=1).tolist()
-        if type(self).action is QTable.action:  # else a subclass has a say in it
+        if type(self).action is QTable.action:  # not overridden
             self.table = self._actions
 
     def action(self, state: int) -> int:
@@ -212,5 +226,5 @@ class QTable(_Table):
 
     @classmethod
     def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
-        """Return the policy that was packed."""
+        """Return a packed policy."""
         return cls(arrays["values"])

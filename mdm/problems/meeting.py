@@ -75,7 +75,7 @@ def meeting(size: int = 3, *, success: float = 0.6, discount: float = 1.0) -> PO
     """
     if size < 2:
         raise ModelError(f"a grid to meet in has at least 2 rows and columns, not {size}")
-    from scipy import sparse  # noqa: PLC0415 - as long to import as all the rest
+    from scipy import sparse  # noqa: PLC0415 - slow to import
 
     cells = size * size
     corners = np.zeros((cells, cells))
@@ -94,7 +94,7 @@ def meeting(size: int = 3, *, success: float = 0.6, discount: float = 1.0) -> PO
 
 def _transitions(size: int, success: float) -> list[Matrix]:
     """Return T of every joint action, as CSR: the robots move independently, and may share a cell."""
-    from scipy import sparse  # noqa: PLC0415 - as long to import as all the rest
+    from scipy import sparse  # noqa: PLC0415 - slow to import
 
     cells = size * size
     steps = np.zeros((4, cells, cells))  # where each step leads, were it certain

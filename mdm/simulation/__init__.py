@@ -1,4 +1,4 @@
-"""Worlds that a model drives: closing the loop without a robot."""
+"""Simulation of policies in their models: worlds for the decision loop, and batches of episodes without it."""
 
 from mdm.simulation.batch import Evaluation, evaluate
 from mdm.simulation.sampler import Sampler

@@ -1,13 +1,12 @@
-"""What a policy is worth in its model, by simulation of thousands of episodes at once, without the decision loop.
+"""The value of a policy in its model, by Monte Carlo simulation of batches of episodes, without the decision loop.
 
-The estimate is the mean discounted return of independent episodes (the Monte Carlo method); its error falls with the
-square root of their number. Policies of known kinds run in step, as arrays, at millions of steps a second for small
-models: states are drawn for all episodes at once, and beliefs are a matrix with a row for each. Policies of other
-kinds, and beliefs over more than 2,000 states, go one episode after the other. For the loop as a robot runs it, ten
-to a hundred times slower, take `simulate`.
+The estimate is the mean discounted return of independent episodes; its error falls with the square root of their
+number. Policies of known kinds run as arrays, at millions of steps a second for small models: the states of a batch
+are sampled together, and its beliefs are a matrix. Other policies, and beliefs over more than 2,000 states, run one
+episode at a time. `simulate` runs the real decision loop, ten to a hundred times slower.
 
-Random numbers belong to an episode and a step of time, not to a policy: with the same seed two policies meet the same
-luck, and their difference is far better known than either (common random numbers).
+Random numbers belong to an episode and a time step, not to a policy. With the same seed, the difference of two policies
+is known far better than either value (common random numbers).
 """
 
 from __future__ import annotations
@@ -41,16 +40,16 @@ _NORMAL = 1.959963985
 
 
 class Evaluation(msgspec.Struct, frozen=True):
-    """What simulated episodes of a policy were worth.
+    """The result of simulated episodes of a policy.
 
     Attributes:
-        mean: The mean of their discounted returns.
-        standard_error: Of the mean; 0 where there was one episode.
-        returns: Each episode's return.
-        steps: How long an episode may be: decisions where their number was given, else steps of time.
-        seed: With it the same episodes come again.
-        moves: Steps of time that were simulated, in all.
-        seconds: What that took.
+        mean: The mean of the discounted returns.
+        standard_error: The standard error of the mean; 0 for a single episode.
+        returns: The return of each episode.
+        steps: The longest episode: in decisions if their number was given, else in time steps.
+        seed: The seed, for the same episodes again.
+        moves: The number of simulated time steps.
+        seconds: The time of the simulation.
     """
 
     mean: float
@@ -63,18 +62,18 @@ class Evaluation(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, returns: Vector, steps: int, seed: int, moves: int, seconds: float) -> Evaluation:
-        """Return what the episodes' returns come to."""
+        """Return the result of some returns."""
         error = float(returns.std(ddof=1)) / math.sqrt(len(returns)) if len(returns) > 1 else 0.0
         return cls(float(returns.mean()), error, returns, steps, seed, moves, seconds)
 
     @property
     def episodes(self) -> int:
-        """How many episodes were run."""
+        """The number of episodes."""
         return len(self.returns)
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % confidence interval of what the policy is worth."""
+        """The 95 % confidence interval of the policy's value."""
         return self.mean - _NORMAL * self.standard_error, self.mean + _NORMAL * self.standard_error
 
     def __repr__(self) -> str:
@@ -83,7 +82,7 @@ class Evaluation(msgspec.Struct, frozen=True):
 
     @property
     def steps_a_second(self) -> float:
-        """How fast it went."""
+        """Time steps per second."""
         return self.moves / self.seconds if self.seconds > 0 else math.inf
 
 
@@ -95,22 +94,28 @@ def evaluate(
     steps: int | None = None,
     seed: int | None = None,
 ) -> Evaluation:
-    """Estimate what a policy is worth at the start of its model.
+    """Estimate the value of a policy at the start of its model.
 
-    An episode ends after ``steps`` decisions; by default where what remains weighs less than a millionth or the plan
-    of a controller has its end. It ends early where nothing more can be earned. The model's false
-    negatives, and events without an observation, lead to no decision: the action goes on, each step of time with its
-    reward. A policy over states decides at every step.
+    An episode ends after ``steps`` decisions; by default at the end of the policy's plan, or once the discounted weight
+    of the rest is below a millionth. It ends early in states without further rewards. False negatives, and events
+    without an observation, lead to no decision: the action goes on, each time step with its reward. A policy over
+    states decides at every time step.
 
     Args:
-        model: The model, or the path of its file; beliefs are tracked by it, too.
-        policy: A policy of any kind, see `Controller`; a controller begins in its best node where it knows its values.
-        episodes: How many; by default 10,000, or 1,000 where they go one by one.
-        steps: Decisions in each.
-        seed: The same seed gives the same result; without one it is drawn.
+        model: The model of the world and of belief tracking, or the path of its file.
+        policy: A policy of any kind, see `Controller`. A plan with values begins at its best node.
+        episodes: The number of episodes; by default 10,000, or 1,000 if they run one at a time.
+        steps: Decisions per episode.
+        seed: The same seed gives the same result; by default it is random.
 
     Raises:
-        ConfigError: If the policy does not go with the model, or episodes have no end.
+        ConfigError: If the policy does not fit the model, or episodes have no end.
+
+    Example::
+
+        result = mdm.evaluate("tiger.pomdp", "tiger.vf", episodes=2000, seed=1)
+        result.episodes  # 2000
+        result.mean, result.interval  # the value, and its 95 % confidence interval
     """
     model = model_of(model)
     policy = policy_of(policy, model)
@@ -138,14 +143,14 @@ def _check(model: MDP, policy: Any, episodes: int | None, steps: int | None) -> 
     if steps is not None and steps < 1:
         raise ConfigError(f"an episode needs at least 1 step, not {steps}")
     if getattr(policy, "input", "state") != "state" and not isinstance(model, POMDP):
-        raise ConfigError("the policy goes by what is observed, but the model is an MDP, which has no observations")
+        raise ConfigError("the policy needs observations, but the model is an MDP, which has none")
     wrong = mismatch(policy, model)
     if wrong is not None:
         raise ConfigError(wrong)
 
 
 def _in_chunks(run: EpisodeBatch, episodes: int, chunk: int, seed: int) -> tuple[Vector, int]:
-    """Run episodes in parts that the memory holds, each with numbers of its own."""
+    """Run episodes in parts that fit into memory, each with its own random numbers."""
     sizes = [min(chunk, episodes - first) for first in range(0, episodes, chunk)]
     streams = np.random.SeedSequence(seed).spawn(len(sizes))
     parts = [run(size, np.random.default_rng(stream)) for size, stream in zip(sizes, streams, strict=True)]

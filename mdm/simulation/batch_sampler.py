@@ -30,9 +30,9 @@ class BatchSampler:
         dynamics = Dynamics(model)
         self.rewards = dynamics.rewards
         self.ended = ended_states(dynamics)
-        """The states from which nothing more can be earned: an episode that is there is over."""
+        """The states without further rewards, where an episode ends."""
         self.nothing = dynamics.num_observations
-        """What is drawn where nothing is observed: no observation's index."""
+        """The index that stands for no observation."""
         self._first = Draws(stacked([model.initial_belief[None, :]]))
         self._transitions = Draws(dynamics.transitions)
         self._by_transition = dynamics.by_transition
@@ -44,15 +44,15 @@ class BatchSampler:
         return self._first.columns[self._first(zeros, zeros, numbers)]
 
     def move(self, states: Indices, actions: Indices, numbers: Vector) -> tuple[Indices, Indices]:
-        """Draw what follows.
+        """Draw next states and observations.
 
         Args:
-            states: E of them.
-            actions: Of each episode.
+            states: The states of E episodes.
+            actions: Their actions.
             numbers: From [0, 1), 2 x E: for the transitions, and for the observations.
 
         Returns:
-            The next states, and what is observed; ``nothing`` where events leave it open.
+            The next states and the observations; ``nothing`` for an event without one.
         """
         entries = self._transitions(actions, states, numbers[0])
         after = self._transitions.columns[entries]
@@ -66,8 +66,7 @@ class BatchSampler:
 class Draws:
     """Rows as distributions to draw from.
 
-    A draw is a bisection of the row's cumulative probabilities, for all rows in step: as many rounds as the longest row
-    has bits in its length. It finds an entry.
+    A draw finds an entry by bisection of the row's cumulative probabilities, for all rows at once.
 
     Args:
         rows: Rows that sum to 1.
@@ -103,7 +102,7 @@ class Draws:
 
 
 def _levels(rows: Rows, starts: Indices) -> Vector:
-    """Return the cumulative probabilities of each row; the last is beyond any draw, and so rounding is, too."""
+    """Return the cumulative probabilities of each row; the last exceeds any number, in spite of rounding."""
     levels = np.empty(len(rows.values))
     blocks = np.append(np.unique(rows.first), len(starts) - 1)
     for begin, end in pairwise(blocks):  # sums over all would lose digits
@@ -116,16 +115,16 @@ def _levels(rows: Rows, starts: Indices) -> Vector:
 
 
 def ended_states(dynamics: Dynamics) -> npt.NDArray[np.bool_]:
-    """Return from which states no action ever leads to a reward."""
+    """Return the states from which no reward can be reached."""
     size = dynamics.num_states
     earning = np.flatnonzero((dynamics.rewards != 0).any(axis=1))
     ended = np.zeros(size, dtype=bool)
     if len(earning) == size:
         return ended
-    from scipy.sparse import coo_array  # noqa: PLC0415 - as long to import as all the rest
+    from scipy.sparse import coo_array  # noqa: PLC0415 - slow to import
     from scipy.sparse.csgraph import breadth_first_order  # noqa: PLC0415
 
-    # Backwards, from one more node that stands before all states with rewards.
+    # A backward search from an additional node, which precedes all states with rewards.
     ways = dynamics.transitions.matrix(size).tocoo()
     rows = np.concatenate([ways.col, np.full(len(earning), size)])
     columns = np.concatenate([ways.row % size, earning])

@@ -1,4 +1,4 @@
-"""Episodes of a policy in its model without the decision loop: many in step, or one after the other."""
+"""Episodes of a policy in its model without the decision loop: in batches, or one at a time."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.policies.batch import Batch
 
-__all__ = ["EpisodeBatch", "EpisodeStep", "Limits", "Single", "limits", "one_by_one"]
+__all__ = ["EpisodeBatch", "EpisodeRunner", "EpisodeStep", "Limits", "limits", "one_by_one"]
 
 _REST = 1e-6
-"""The weight of what comes after the last step, where the discount ends an episode."""
+"""The discounted weight of the rest at which an episode ends."""
 _LONGEST = 10_000
-"""So many steps in a row without an observation end an episode."""
+"""The number of time steps without an observation that ends an episode."""
 
 
 class Limits(NamedTuple):
-    """Where an episode ends.
+    """The end of an episode.
 
     Attributes:
-        decisions: After so many.
-        moves: After so many steps of time, which are more than decisions where there are false negatives.
+        decisions: The most decisions.
+        moves: The most time steps, which false negatives make more than decisions.
     """
 
     decisions: float
@@ -44,12 +44,12 @@ class Limits(NamedTuple):
 
 
 def limits(model: MDP, policy: Any, steps: int | None) -> Limits:
-    """Return where episodes end.
+    """Return the end of episodes.
 
     Raises:
-        ConfigError: If they do not.
+        ConfigError: If they have none.
     """
-    horizon = getattr(policy, "horizon", None)  # a plan's own end, of controllers and staged policies
+    horizon = getattr(policy, "horizon", None)  # of plans and staged policies
     if steps is not None:
         return Limits(steps if horizon is None else min(steps, horizon), math.inf)
     if model.discount < 1:
@@ -61,13 +61,13 @@ def limits(model: MDP, policy: Any, steps: int | None) -> Limits:
 
 
 class EpisodeBatch:
-    """Runs many episodes in step.
+    """Runs a batch of episodes as arrays.
 
     Args:
         model: The model.
         batch: The policy's decisions.
-        observed: Whether the policy goes by what is observed.
-        ends: Where an episode ends.
+        observed: Whether the policy needs observations.
+        ends: The end of an episode.
     """
 
     def __init__(self, model: MDP, batch: Batch, ends: Limits, *, observed: bool) -> None:
@@ -80,9 +80,9 @@ class EpisodeBatch:
         self._ends = ends
 
     def __call__(self, episodes: int, random: np.random.Generator) -> tuple[Vector, int]:
-        """Run some episodes; return their discounted returns, and how many steps of time they took in all.
+        """Run some episodes; return their discounted returns, and the total number of time steps.
 
-        Every episode has its own numbers at every step, whatever the policy did and which others have ended.
+        The random numbers of an episode and time step depend neither on the policy nor on other episodes.
         """
         sampler = self._sampler
         returns = np.zeros(episodes)
@@ -122,14 +122,14 @@ class EpisodeBatch:
 
 
 class EpisodeStep(NamedTuple):
-    """A step of time in an episode.
+    """A time step of an episode.
 
     Attributes:
-        state: The state before.
-        belief: What the policy knows of it; None where it sees it.
-        action: What is done; that of the last decision where nothing was observed since.
-        seen: What was observed at the decision; None at the first one, and where nothing was.
-        decided: Whether this is a decision.
+        state: The state before the action.
+        belief: The belief, or its support; None for policies over states.
+        action: The action: that of the last decision.
+        seen: The last observation; None at the first decision, and for no observation.
+        decided: Whether there was a decision at this time step.
     """
 
     state: int
@@ -139,8 +139,8 @@ class EpisodeStep(NamedTuple):
     decided: bool
 
 
-class Single:
-    """Runs single episodes of a controller in its model.
+class EpisodeRunner:
+    """Runs one episode of a policy at a time.
 
     Args:
         model: The model.
@@ -154,7 +154,7 @@ class Single:
         self._ended = ended_states(Dynamics(model))
 
     def __call__(self, seed: int | np.random.SeedSequence | None) -> Iterator[EpisodeStep]:
-        """Run an episode until nothing more can come of it; the caller may end it at any moment."""
+        """Yield the time steps of an episode until no further reward is possible; the caller may stop before."""
         model, sampler, controller = self._model, self._sampler, self._controller
         sees, false_negative = controller.takes == "state", model.false_negative
         sampler.seed(seed)
@@ -163,7 +163,7 @@ class Single:
             step = controller.start(state)
         else:
             assert isinstance(model, POMDP)
-            knows = controller.symbols.num_states is not None  # a plan may know nothing of states
+            knows = controller.symbols.num_states is not None  # not so for a plan without values
             step = controller.start(model.belief_at_start(state) if knows else None)
         decided = True
         while not self._ended[state] and waited < _LONGEST:
@@ -177,31 +177,31 @@ class Single:
             seen = sampler.observation(step.action, before, state)
             decided = seen is not None and seen != false_negative
             if decided:
-                step, waited = controller.observe(seen), 0  # rounding may make it impossible: time passes then
+                step, waited = controller.observe(seen), 0  # a prediction, if it is impossible by rounding
             else:
                 seen, waited = None, waited + 1
 
     def _known(self) -> Vector | Support | None:
-        """Return the belief as it is held; None where there is none."""
+        """Return the belief or its support; None without a belief."""
         current = None if self._controller.takes == "state" else self._controller.information.current
         return current if isinstance(current, np.ndarray | Support) else self._controller.belief
 
 
 def one_by_one(model: MDP, policy: Any, ends: Limits, *, episodes: int, seed: int) -> tuple[Vector, int]:
-    """Run episodes one after the other, for policies of any kind.
+    """Run episodes one at a time, for policies of any kind.
 
     Returns:
-        Their discounted returns, and how many steps of time they took in all.
+        The discounted returns, and the total number of time steps.
     """
-    run, rewards, discount = Single(model, policy), model.rewards, model.discount
+    run, rewards, discount = EpisodeRunner(model, policy), model.rewards, model.discount
     returns, moves = np.zeros(episodes), 0
     for episode, stream in enumerate(np.random.SeedSequence(seed).spawn(episodes)):
         weight, total, decisions, time = 1.0, 0.0, 0, 0
-        for moment in run(stream):
-            total += weight * float(rewards[moment.state, moment.action])
+        for step in run(stream):
+            total += weight * float(rewards[step.state, step.action])
             weight *= discount
             time += 1
-            decisions += moment.decided
+            decisions += step.decided
             if decisions >= ends.decisions or time >= ends.moves:
                 break
         returns[episode] = total

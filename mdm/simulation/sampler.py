@@ -19,14 +19,19 @@ _Row = tuple[list[float], list[int]]
 
 
 class Sampler:
-    """Draws from a model's distributions; the same seed gives the same draws.
+    """Samples a model; the same seed gives the same samples.
 
-    Rows of the model are turned into cumulative lists when they are first drawn from, so that a draw costs a bisection
-    and a large model only the rows that are visited.
+    A sample costs a bisection of cumulative probabilities, which are computed once for each row that is visited.
 
     Args:
         model: The model.
-        seed: Seeds the generator.
+        seed: The seed of the generator.
+
+    Example::
+
+        sampler = mdm.simulation.Sampler(mdm.problems.grid_world(slip=0.0), seed=1)
+        state = sampler.first_state()
+        state = sampler.next_state(state, 0)
     """
 
     def __init__(self, model: MDP, seed: int | None = None) -> None:
@@ -38,7 +43,7 @@ class Sampler:
         self._observations: dict[tuple[int, ...], _Row] = {}
 
     def seed(self, seed: int | np.random.SeedSequence | None) -> None:
-        """Begin the draws anew."""
+        """Restart the samples from a seed."""
         self._generator = np.random.default_rng(seed)
         self._numbers = []
 
@@ -60,10 +65,10 @@ class Sampler:
         return self._draw(row)
 
     def observation(self, action: int, before: int, state: int) -> int | None:
-        """Draw what is observed when ``action`` has led from ``before`` to ``state``.
+        """Draw the observation after ``action`` has led from ``before`` to ``state``.
 
         Returns:
-            None where nothing is: events may leave a part of the probability to no observation at all.
+            The index; None for no observation, whose probability events may leave open.
         """
         model = self._model
         assert isinstance(model, POMDP)
@@ -88,6 +93,6 @@ def _row(matrix: Matrix, index: int) -> _Row:
 def _cumulative(probabilities: np.ndarray, symbols: np.ndarray) -> _Row:
     possible = probabilities > 0
     levels = np.cumsum(probabilities[possible])
-    # The last level is beyond any draw, so that rounding never draws past the end.
+    # The last level exceeds any number, so that rounding never draws past the end.
     levels[-1] = 2.0
     return levels.tolist(), symbols[possible].tolist()

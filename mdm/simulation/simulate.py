@@ -1,4 +1,4 @@
-"""Simulation: the mean discounted return of a policy in its model, through the real decision loop in virtual time."""
+"""The mean discounted return of a policy in its model, by the real decision loop in virtual time."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ REST = 1e-4
 
 
 def steps_for(discount: float) -> int:
-    """Return after how many decisions the rest of an episode weighs less than 1e-4 of the whole.
+    """Return the number of decisions after which the discounted weight of the rest is below 1e-4.
 
     Raises:
-        ConfigError: If the discount is 1: the rest never weighs less.
+        ConfigError: If the discount is 1.
     """
     if discount >= 1:
         raise ConfigError("with a discount of 1 an episode needs an end: give a horizon or the number of steps")
@@ -43,21 +43,27 @@ def simulate(
     steps: int | None = None,
     **options: Unpack[ControlOptions],
 ) -> Evaluation:
-    """Run episodes of a policy in its model, through the real decision loop, and return what they were worth.
+    """Run episodes of a policy in its model through the real decision loop, and return their value.
 
-    It runs an ensemble against a `World` in a program of its own, so call it from outside asyncio.
+    It runs an ensemble and a `World` in an event loop of its own: call it from outside asyncio.
 
     Args:
-        model: The world, and what beliefs are tracked by; or the path of its file.
-        policy: What decides; see `Controller`.
-        episodes: How many to run.
-        steps: Decisions in each episode; by default, and at most, as many as the policy's plan has, or where it has no
-            end, as leave out less than 1e-4 of the discounted weight.
-        options: Of the control layer, see `ControlOptions`; its ``seed`` is that of the world, too: the same seed gives
-            the same result, and without one it is drawn.
+        model: The model of the world and of belief tracking, or the path of its file.
+        policy: The policy; see `Controller`.
+        episodes: The number of episodes.
+        steps: Decisions per episode, at most those of the policy's plan. By default as many as the plan has, or until
+            the discounted weight of the rest is below 1e-4.
+        options: Options of the control layer, see `ControlOptions`. The ``seed`` is also the world's: the same seed
+            gives the same result; by default it is random.
 
     Raises:
         ConfigError: If sizes do not fit, or episodes have no end.
+
+    Example::
+
+        result = mdm.simulate("tiger.pomdp", "tiger.vf", episodes=20, seed=1)
+        result.episodes  # 20
+        result.interval  # the 95 % confidence interval of the value
     """
     if episodes < 1:
         raise ConfigError(f"a simulation needs at least 1 episode, not {episodes}")
@@ -107,4 +113,4 @@ def simulate(
 
 
 def _nothing() -> None:
-    """What an action does in a world that knows of it by its message."""
+    """Do nothing: the world takes actions from messages."""

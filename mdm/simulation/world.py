@@ -1,4 +1,4 @@
-"""The world: an actor that a model drives, which takes an ensemble's actions and gives it states or observations."""
+"""The world: an actor that samples a model, in response to the actions of an ensemble."""
 
 from __future__ import annotations
 
@@ -21,29 +21,53 @@ if TYPE_CHECKING:
 __all__ = ["World"]
 
 _LONGEST = 10_000
-"""So many steps in a row without an observation are no accident."""
+"""The number of time steps without an observation that ends an episode."""
 
 
 class World(Actor):
-    """Closes the loop around an ensemble without a robot.
+    """A simulated world for an ensemble. Start it before the ensemble.
 
-    After each decision it draws the next state and, for a POMDP, an observation, and makes them known: by the sensors
-    of the ensemble's state factors and the events of its observation factors where it has such and code sets them, and
-    as messages on its channels otherwise. Start it before the ensemble. What a `MixedPOMDP` shows of an episode's first
-    state is the ensemble's initial belief.
+    After each decision it samples the next state and, for a POMDP, an observation. It sets the sensors of the
+    ensemble's state factors, or raises the events of its observation factors; if there are none that code may set, it
+    publishes on the ensemble's channels. For a `MixedPOMDP` it sets the initial belief to what is observed of the first
+    state.
 
-    A false negative of the model, or an event without an observation, leads to no decision: the action goes on, each
-    such step with its reward, until something is observed; a fixed-rate ensemble decides all the same. An episode in
-    which nothing is observed for 10,000 steps ends, with a fault.
+    A false negative, or an event without an observation, leads to no decision: the action goes on, each time step with
+    its reward, until something is observed. A fixed-rate ensemble decides all the same. After 10,000 time steps without
+    an observation the episode ends, with a fault.
 
     Args:
-        ensemble: Whose actions count.
-        model: How the world goes; by default the ensemble's own model.
-        seed: Makes a run reproducible.
-        period: Seconds that an action takes until its outcome shows; 0 shows it in the same turn. A fixed-rate
-            ensemble sees outcomes at its ticks, whatever the period.
-        steps: Decisions in an episode; by default the ensemble's horizon. The end of a controller's plan ends it, too.
+        ensemble: The ensemble that acts.
+        model: The model of the world; by default the ensemble's.
+        seed: The seed of the samples.
+        period: Seconds from an action to its outcome; 0 for the same turn. A fixed-rate ensemble sees outcomes at its
+            ticks, whatever the period.
+        steps: Decisions per episode; by default the ensemble's horizon. An episode also ends with the policy's plan.
         finished: Called with each episode's discounted return.
+
+    Raises:
+        ConfigError: If there is no model, or it does not fit the ensemble.
+
+    Example::
+
+        returns = []
+
+
+        async def main():
+            tiger = mdm.Ensemble(
+                "tiger",
+                policy="tiger.vf",
+                model="tiger.pomdp",
+                actions=dict.fromkeys(["listen", "open-left", "open-right"], lambda: None),
+            )
+            async with mdm.Runtime(log=None) as runtime:
+                await runtime.start(mdm.World(tiger, seed=1, steps=10, finished=returns.append))
+                await runtime.start(tiger)
+                await runtime.clock.sleep(60)
+
+
+        mdm.run(main, virtual=True)
+        len(returns)  # 6
     """
 
     def __init__(
@@ -62,17 +86,17 @@ class World(Actor):
         if given is None:
             raise ConfigError(f"a world for ensemble {ensemble.name!r} needs a model, but the ensemble has none")
         if ensemble.controller.takes != "state" and not isinstance(given, POMDP):
-            raise ConfigError(f"ensemble {ensemble.name!r} decides by what is observed: its world needs observations")
+            raise ConfigError(f"ensemble {ensemble.name!r} needs observations, but the model of its world has none")
         if len(given.action_space) != ensemble.controller.policy.num_actions:
             raise ConfigError(
-                f"ensemble {ensemble.name!r} decides on {ensemble.controller.policy.num_actions} actions, but its "
-                f"world has {len(given.action_space)}: one agent's part of a team is no world's whole"
+                f"ensemble {ensemble.name!r} has {ensemble.controller.policy.num_actions} actions, but its world "
+                f"{len(given.action_space)}: a world needs the joint actions of the whole team"
             )
         self.ensemble = ensemble
         self.model: MDP = given
         self.state = 0
         self.steps = ensemble.controller.horizon if steps is None else steps
-        # A controller that has nothing to do with states has no use for a belief.
+        # A plan without values has no use for a belief.
         self._belief_at_start: Callable[[int], Vector] | None = None
         if isinstance(given, MixedPOMDP) and ensemble.controller.symbols.num_states is not None:
             self._belief_at_start = given.belief_at_start
@@ -86,10 +110,10 @@ class World(Actor):
         self._weight = 1.0
         self._step = 0
         self.moves = 0
-        """Steps of time in the present episode."""
+        """Time steps in the present episode."""
 
     def on_start(self) -> None:
-        """Listen for actions, and begin in a first state."""
+        """Subscribe to actions, and begin an episode."""
         path, channel = self.ensemble.path, self.runtime.channel
         self._states = channel(f"{path}/state", State, retain=True)
         self._observations = channel(f"{path}/observation", Observation)
@@ -115,7 +139,7 @@ class World(Actor):
         self.moves += 1
         if self._step == self.steps or self.ensemble.controller.over:
             self._end_episode()
-            # The next stimulus begins a new episode; what is observed in it does not count.
+            # The next stimulus begins a new episode; its observation does not count.
             self._later(lambda: self._show(observation=0, changed=True))
             return
         before = self.state
@@ -133,7 +157,7 @@ class World(Actor):
         self._begin_episode()
 
     def _move(self, action: int) -> tuple[int | None, int]:
-        """Go on until something is observed; return what, or None, and after how many steps."""
+        """Advance until something is observed; return the observation or None, and the number of time steps."""
         for steps in range(1, _LONGEST):
             before, self.state = self.state, self._sampler.next_state(self.state, action)
             if not isinstance(self.model, POMDP):
@@ -151,8 +175,8 @@ class World(Actor):
     def _tell_no_observation(self, action: int) -> None:
         names = self.model.state_space.names[self.state], self.model.action_space.names[action]
         text = (
-            f"nothing is observed any more in state {names[0]!r} during action {names[1]!r}, in {_LONGEST} steps: the "
-            f"episode ends"
+            f"no observation in {_LONGEST} time steps, in state {names[0]!r} during action {names[1]!r}: the episode "
+            f"ends"
         )
         self.runtime.faults.publish(Fault(self.runtime.clock.now(), self.path, "no_observation", text))
 

@@ -11,7 +11,7 @@ import numpy as np
 from mdm.beliefs import Support
 from mdm.errors import Error, ModelError
 from mdm.models import POMDP
-from mdm.simulation.episodes import Single
+from mdm.simulation.episodes import EpisodeRunner
 from mdm.views.canvas import pyplot
 from mdm.views.grid import action_colours
 
@@ -79,7 +79,7 @@ def doubt_figure(model: MDP, policy: Any, states: Sequence[str] | None, seed: in
 def _in_doubt(model: MDP, policy: Any, seed: int) -> tuple[int, int]:
     """Return the two states that are most often mistaken for each other: with the greatest mean product of beliefs."""
     shared: defaultdict[tuple[int, int], float] = defaultdict(float)
-    run = Single(model, policy)
+    run = EpisodeRunner(model, policy)
     for stream in np.random.SeedSequence(seed).spawn(_EPISODES):
         for _, moment in zip(range(_STEPS), run(stream), strict=False):
             belief = _dense(moment.belief, model)
@@ -102,7 +102,7 @@ def belief_figure(model: MDP, policy: Any, steps: int, seed: int) -> Any:
         seed: Of the episode.
     """
     moments: list[EpisodeStep] = []
-    for moment in Single(model, policy)(seed):
+    for moment in EpisodeRunner(model, policy)(seed):
         if moment.decided:
             moments.append(moment)
         if len(moments) == steps:

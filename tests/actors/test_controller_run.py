@@ -181,8 +181,8 @@ def test_a_belief_means_nothing_where_the_nodes_values_are_not_known():
     decisions, faults = decided(ROUND, see(0), believe(0.5, 0.5), initial, see(1))
     assert [action for *_, action in decisions] == [0, 1, 1]
     assert [fault.kind for fault in faults] == ["belief", "belief", "impossible_observation"]
-    assert "refused a belief on robot/external_belief: the controller goes by observations" in faults[0].detail
-    with pytest.raises(ConfigError, match="nodes have no known values"):
+    assert "refused a belief on robot/external_belief: the controller's nodes have no values" in faults[0].detail
+    with pytest.raises(ConfigError, match="nodes have no values"):
         Ensemble("robot", policy=ROUND, actions={0: nothing, 1: nothing}, initial_belief=[1, 0])
 
 

@@ -92,7 +92,7 @@ def test_a_node_that_nothing_follows_is_the_last():
         (lambda: controller().action_at(-1), "there is no node -1"),
         (lambda: controller().next_node(5, 0), "there is no node 5"),
         (lambda: controller().next_node(0, 2), "there is no observation 2"),
-        (lambda: controller().value(np.array([1.0])), "no known values"),
+        (lambda: controller().value(np.array([1.0])), "no values"),
         (lambda: controller(values=np.ones((3, 2))).value(np.array([1.0])), "beliefs of 2 numbers"),
         (lambda: controller(values=np.ones((3, 2))).start_node(np.ones((2, 1))), "not of shape (2, 1)"),
     ],

@@ -37,7 +37,7 @@ def test_a_value_of_zero_is_a_value():
 def test_a_belief_that_no_vector_covers():
     policy = MaskedAlphaVectors([{0: 1.0}], [0], 2)
     assert policy.value(np.array([0.5, 0.5])) == -np.inf
-    with pytest.raises(ModelError, match="is defined on all states that the belief gives weight to"):
+    with pytest.raises(ModelError, match="is defined on all of the belief.s support"):
         policy.action(np.array([0.5, 0.5]))
 
 
@@ -64,8 +64,8 @@ def test_with_all_states_they_are_plain_alpha_vectors(seed, count, num_states):
         (lambda: MaskedAlphaVectors([{0: 1}], [0, 1]), "1 alpha vectors, but 2 actions"),
         (lambda: MaskedAlphaVectors([{0: 1}], [2], num_actions=2), "the actions are 0 to 1"),
         (lambda: MaskedAlphaVectors([{0: 1}], [-1]), "is for action -1"),
-        (lambda: MaskedAlphaVectors([{0: 1}, {3: 1}], [0, 0], 3), "alpha vector 1 has a state that is none of 0 to 2"),
-        (lambda: MaskedAlphaVectors([{-1: 1}], [0]), "none of 0"),
+        (lambda: MaskedAlphaVectors([{0: 1}, {3: 1}], [0, 0], 3), "alpha vector 1 has a state outside 0 to 2"),
+        (lambda: MaskedAlphaVectors([{-1: 1}], [0]), "outside 0"),
         (lambda: MaskedAlphaVectors([{0: np.inf}], [0]), "not finite"),
         (lambda: POLICY.action(np.ones(2)), "beliefs of 3 numbers"),
         (lambda: POLICY.value(np.ones((3, 1))), "not of shape (3, 1)"),

@@ -42,7 +42,7 @@ def test_an_observed_value_without_vectors():
     assert policy.action(np.array([0.4, 0.1, 0.5, 0, 0, 0])) == 0
     assert policy.value(np.array([0.5, 0, 0.5, 0, 0, 0])) == -np.inf
     assert policy.q_values(np.array([0.5, 0, 0.5, 0, 0, 0])).tolist() == [-np.inf]
-    with pytest.raises(ModelError, match="no alpha vectors for what the belief says of the observed part"):
+    with pytest.raises(ModelError, match="no alpha vectors for the observed values of the belief"):
         policy.action(np.array([1.0, 0, 0, 0, 0, 0]))
 
 
@@ -68,14 +68,14 @@ def test_it_is_the_value_function_over_whole_states(seed, num_observed, num_hidd
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: MixedAlphaVectors([[1, 2]], [0], []), "needs an observed value"),
-        (lambda: MixedAlphaVectors([[1, 2]], [0], [-1]), "needs an observed value"),
+        (lambda: MixedAlphaVectors([[1, 2]], [0], []), "needs the index of an observed value"),
+        (lambda: MixedAlphaVectors([[1, 2]], [0], [-1]), "needs the index of an observed value"),
         (lambda: MixedAlphaVectors([], [], []), "vectors x states"),
         (lambda: MixedAlphaVectors([[1, 2]], [0, 1], [0, 0]), "1 alpha vectors, but 2 actions"),
         (lambda: MixedAlphaVectors([[1, np.nan]], [0], [0]), "not finite"),
-        (lambda: MixedAlphaVectors([[1, 2]], [0], [0], states=[[0, 1, 2]]), "3 hidden states are laid out"),
+        (lambda: MixedAlphaVectors([[1, 2]], [0], [0], states=[[0, 1, 2]]), "there are 3 hidden states"),
         (lambda: MixedAlphaVectors([[1, 2]], [0], [2], states=[[0, 1], [2, 3]]), "no observed value 2"),
-        (lambda: MixedAlphaVectors([[1, 2]], [0], [0], states=[[0, 0]]), "stands once"),
+        (lambda: MixedAlphaVectors([[1, 2]], [0], [0], states=[[0, 0]]), "exactly once"),
         (lambda: MixedAlphaVectors([[1, 2]], [0], [0], states=[0, 1]), "observed x hidden"),
         (lambda: POLICY.action(np.ones(5)), "beliefs of 6 numbers"),
         (lambda: POLICY.value(np.ones(5)), "beliefs of 6 numbers"),
@@ -105,5 +105,5 @@ def test_the_support_of_a_belief_says_as_much_as_the_belief(seed, num_observed, 
 
 def test_a_support_among_other_states_is_refused():
     for states in ([6], [-1]):
-        with pytest.raises(ModelError, match="beliefs over 6 states, not over others"):
+        with pytest.raises(ModelError, match="beliefs over 6 states: a state"):
             POLICY.action(Support(np.array(states), np.ones(1)))

@@ -69,7 +69,7 @@ def test_a_belief_chooses_the_first_node_where_values_are_known():
     assert known.current == (1,)
     known.reset()
     assert known.current == (0,)
-    with pytest.raises(ModelError, match="no known values"):
+    with pytest.raises(ModelError, match="no values"):
         JointController([PLAN, ROUND]).information(None).reset(np.array([0.4, 0.6]))
 
 

@@ -60,7 +60,7 @@ def test_wrong_tables_are_refused(make, message):
 
 
 def test_values_that_are_not_known_are_not_made_up():
-    with pytest.raises(ModelError, match="holds no values"):
+    with pytest.raises(ModelError, match="has no values"):
         DeterministicPolicy([0]).value(0)
 
 

@@ -285,7 +285,7 @@ def test_mistakes_are_told():
     for arguments, words in (
         ((model, policy, {"episodes": 0}), "at least 1 episode"),
         ((model, policy, {"steps": 0}), "at least 1 step"),
-        ((mdp, policy, {}), "an MDP, which has no observations"),
+        ((mdp, policy, {}), "is an MDP, which has none"),
         ((model, DeterministicPolicy([0, 1, 2]), {}), "3 states"),
         ((model.with_discount(1), policy, {}), "needs an end"),
     ):

@@ -142,7 +142,7 @@ def test_an_episode_in_which_nothing_is_observed_any_more_ends_with_a_fault():
 
     faults, decisions = run_virtual(main)
     assert {fault.kind for fault in faults} == {"no_observation"}
-    assert "nothing is observed any more in state" in faults[0].detail
+    assert "no observation in 10000 time steps, in state" in faults[0].detail
     assert [decision.cause for decision in decisions] == ["start", "reset", "reset", "reset"]
 
 
@@ -174,7 +174,7 @@ def test_a_part_of_a_team_is_no_worlds_whole():
     model = dec_tiger()
     team = JointController([FiniteStateController([0], [[0, 0]], 3)] * 2)
     robot = Ensemble("robot", policy=team, model=model, local=True, actions=dict.fromkeys(range(3), print))
-    with pytest.raises(ConfigError, match="decides on 3 actions, but its world has 9: one agent's part of a team"):
+    with pytest.raises(ConfigError, match="has 3 actions, but its world 9: a world needs the joint actions"):
         World(robot)
 
 

@@ -96,9 +96,9 @@ def test_observations_that_are_not_one_for_each_agent(tmp_path):
         actions=TEAM.action_space,
         observation_names=SOUNDS,
     )
-    with pytest.raises(FormatError, match="not one for each of its 2 agents"):
+    with pytest.raises(FormatError, match="are not one for each of its 2 agents"):
         policies.load_policy(DATA / "team.policy", model)
-    with pytest.raises(ModelError, match="not one for each of its 2 agents"):
+    with pytest.raises(ModelError, match="need a factor for each of its 2 agents"):
         policies.save_policy(policies.load_policy(DATA / "team.policy", TEAM), tmp_path / "x.npz", model)
 
 

@@ -20,7 +20,7 @@ from mdm.messages import Action, ActionLife, ActionStatus
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.channel import Subscription
 from mdm.runtime.clock import check_seconds
-from mdm.runtime.supervision import describe
+from mdm.runtime.supervision import LEAVING, describe
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -247,9 +247,9 @@ class ActionLayer(Layer):
             result = binding.function(action) if binding.takes_action else binding.function()
         except BaseException as error:
             self._end_life(_Life(self.started, self.names[index], binding, action), "failed", describe(error))
-            if isinstance(error, Exception):
-                return
-            raise
+            if isinstance(error, LEAVING):
+                raise
+            return
         if result is not None:
             self._take(_Life(self.started, self.names[index], binding, action), result)
             return
@@ -314,9 +314,9 @@ class ActionLayer(Layer):
             result = binding.function(action) if binding.takes_action else binding.function()
         except BaseException as error:
             self._end_life(life, "failed", describe(error))
-            if isinstance(error, Exception):
-                return
-            raise
+            if isinstance(error, LEAVING):
+                raise
+            return
         self._take(life, result)
 
     def _keep(self, life: _Life) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import inspect
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from weakref import WeakSet
@@ -15,8 +16,17 @@ from mdm.runtime.handler import check_plain, kind_of
 from mdm.runtime.scheduler import Ticker
 from mdm.runtime.start import Start
 from mdm.runtime.statistics import ActorStatistics
-from mdm.runtime.supervision import ActorFailure, Restart, RestartBudget, Supervision, describe
-from mdm.runtime.work import Work, wait_all
+from mdm.runtime.supervision import (
+    LEAVING,
+    ActorFailure,
+    Restart,
+    RestartBudget,
+    Supervision,
+    describe,
+    failure,
+    was_cancelled,
+)
+from mdm.runtime.work import Work, hide, wait_all
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable
@@ -30,7 +40,7 @@ __all__ = ["Actor"]
 
 T = TypeVar("T")
 Request = Literal["none", "stop", "restart", "fail"]
-_OVERRIDABLE = frozenset({"on_start", "on_running", "on_failing", "on_stopping", "on_stop", "statistics"})
+_OVERRIDABLE = frozenset({"on_start", "on_running", "on_failing", "on_stopping", "on_stop", "patience", "statistics"})
 Life = Literal["created", "starting", "running", "restarting", "stopping", "stopped", "failed"]
 
 
@@ -112,6 +122,11 @@ class Actor:
 
     def on_stop(self) -> None:
         """Let go of what `on_start` took; subscriptions, timers and work have ended by then."""
+
+    @property
+    def patience(self) -> float:
+        """Seconds within which `on_stopping` ends, by limits of its own; a second signal changes nothing meanwhile."""
+        return 0.0
 
     # -- Place in the tree ---------------------------------------------------------------------------------------
 
@@ -232,7 +247,8 @@ class Actor:
 
         Args:
             awaitable: What to run.
-            ended: Called in a turn when it has ended, however it did. Without it, an error is this actor's failure.
+            ended: Called in a turn when it has ended, however it did. Without it, whatever it raises is this actor's
+                failure; its cancellation is none where the actor asked for it.
             name: For debuggers and reports.
 
         Raises:
@@ -257,6 +273,8 @@ class Actor:
             self.__work.pop(work, None)
             if not work.abandoned:
                 dispatcher.deliver(turn, work)
+            if isinstance(work.error, LEAVING):
+                self.runtime.abort(work.error)
 
         work = Work(awaitable, f"mdm:{self.path}/{name or 'work'}", done)
         self.__work[work] = None
@@ -270,9 +288,10 @@ class Actor:
 
     @staticmethod
     def __judge(work: Work) -> None:
-        error = work.error
-        if isinstance(error, Exception):
-            raise error
+        if work.error is not None:
+            raise work.error
+        if work.cancelled and not work.interrupted:
+            raise ActorFailure(f"work {work.name!r} was cancelled, but not by its actor")
 
     def report(self, kind: str, detail: str, *, time: int | None = None) -> None:
         """Publish a `Fault` of this actor."""
@@ -282,7 +301,13 @@ class Actor:
     # -- Failure -------------------------------------------------------------------------------------------------
 
     def fail(self, error: BaseException) -> None:
-        """Take an error as this actor's failure, and do what its supervision says."""
+        """Take an error as this actor's failure, and do what its supervision says.
+
+        `SystemExit` and `KeyboardInterrupt` are no matter of supervision: they end the runtime, in order.
+        """
+        if isinstance(error, LEAVING) and self.__runtime is not None:
+            self.__runtime.abort(error)
+            return
         if self.life in {"created", "stopped", "failed"} or self.__request in {"restart", "fail"}:
             if self.__runtime is not None:
                 self.report("exception", describe(error))
@@ -354,6 +379,7 @@ class Actor:
 
     async def __run(self, runtime: Runtime, start: Start) -> None:
         self.__runtime = runtime
+        hide(asyncio.current_task())
         started = False
         error: BaseException | None = None
         try:
@@ -400,7 +426,7 @@ class Actor:
                     for child in tuple(self.children):
                         if not self.__asked("stop"):
                             await self.__start(child)
-                except Exception as error:
+                except (Exception, *LEAVING) as error:
                     failed = error
                 if failed is None:
                     self.__change("running")
@@ -426,13 +452,13 @@ class Actor:
     async def __begin(self) -> None:
         # A turn of its own, so that what on_start publishes is delivered in order before anything else happens.
         done = anyio.Event()
-        errors: list[Exception] = []
+        errors: list[BaseException] = []
 
         def begin(_: None) -> None:
             try:
                 self.on_start()
-            except Exception as error:
-                errors.append(error)
+            except BaseException as error:
+                errors.append(failure(error))
             done.set()
 
         self.runtime.dispatcher.deliver(Subscription(None, self, begin), None)
@@ -451,8 +477,10 @@ class Actor:
             self.__change("stopping")
         try:
             await self.on_stopping()
-        except Exception as error:
-            self.report("exception", describe(error))
+        except BaseException as error:
+            if was_cancelled(error):
+                raise
+            self.__trouble(error)
         for child in reversed(self.children):
             await child.__stop()  # noqa: SLF001 - the tree is actors' own affair
 
@@ -467,8 +495,14 @@ class Actor:
             self.__release()  # what ending work has subscribed to or set
             try:
                 self.on_stop()
-            except Exception as error:
-                self.report("exception", describe(error))
+            except BaseException as error:
+                self.__trouble(error)
+
+    def __trouble(self, error: BaseException) -> None:
+        """Tell what went wrong at its end, which goes on all the same."""
+        self.report("exception", describe(error))
+        if isinstance(error, LEAVING):
+            self.runtime.abort(error)
 
     async def __end_work(self) -> None:
         clock = self.runtime.clock

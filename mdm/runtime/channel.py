@@ -56,7 +56,7 @@ class Subscription(Generic[T]):
         if self.channel is not None:
             self.channel.dropped += 1
 
-    def fail(self, error: Exception) -> None:
+    def fail(self, error: BaseException) -> None:
         """Attribute what a handler raised to its actor."""
         if self.actor is None:
             raise error

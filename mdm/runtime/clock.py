@@ -11,6 +11,7 @@ import asyncio
 import heapq
 import time
 from abc import ABC, abstractmethod
+from collections import deque
 from itertools import count
 from time import monotonic_ns
 from typing import TYPE_CHECKING
@@ -157,14 +158,16 @@ class Clock(ABC):
         heap = self._heap
         now = self.now()
         rank = self._next_rank()
-        due: list[Timer] = []
+        due: deque[tuple[int, int, int, Timer]] = deque()
         while heap and heap[0][0] <= now and heap[0][1] == rank:
-            due.append(heapq.heappop(heap)[3])
+            due.append(heapq.heappop(heap))
         self._armed = None
         try:
-            for timer in due:
-                timer.fire()
+            while due:
+                due.popleft()[3].fire()
         finally:
+            for entry in due:  # those behind one that raised are still due
+                heapq.heappush(heap, entry)
             self._arm_next()
 
 

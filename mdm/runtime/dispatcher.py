@@ -103,7 +103,7 @@ class Dispatcher:
                 subscription, message = queue.popleft()
                 try:
                     subscription.handler(message)
-                except Exception as error:
+                except BaseException as error:
                     subscription.fail(error)
                 budget -= 1
                 if not budget:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import inspect
-import signal
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import anyio
@@ -14,8 +13,10 @@ from mdm.errors import Error
 from mdm.runtime.actor import Actor
 from mdm.runtime.clock import check_seconds
 from mdm.runtime.runtime import Runtime
+from mdm.runtime.signals import Signals
 from mdm.runtime.supervision import ActorFailure
 from mdm.runtime.virtual import DeadlockError, VirtualEventLoop
+from mdm.runtime.work import hide
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Coroutine
@@ -27,6 +28,7 @@ __all__ = ["run"]
 T = TypeVar("T")
 
 _PATIENCE = 0.5
+_LIMIT = 10.0
 
 
 @overload
@@ -53,12 +55,11 @@ def run(
     uvloop: bool = False,
     debug: bool = False,
 ) -> Any:
-    """Run a robot or an async function to its end, and stop it cleanly on Ctrl-C and SIGTERM.
+    """Run a robot or an async function to its end, and stop it cleanly on Ctrl-C, SIGTERM and SIGHUP.
 
     An actor, such as an ensemble or a system, runs in a `Runtime` of its own until it ends or so many seconds have
-    passed; in virtual time also until nothing is left to do. A function runs as by ``asyncio.run``. Either signal
-    cancels the program, so that every ``async with Runtime()`` in it stops its actors in order; a second Ctrl-C breaks
-    off at once.
+    passed; in virtual time also until nothing is left to do. A function runs as by ``asyncio.run``. A signal ends
+    every open `Runtime`, see there; where there is none, or time is virtual, it cancels the program.
 
     Args:
         program: An actor, an async function without arguments, or its coroutine.
@@ -74,47 +75,62 @@ def run(
         Error: If the program is none, or an event loop runs already.
         ActorFailure: If the actor failed.
         KeyboardInterrupt: After Ctrl-C.
-        SystemExit: With status 143 after SIGTERM.
+        SystemExit: With status 143 after SIGTERM, 129 after SIGHUP; or what an actor or its work raised.
         DeadlockError: In virtual time, when nothing is left to do; the function is cancelled first.
 
     Example:
         >>> mdm.run(mdm.load_system("robot.toml"), seconds=60)
     """
     _refuse_misuse(program, seconds)
-    terminated = False
-
-    task: asyncio.Task[Any] | None = None
-
-    async def guarded() -> Any:
-        nonlocal task
-        task = asyncio.current_task()
-
-        def terminate() -> None:
-            nonlocal terminated
-            terminated = True
-            if task is not None:
-                task.cancel()
-
-        # Only the main thread may listen to signals; elsewhere the program above us does.
-        with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
-            asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, terminate)
-        return await _call(program, seconds)
-
+    guard = _Guard(program, seconds)
+    signals = Signals(guard.leave, guard.cancel, last=True)
     with asyncio.Runner(loop_factory=_factory(virtual, uvloop), debug=debug or None) as runner:
+        signals.open(runner.get_loop())
         try:
-            return runner.run(guarded())
+            return runner.run(guard.run())
         except asyncio.CancelledError:
-            if terminated:
-                raise SystemExit(143) from None
+            if guard.asked is not None:
+                raise guard.asked from None
             raise
         except DeadlockError:
-            if task is not None:
-                _end(task)
+            if guard.task is not None:
+                _end(guard.task)
             if isinstance(program, Actor):
                 return None
             raise
         finally:
-            _leave(runner.get_loop())
+            try:
+                _leave(runner.get_loop())
+            finally:
+                signals.close()
+
+
+class _Guard:
+    """A program under way, which a signal cancels."""
+
+    def __init__(
+        self, program: Actor | Callable[[], Awaitable[Any]] | Coroutine[Any, Any, Any], seconds: float | None
+    ) -> None:
+        self._program = program
+        self._seconds = seconds
+        self.task: asyncio.Task[Any] | None = None
+        self.asked: BaseException | None = None
+
+    async def run(self) -> Any:
+        self.task = asyncio.current_task()
+        if self.asked is not None:
+            raise asyncio.CancelledError
+        return await _call(self._program, self._seconds)
+
+    def leave(self, error: BaseException) -> float:
+        """End the program; what is to be raised then is kept."""
+        self.asked = error
+        self.cancel()
+        return _LIMIT
+
+    def cancel(self) -> None:
+        if self.task is not None:
+            self.task.cancel()
 
 
 def _refuse_misuse(program: object, seconds: float | None) -> None:
@@ -190,7 +206,7 @@ def _leave(loop: asyncio.AbstractEventLoop) -> None:
     _, stubborn = loop.run_until_complete(asyncio.wait(left, timeout=_PATIENCE))
     for task in stubborn:
         # The runtime has reported it; asyncio's runner would wait for it, and its end complain.
-        asyncio._unregister_task(task)  # noqa: SLF001 - meant for event loops' authors
+        hide(task)
         task._log_destroy_pending = False  # type: ignore[attr-defined] # noqa: SLF001
 
 

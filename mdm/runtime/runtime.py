@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -18,6 +19,7 @@ from mdm.runtime.clock import Clock, WallClock, check_seconds
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.handler import check_plain
 from mdm.runtime.log import Log
+from mdm.runtime.signals import Signals
 from mdm.runtime.statistics import (
     ActorStatistics,
     ChannelStatistics,
@@ -25,9 +27,10 @@ from mdm.runtime.statistics import (
     LogStatistics,
     LoopStatistics,
 )
-from mdm.runtime.supervision import ActorFailure, describe
+from mdm.runtime.supervision import LEAVING, ActorFailure, describe
 from mdm.runtime.virtual import VirtualClock, VirtualEventLoop
 from mdm.runtime.watchdog import Watchdog
+from mdm.runtime.work import hide
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,6 +65,11 @@ class Runtime:
     what they wait for is cancelled, and only their `on_stop` is still called. Two runtimes in one process do not know
     of each other.
 
+    SIGINT, SIGTERM and SIGHUP stop the actors at once and cancel the block, which raises `KeyboardInterrupt` or
+    `SystemExit` (143, 129) when they have stopped; so does a `SystemExit` that an actor or its work raises. A second
+    signal changes nothing while actors stop within their limits; one after these, or a third, breaks them off. Signals
+    that the program handles itself, or that are ignored, are left alone.
+
     Args:
         clock: Whose time; where none is given, a `VirtualClock` inside a program that `mdm.run` runs in virtual time,
             else a `WallClock`.
@@ -75,6 +83,7 @@ class Runtime:
             relay). It is called on any thread, when nothing else can be relied on.
         emergency_after: Seconds for which the event loop stands still before ``emergency`` is called; by default those
             of ``watchdog``.
+        signals: Whether signals end the runtime; by default in the main thread, under a wall clock.
 
     Raises:
         Error: If ``emergency`` cannot be called so, or the times contradict each other.
@@ -90,6 +99,7 @@ class Runtime:
         watchdog: float | None = 1.0,
         emergency: Callable[[], object] | None = None,
         emergency_after: float | None = None,
+        signals: bool | None = None,
     ) -> None:
         _check_watch(watchdog, emergency, emergency_after)
         self.clock = _clock_of_the_loop() if clock is None else clock
@@ -108,7 +118,13 @@ class Runtime:
         if watchdog is not None and not isinstance(self.clock, VirtualClock):
             after = None if emergency is None else watchdog if emergency_after is None else emergency_after
             self._watchdog = Watchdog(watchdog, self._alarm, self.emergency, after)
-        self._scope: anyio.CancelScope | None = None
+        self._signals = Signals(self._leave, self._break_off)
+        self._hears = isinstance(self.clock, WallClock) if signals is None else signals
+        self._must_hear = signals is True
+        self._host: asyncio.Task[Any] | None = None
+        self._cancelling = 0
+        self._interrupted = False
+        self._leaving = False
         self._stopped = anyio.Event()
         self._tree: asyncio.Task[None] | None = None
         self._failure: BaseException | None = None
@@ -153,10 +169,32 @@ class Runtime:
 
     def abort(self, error: BaseException) -> None:
         """End the block because of an error that nobody could help; the first one counts."""
-        if self._failure is None:
-            self._failure = error
-            if self._scope is not None:
-                self._scope.cancel()
+        if self._failure is not None:
+            return
+        self._failure = error
+        self.shut_down()
+        self.root.end()
+        if self._host is not None:
+            self._host.get_loop().call_soon(self._interrupt)
+
+    def _interrupt(self) -> None:
+        """Cancel the block, where it has not been left; its task may be another than the one that leaves it."""
+        if self._host is not None and not self._leaving:
+            self._interrupted = self._host.cancel()
+
+    def _leave(self, error: BaseException) -> float:
+        """End the block because of a signal; return how long actors may take by their own limits."""
+        self.abort(error)
+        waiting, limit = [self.root], 1.0
+        while waiting:
+            actor = waiting.pop()
+            limit += actor.patience + (actor.grace if actor.statistics().work else 0.0)
+            waiting += actor.children
+        return limit
+
+    def _break_off(self) -> None:
+        if self._tree is not None:
+            self._tree.cancel()
 
     def emergency(self, reason: str) -> None:
         """Call the program's ``emergency`` and report why: the last resort, when a safe action fails. From any thread.
@@ -186,6 +224,8 @@ class Runtime:
     async def __aenter__(self) -> Self:
         if self._tree is not None:
             raise Error("a runtime runs once: make a new one for each block")
+        if self._must_hear and threading.current_thread() is not threading.main_thread():
+            raise Error("signals reach the main thread alone: enter the runtime there, or leave signals out")
         loop = asyncio.get_running_loop()
         if isinstance(self.clock, WallClock) and isinstance(loop, VirtualEventLoop):
             raise Error(
@@ -198,16 +238,20 @@ class Runtime:
             self._log.open(self)
         if self._watchdog is not None:
             self._watchdog.open(loop)
-        self._scope = anyio.CancelScope()
         # The tree has a task of its own, so that a cancelled program still stops it in order.
         began = asyncio.Event()
         self._tree = loop.create_task(self._grow(began), name="mdm:root")
+        hide(self._tree)
         try:
             await began.wait()
         except BaseException:
             await self._stop_tree(self._tree)
             raise
-        self._scope.__enter__()
+        self._host = asyncio.current_task()
+        self._cancelling = 0 if self._host is None else self._host.cancelling()
+        self._tree.add_done_callback(self._tree_ended)
+        if self._hears:
+            self._signals.open(loop)
         return self
 
     async def _grow(self, began: asyncio.Event) -> None:
@@ -218,17 +262,28 @@ class Runtime:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> bool:
-        assert self._scope is not None
         assert self._tree is not None
-        swallowed = self._scope.__exit__(kind, error, traceback)
+        self._leaving = True
+        swallowed = False
+        if self._interrupted and self._host is not None and self._host is asyncio.current_task():
+            swallowed = self._host.uncancel() <= self._cancelling and isinstance(error, asyncio.CancelledError)
         self._stopped.set()
         await self._stop_tree(self._tree)
-        self._tree.result()  # raises what a fault of ours, or the end of the event loop, did to it
-        if self._failure is not None and (error is None or swallowed):
-            if isinstance(self._failure, ActorFailure):
-                raise self._failure
-            raise ActorFailure(str(self._failure)) from self._failure
-        return bool(swallowed)
+        failure = self._failure
+        if isinstance(failure, LEAVING):
+            raise failure from (None if error is None or swallowed else error)
+        if not self._tree.cancelled():
+            self._tree.result()  # raises what a fault of ours did to it
+        if failure is not None and (error is None or swallowed):
+            if isinstance(failure, ActorFailure):
+                raise failure
+            raise ActorFailure(str(failure)) from failure
+        return swallowed
+
+    def _tree_ended(self, _: object) -> None:
+        """Raise from the event loop what should end the program, where the task of the block has ended before it."""
+        if not self._leaving and self._host is not None and self._host.done() and isinstance(self._failure, LEAVING):
+            raise self._failure
 
     async def _stop_tree(self, tree: asyncio.Task[None]) -> None:
         """Stop the actors in order and close everything; break them off if the program is cancelled meanwhile."""
@@ -243,6 +298,7 @@ class Runtime:
         finally:
             if self._watchdog is not None:
                 self._watchdog.close()
+            self._signals.close()
             for channel in self._channels.values():
                 channel.close()
             self.dispatcher.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import traceback
 from collections import deque
 from typing import Literal
@@ -10,7 +11,10 @@ import msgspec
 
 from mdm.errors import Error
 
-__all__ = ["ActorFailure", "Restart", "RestartBudget", "Supervision", "describe"]
+__all__ = ["LEAVING", "ActorFailure", "Restart", "RestartBudget", "Supervision", "describe", "failure", "was_cancelled"]
+
+LEAVING = (SystemExit, KeyboardInterrupt)
+"""What ends the program, in order, in place of being one actor's failure."""
 
 
 class ActorFailure(Error):
@@ -54,7 +58,8 @@ class RestartBudget:
         if len(times) >= policy.limit:
             return None
         times.append(now)
-        return float(min(policy.backoff * 2 ** (len(times) - 1), policy.max_backoff))
+        doubled = 2.0 ** min(len(times) - 1, 1000)  # beyond that a float overflows
+        return float(min(policy.backoff * doubled, policy.max_backoff))
 
 
 def describe(error: BaseException) -> str:
@@ -62,3 +67,18 @@ def describe(error: BaseException) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     place = f" (at {frames[-1].filename}:{frames[-1].lineno})" if frames else ""
     return f"{type(error).__name__}: {error}{place}"
+
+
+def failure(error: BaseException) -> BaseException:
+    """Return an error as those who wait may be told it: one that a plain function raised cancels nobody else."""
+    if isinstance(error, (Exception, *LEAVING)):
+        return error
+    raised = ActorFailure(describe(error))
+    raised.__cause__ = error
+    return raised
+
+
+def was_cancelled(error: BaseException) -> bool:
+    """Whether an error is the present task's own cancellation, asked for by whoever owns the task."""
+    task = asyncio.current_task()
+    return isinstance(error, asyncio.CancelledError) and task is not None and task.cancelling() > 0

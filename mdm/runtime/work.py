@@ -6,6 +6,8 @@ import asyncio
 import inspect
 from typing import TYPE_CHECKING, Any
 
+from mdm.runtime.supervision import LEAVING
+
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable
 
@@ -24,7 +26,7 @@ class Work:
         ended: Called once, when it has ended, from the event loop.
     """
 
-    __slots__ = ("_ended", "abandoned", "interrupted", "name", "task")
+    __slots__ = ("_awaitable", "_ended", "_leaving", "abandoned", "interrupted", "name", "task")
 
     def __init__(self, awaitable: Awaitable[Any], name: str, ended: Callable[[Work], object]) -> None:
         self.name = name
@@ -32,11 +34,21 @@ class Work:
         # Whether a cancellation has reached it: what it returns after that is not the end that was asked for.
         self.interrupted = False
         self._ended = ended
-        coroutine = awaitable if inspect.iscoroutine(awaitable) else _wait_for(awaitable)
-        self.task: asyncio.Task[Any] = asyncio.get_running_loop().create_task(coroutine, name=name)
+        self._awaitable = awaitable
+        self._leaving: BaseException | None = None
+        self.task: asyncio.Task[Any] = asyncio.get_running_loop().create_task(self._run(), name=name)
         self.task.add_done_callback(self._done)
 
+    async def _run(self) -> Any:
+        try:
+            return await self._awaitable
+        except LEAVING as error:
+            self._leaving = error  # from a task it would end the event loop at once, and the actors with it
+            return None
+
     def _done(self, task: asyncio.Task[Any]) -> None:
+        if inspect.iscoroutine(self._awaitable):
+            self._awaitable.close()  # which has not begun, where it was cancelled at once
         if not task.cancelled():
             task.exception()  # looked at here, so that asyncio does not report it a second time
         self._ended(self)
@@ -70,6 +82,8 @@ class Work:
     @property
     def error(self) -> BaseException | None:
         """What it raised, if it has ended and did."""
+        if self._leaving is not None:
+            return self._leaving
         if not self.task.done() or self.task.cancelled():
             return None
         return self.task.exception()
@@ -80,10 +94,16 @@ class Work:
         return self.task.result() if self.task.done() and not self.task.cancelled() and not self.error else None
 
 
-async def _wait_for(awaitable: Awaitable[Any]) -> Any:
-    return await awaitable
-
-
 async def wait_all(work: Iterable[Work], seconds: float) -> None:
     """Wait until all of it has ended, or so many seconds have passed."""
     await asyncio.wait([piece.task for piece in work], timeout=seconds)
+
+
+def hide(task: asyncio.Task[Any] | None) -> None:
+    """Take a task out of `asyncio.all_tasks`.
+
+    asyncio's runner cancels all that it finds there when a program ends, at once and in no order. Actors' tasks are
+    ended by whoever owns them.
+    """
+    if task is not None:
+        asyncio._unregister_task(task)  # noqa: SLF001 - meant for event loops' authors

@@ -298,20 +298,20 @@ class Panic(BaseException):
 
 
 @pytest.mark.parametrize("heard", [False, True])
-def test_a_plain_callback_that_raises_anything_at_all_has_failed(heard):
+@pytest.mark.parametrize("kind", [Panic, asyncio.CancelledError])
+def test_a_plain_callback_that_raises_anything_at_all_has_failed(heard, kind):
     async def main(runtime):
         def panic():
-            raise Panic("in the driver")
+            raise kind("in the driver")
 
         ensemble = robot({"A": panic, "B": lambda: None})
         await runtime.start(ensemble)
         lives, faults = lives_of(runtime) if heard else [], probe(runtime.faults)
-        with pytest.raises(Panic):
-            ensemble.publish_state(0)
+        ensemble.publish_state(0)
         await asyncio.sleep(1)
         ensemble.publish_state(1)
         assert ensemble.action.ended == {"failed": 1, "succeeded": 1}
-        assert "action 'A' failed: Panic: in the driver" in faults[0].detail
+        assert f"action 'A' failed: {kind.__name__}: in the driver" in faults[0].detail
         if heard:
             assert told(lives) == [("A", "running"), ("A", "failed"), ("B", "running"), ("B", "succeeded")]
 

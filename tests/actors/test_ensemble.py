@@ -451,3 +451,25 @@ def test_the_same_input_gives_the_same_bytes():
     first, second = run_virtual(main), run_virtual(main)
     assert first == second
     assert first.count(b"running") > 100
+
+
+def test_a_callback_that_raises_a_cancellation_leaves_other_ensembles_alone():
+    """Reading the result of a cancelled future raises `CancelledError` in a plain function, which nobody cancelled."""
+    decided = {"first": 0, "second": 0}
+
+    def act(name):
+        decided[name] += 1
+        if name == "first" and decided[name] == 2:
+            raise asyncio.CancelledError
+
+    async def main(runtime):
+        ensembles = [
+            Ensemble(name, policy=[0], actions={0: lambda name=name: act(name)}, drive=10.0) for name in decided
+        ]
+        for ensemble in ensembles:
+            await runtime.start(ensemble)
+            ensemble.publish_state(0)
+        await asyncio.sleep(5.05)
+
+    run_virtual(main)
+    assert decided in ({"first": 51, "second": 51}, {"first": 50, "second": 50})

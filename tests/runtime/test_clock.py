@@ -43,3 +43,24 @@ def test_a_wall_clock_tells_the_time_of_day_and_serves_one_runtime():
                     pass
 
     run(main)
+
+
+@pytest.mark.parametrize("error", [ValueError, asyncio.CancelledError])
+@pytest.mark.parametrize("virtual", [False, True])
+def test_timers_behind_one_that_raises_are_fired_all_the_same(virtual, error):
+    fired = []
+
+    def broken():
+        raise error
+
+    async def main():
+        async with Runtime(log=None) as runtime:
+            asyncio.get_running_loop().set_exception_handler(lambda *_: None)
+            when = runtime.clock.now() + 1_000_000
+            runtime.clock.call_at(when, broken)
+            for number in range(3):
+                runtime.clock.call_at(when, lambda number=number: fired.append(number))
+            await runtime.clock.sleep(0.05)
+
+    run(main, virtual=virtual)
+    assert fired == [0, 1, 2]

@@ -158,24 +158,26 @@ def test_other_threads_publish_through_one_wake_up(uvloop):
     assert runtime.statistics().dispatcher.refused == 1
 
 
-def test_a_dispatcher_survives_an_interrupt_in_a_handler():
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit])
+def test_a_handler_that_ends_the_program_ends_the_runtime_and_the_turn_goes_on(error):
+    seen = []
+
     async def main(runtime):
         channel = runtime.channel("x", State)
-        seen = []
 
         def interrupt(message):
             if message.index == 0:
-                raise KeyboardInterrupt
+                raise error
             seen.append(message.index)
 
         channel.subscribe(interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            channel.publish(state(0))
+        channel.publish(state(0))
         channel.publish(state(1))
-        await asyncio.sleep(0)
-        assert seen == [1]
+        await asyncio.Event().wait()
 
-    run_virtual(main)
+    with pytest.raises(error):
+        run_virtual(main)
+    assert seen == [1]
 
 
 def test_a_dispatcher_needs_no_runtime():

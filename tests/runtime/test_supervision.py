@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 from recorded import Fragile, Recorded, tell
 
-from mdm import ActorFailure, Restart
+from mdm import Actor, ActorFailure, Restart
 from mdm.runtime.supervision import RestartBudget, describe
 from mdm.testing import crash, probe, run_virtual
 
@@ -150,3 +150,41 @@ def test_an_error_reads_with_its_place():
         text = describe(error)
     assert re.fullmatch(r"LookupError: no device \(at .*test_supervision\.py:\d+\)", text)
     assert describe(LookupError("never raised")) == "LookupError: never raised"
+
+
+def test_a_budget_of_thousands_of_restarts_goes_on():
+    budget = RestartBudget(Restart(limit=3000, within=1e9, backoff=0.1, max_backoff=5.0))
+    assert [budget.delay(0) for _ in range(3001)][-2:] == [5.0, None]
+
+
+@pytest.mark.parametrize("hook", ["on_start", "on_stop", "on_stopping", "handler"])
+def test_an_actor_that_raises_a_cancellation_has_failed_alone(hook):
+    """A plain function that reads a cancelled future's result raises `CancelledError`, and cancels nobody."""
+
+    def broken(*_):
+        raise asyncio.CancelledError
+
+    async def stopping(_):
+        broken()
+
+    async def main(runtime):
+        broken_hook = {hook: stopping if hook == "on_stopping" else broken} if hook != "handler" else {}
+        actor = type("Broken", (Actor,), broken_hook)("broken", supervision="stop")
+        other = Actor("other")
+        await runtime.start(other)
+        faults = []
+        runtime.faults.subscribe(faults.append)
+        if hook == "on_start":
+            with pytest.raises(ActorFailure, match="CancelledError"):
+                await runtime.start(actor)
+        else:
+            await runtime.start(actor)
+            if hook == "handler":
+                actor.call_later(1, broken)
+                await asyncio.sleep(2)
+                assert actor.life == "failed"
+            await runtime.stop(actor)
+            assert ["CancelledError" in fault.detail for fault in faults] == [True]
+        assert other.life == "running"
+
+    run_virtual(main)

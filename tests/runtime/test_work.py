@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
+import pytest
+
 from mdm import Actor, Runtime, VirtualClock, run
 from mdm.testing import run_virtual
 
@@ -74,3 +76,43 @@ def test_an_error_in_work_or_a_timer_is_the_actor_s_failure():
             return actor.life
 
         assert run_virtual(main) == "failed"
+
+
+class Panic(BaseException):
+    """What native code may raise."""
+
+
+async def awaits_what_was_cancelled():
+    future = asyncio.get_running_loop().create_future()
+    future.cancel()
+    await future
+
+
+async def panics():
+    raise Panic("in the driver")
+
+
+@pytest.mark.parametrize("work", [awaits_what_was_cancelled, panics])
+def test_work_that_nobody_cancelled_and_that_ends_so_is_a_failure(work):
+    async def main(runtime):
+        actor, faults = Actor("actor", supervision="stop"), []
+        await runtime.start(actor)
+        runtime.faults.subscribe(faults.append)
+        actor.spawn(work())
+        await asyncio.sleep(1)
+        assert actor.life == "failed"
+        assert ["cancelled" in fault.detail or "Panic" in fault.detail for fault in faults] == [True]
+
+    run_virtual(main)
+
+
+def test_work_that_its_actor_cancels_is_no_failure_even_before_it_has_begun():
+    async def main(runtime):
+        actor = Actor("actor")
+        await runtime.start(actor)
+        actor.spawn(asyncio.sleep(100)).cancel()
+        actor.spawn(asyncio.sleep(100))
+        await asyncio.sleep(1)
+        assert actor.life == "running"
+
+    run_virtual(main)

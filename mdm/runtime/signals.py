@@ -1,0 +1,113 @@
+"""Signals that ask a program to end: Ctrl-C, ``kill``, a terminal that closes."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import threading
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["Signals"]
+
+_NUMBERS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class Signals:
+    """Takes SIGINT, SIGTERM and SIGHUP in place of their default handlers, and gives them back.
+
+    The first signal asks the program to leave. A second one changes nothing while what that takes is within its limit;
+    the next breaks it off. Where the event loop is held, and does not hear of the first, the third is raised in what
+    holds it. A signal that is ignored stays ignored, and a handler of the program's own stays in place.
+
+    The handlers are Python's (`signal.signal`), which run under every event loop, and where the loop is held.
+
+    Args:
+        leave: Called by the event loop with what is to be raised at the end, `KeyboardInterrupt` or `SystemExit` with
+            status 128 + n; it returns for how many seconds a second signal changes nothing.
+        break_off: Called by the event loop, once, when there is no more waiting.
+        last: Hear only what no others hear that were opened later, and are open still.
+    """
+
+    def __init__(
+        self, leave: Callable[[BaseException], float], break_off: Callable[[], object], *, last: bool = False
+    ) -> None:
+        self._leave = leave
+        self._break_off = break_off
+        self.last = last
+        self.loop: asyncio.AbstractEventLoop | None = None
+        self._process = 0
+        self.previous: dict[int, Any] = {}
+        self._count = 0
+        self._exit: BaseException | None = None
+        self._until: float | None = None
+        self._broken = False
+
+    def open(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Listen; in the main thread alone, as no other one may."""
+        if threading.current_thread() is not threading.main_thread():
+            return
+        self.loop = loop
+        self._process = os.getpid()
+        for number in _NUMBERS:
+            if _gives_way(signal.getsignal(number)):
+                self.previous[number] = signal.signal(number, self._handle)
+
+    def close(self) -> None:
+        """Listen no more, and give the handlers back."""
+        self.loop = None
+        for number, previous in self.previous.items():
+            if signal.getsignal(number) == self._handle:
+                handler = previous
+                while (outer := _signals_of(handler)) is not None and outer.loop is None:
+                    handler = outer.previous[number]  # it was closed before those inside it
+                signal.signal(number, handler)
+
+    def _handle(self, number: int, _: object) -> None:
+        if os.getpid() != self._process:  # a forked child: its end is its own affair
+            signal.signal(number, signal.SIG_DFL)
+            os.kill(os.getpid(), number)
+            return
+        listening: list[Signals] = []
+        signals: Signals | None = self
+        while signals is not None:
+            if signals.loop is not None and not (signals.last and listening):
+                listening.append(signals)
+            signals = _signals_of(signals.previous.get(number))
+        for signals in listening:
+            signals.hear(number)
+
+    def hear(self, number: int) -> None:
+        """Take one signal; called by the handler."""
+        if self.loop is None or self.loop.is_closed():
+            return
+        self._count += 1
+        if self._exit is None:
+            self._exit = KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number)
+            self.loop.call_soon_threadsafe(self._begin, self._exit)
+        elif self._count == 2 and (self._until is None or monotonic() < self._until):
+            return
+        elif self._until is not None and not self._broken:
+            self._broken = True
+            self.loop.call_soon_threadsafe(self._break_off)
+        else:
+            raise self._exit
+
+    def _begin(self, error: BaseException) -> None:
+        self._until = monotonic() + self._leave(error)
+
+
+def _signals_of(handler: object) -> Signals | None:
+    owner = getattr(handler, "__self__", None)
+    return owner if isinstance(owner, Signals) else None
+
+
+def _gives_way(handler: object) -> bool:
+    """Whether a handler is Python's or asyncio's default, or one of ours."""
+    if handler in {signal.SIG_DFL, signal.default_int_handler} or _signals_of(handler) is not None:
+        return True
+    return isinstance(getattr(getattr(handler, "func", None), "__self__", None), asyncio.Runner)

@@ -1,0 +1,325 @@
+"""The way out: signals under every event loop and entry point, in real processes."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from programs import python
+
+from mdm import Error, Runtime, run
+
+ROBOT = """
+import asyncio, signal, sys, threading, time
+import anyio, mdm
+
+async def drive():
+    print("driving", flush=True)
+    await asyncio.sleep(3600)
+
+async def safe():
+    try:
+        await asyncio.sleep(BRAKING)
+        print("SAFE", flush=True)
+    finally:
+        print("braked", flush=True)
+
+class Feeder(mdm.Actor):
+    def __init__(self):
+        super().__init__("feeder")
+        self.robot = mdm.Ensemble("robot", policy=[0], actions={"Drive": drive}, safe_action=safe)
+        self.add(self.robot)
+    def on_running(self):
+        self.robot.publish_state(0)
+
+async def main():
+    async with mdm.Runtime(log=None) as runtime:
+        await runtime.start(Feeder())
+        await runtime.wait()
+"""
+ENTRIES = {
+    "asyncio": "asyncio.run(main())",
+    "anyio": "anyio.run(main)",
+    "uvloop": "import uvloop; uvloop.run(main())",
+    "run": "mdm.run(main)",
+    "run on uvloop": "mdm.run(main, uvloop=True)",
+}
+NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+LIMIT = 30
+
+
+def program(entry, *, braking=0.06):
+    return f"BRAKING = {braking}\n{ROBOT}\n{entry}\n"
+
+
+def ended(process):
+    """Return what the program wrote, and its status as a shell sees it."""
+    output, errors = process.communicate(timeout=LIMIT)
+    status = process.returncode if process.returncode >= 0 else 128 - process.returncode
+    return output, status, errors
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_a_signal_runs_the_safe_action_whatever_runs_the_program(entry, number):
+    if "uvloop" in entry:
+        pytest.importorskip("uvloop")
+    with python("-c", program(ENTRIES[entry])) as process:
+        assert process.stdout.readline() == "driving\n"
+        process.send_signal(number)
+        output, status, errors = ended(process)
+    assert output == "SAFE\nbraked\n", errors
+    assert status == 128 + number
+    assert "never retrieved" not in errors
+
+
+@pytest.mark.parametrize(
+    ("entry", "first", "second", "pause"),
+    [
+        ("asyncio", signal.SIGTERM, signal.SIGTERM, 0.0),
+        ("anyio", signal.SIGINT, signal.SIGINT, 0.01),
+        ("run", signal.SIGINT, signal.SIGTERM, 0.03),
+        ("uvloop", signal.SIGHUP, signal.SIGINT, 0.05),
+    ],
+)
+def test_a_second_signal_changes_nothing(entry, first, second, pause):
+    if "uvloop" in entry:
+        pytest.importorskip("uvloop")
+    with python("-c", program(ENTRIES[entry], braking=0.2)) as process:
+        assert process.stdout.readline() == "driving\n"
+        process.send_signal(first)
+        time.sleep(pause)  # what is tested is the time between them
+        process.send_signal(second)
+        output, status, errors = ended(process)
+    assert output == "SAFE\nbraked\n", errors
+    assert status == 128 + first
+
+
+@pytest.mark.parametrize("entry", ["asyncio", "run"])
+def test_a_third_signal_breaks_off(entry):
+    with python("-c", program(ENTRIES[entry], braking=25)) as process:
+        assert process.stdout.readline() == "driving\n"
+        began = time.monotonic()
+        for _ in range(3):
+            process.send_signal(signal.SIGTERM)
+            time.sleep(0.2)  # so that each is a signal of its own
+        output, status, errors = ended(process)
+    assert output == "braked\n", errors
+    assert status == 143
+    assert time.monotonic() - began < 15
+
+
+HELD = """
+import signal, threading, time, mdm
+
+class Held(mdm.Actor):
+    def on_running(self):
+        self.call_later(0.01, self.hold)
+    def hold(self):
+        print("held", flush=True)
+        while True:
+            pass
+    def on_stop(self):
+        print("stopped", flush=True)
+
+mdm.run(Held("held"))
+"""
+
+
+def test_a_third_signal_reaches_a_callback_that_holds_the_loop():
+    with python("-c", HELD) as process:
+        assert process.stdout.readline() == "held\n"
+        for _ in range(3):
+            process.send_signal(signal.SIGTERM)
+            time.sleep(0.1)  # so that each is a signal of its own
+        output, status, errors = ended(process)
+    assert output == "stopped\n", errors
+    assert status == 143
+
+
+GENERATOR = """
+async def robot():
+    async with mdm.Runtime(log=None) as runtime:
+        await runtime.start(Feeder())
+        yield runtime
+
+async def enter(generator):
+    return await anext(generator)
+
+async def other():
+    generator = robot()
+    await asyncio.create_task(enter(generator))
+    LEFT
+"""
+
+
+@pytest.mark.parametrize(
+    ("left", "status"),
+    [
+        ("await asyncio.sleep(0.1)", 0),  # the event loop closes the generator
+        ("await asyncio.sleep(0.1); await generator.aclose()", 0),
+        ("await asyncio.sleep(0.1); await asyncio.create_task(generator.aclose())", 0),
+        ("await asyncio.sleep(0.1); sys.exit(3)", 3),
+        ("await asyncio.sleep(3600)", 143),
+    ],
+)
+def test_a_block_that_another_task_leaves_stops_the_tree_all_the_same(left, status):
+    text = program("", braking=0.06) + GENERATOR.replace("LEFT", left) + "\nasyncio.run(other())"
+    with python("-c", text) as process:
+        assert process.stdout.readline() == "driving\n"
+        if status == 143:
+            process.send_signal(signal.SIGTERM)
+        output, found, errors = ended(process)
+    assert output == "SAFE\nbraked\n", errors
+    assert found == status, errors
+
+
+@pytest.mark.parametrize(
+    "where",
+    [
+        "asyncio.get_running_loop().call_later(0.1, sys.exit, 7)",
+        "asyncio.create_task(leave())",
+        "feeder.spawn(leave())",
+        "feeder.call_later(0.1, lambda: sys.exit(7))",
+        "feeder.every(10, lambda tick: tick.number and sys.exit(7))",
+    ],
+)
+@pytest.mark.parametrize("entry", ["asyncio.run(other())", "mdm.run(other)"])
+def test_an_exit_anywhere_ends_in_order_and_keeps_its_status(entry, where):
+    text = program("") + (
+        "async def leave():\n    await asyncio.sleep(0.1)\n    sys.exit(7)\n"
+        "async def other():\n    async with mdm.Runtime(log=None) as runtime:\n        feeder = Feeder()\n"
+        f"        await runtime.start(feeder)\n        kept = {where}\n        await runtime.wait()\n{entry}"
+    )
+    with python("-c", text) as process:
+        output, status, errors = ended(process)
+    assert output == "driving\nSAFE\nbraked\n", errors
+    assert status == 7
+
+
+@pytest.mark.parametrize("action", ["async def drive():\n    sys.exit(7)", "def drive():\n    sys.exit(7)"])
+def test_an_exit_in_an_action_runs_the_safe_action(action):
+    with python("-c", program(f"{action}\nmdm.run(main)")) as process:
+        output, status, errors = ended(process)
+    assert output == "SAFE\nbraked\n", errors
+    assert status == 7
+
+
+def test_a_signal_that_is_ignored_stays_ignored():
+    """A shell ignores SIGINT for what it starts in the background."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", program("asyncio.run(main())")],
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),  # noqa: PLW1509 - no thread of ours runs
+    )
+    try:
+        assert process.stdout.readline() == "driving\n"
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.2)  # nothing comes that could be waited for
+        assert process.poll() is None
+        process.send_signal(signal.SIGTERM)
+        assert process.communicate(timeout=LIMIT)[0] == "SAFE\nbraked\n"
+    finally:
+        process.kill()
+        process.communicate()
+    assert process.returncode == 143
+
+
+def handlers():
+    return [signal.getsignal(number) for number in NUMBERS]
+
+
+def test_handlers_are_given_back_in_any_order_and_the_program_s_own_are_left_alone():
+    before = handlers()
+    heard = []
+    own = signal.signal(signal.SIGHUP, lambda *_: heard.append("own"))
+
+    async def main():
+        mine = signal.getsignal(signal.SIGHUP)
+        first, second = Runtime(log=None), Runtime(log=None)
+        ours = handlers()
+        await first.__aenter__()
+        await second.__aenter__()
+        assert handlers() != ours
+        assert signal.getsignal(signal.SIGHUP) is mine
+        os.kill(os.getpid(), signal.SIGHUP)
+        await first.__aexit__(None, None, None)
+        await second.__aexit__(None, None, None)
+        assert handlers() == ours
+
+    try:
+        asyncio.run(main())
+        assert heard == ["own"]
+    finally:
+        signal.signal(signal.SIGHUP, own)
+    assert handlers() == before
+
+
+def test_without_signals_the_program_s_stay_as_they_are():
+    async def main():
+        before = handlers()
+        async with Runtime(log=None, signals=False):
+            assert handlers() == before
+
+    asyncio.run(main())
+
+
+def test_a_signal_ends_every_open_runtime():
+    stopped = []
+
+    async def one(name):
+        async with Runtime(log=None) as runtime:
+            try:
+                await runtime.wait()
+            finally:
+                stopped.append(name)
+
+    async def main():
+        asyncio.get_running_loop().call_later(0.05, os.kill, os.getpid(), signal.SIGTERM)
+        await asyncio.gather(one("first"), one("second"))
+
+    with pytest.raises(SystemExit) as left:
+        run(main)
+    assert left.value.code == 143
+    assert sorted(stopped) == ["first", "second"]
+
+
+def test_a_thread_cannot_hear_signals():
+    async def main():
+        with pytest.raises(Error, match="signals reach the main thread alone"):
+            await Runtime(log=None, signals=True).__aenter__()
+
+    asyncio.run(asyncio.wait_for(asyncio.to_thread(asyncio.run, main()), LIMIT))
+
+
+FORK = """
+import os, signal, sys, time, warnings, mdm
+warnings.simplefilter("ignore")
+
+async def main():
+    async with mdm.Runtime(log=None) as runtime:
+        reader, writer = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.write(writer, b"here")
+            while True:  # a pause could begin after the signal has come
+                time.sleep(0.01)
+        os.read(reader, 4)  # Python forgets a signal that comes while it forks
+        os.kill(child, signal.SIGTERM)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+
+mdm.run(main)
+"""
+
+
+def test_a_forked_child_dies_of_its_signal():
+    with python("-c", FORK) as process:
+        output, status, errors = ended(process)
+    assert (output, status) == ("-15\n", 0), errors

@@ -1,4 +1,4 @@
-"""File formats of models and policies, one module each; `load_model` and `load_policy` choose by content."""
+"""File formats of models and policies, one module per format."""
 
 from mdm.formats.models import load_model, save_model
 from mdm.formats.policies import check_policy_file, load_policy, load_rewards, save_policy

@@ -1,6 +1,6 @@
-"""XML as a stream of small trees, each with its place in the file; document types and entities are refused.
+"""A streaming XML parser that yields small element trees with their line numbers.
 
-A document type can define entities that grow without bound or read other files, and no model needs one.
+Document types are refused: they can define entities that grow without bound or read other files.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ __all__ = ["Element", "escape", "quoted", "stream"]
 
 _PIECE = 1 << 16
 _DEPTH = 100
-"""Nested deeper than any model; the readers of trees recurse."""
+"""Limit on nesting, because the tree readers recurse; real models stay far below."""
 
 
 class Element:
-    """An element: its tag, attributes, text (of itself, not of its children), children and place."""
+    """An element: tag, attributes, own text (without that of its children), children, line and column."""
 
     __slots__ = ("attributes", "children", "column", "line", "source", "tag", "text")
 
@@ -67,13 +67,13 @@ class Element:
 
 
 def stream(source: Source, collect: Container[str]) -> Iterator[Element]:
-    """Yield a document's elements in its order.
+    """Yield a document's elements in document order.
 
-    An element whose tag is in ``collect`` comes when it ends, whole, and nothing inside it comes on its own. Any other
-    comes when it begins, without its text and children.
+    An element whose tag is in ``collect`` is yielded at its end tag, with its whole subtree; the elements inside it are
+    not yielded again. Any other element is yielded at its start tag, without text and children.
 
     Raises:
-        FormatError: If the text is no well-formed XML, or has a document type.
+        FormatError: If the text is not well-formed XML, or has a document type.
     """
     parser = _Parser(source, collect)
     text = source.text
@@ -84,12 +84,12 @@ def stream(source: Source, collect: Container[str]) -> Iterator[Element]:
 
 
 def escape(text: str) -> str:
-    """Return a text as the content of an element; `xml.sax` has the same, and brings half of a web client along."""
+    """Escape a text for use as element content; `xml.sax.saxutils` would import half of a web client."""
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
 def quoted(text: str) -> str:
-    """Return a text as the value of an attribute."""
+    """Quote and escape a text for use as an attribute value."""
     return '"' + escape(text).replace('"', "&quot;") + '"'
 
 
@@ -98,7 +98,7 @@ class _Parser:
         self.done: deque[Element] = deque()
         self._source = source
         self._collect = collect
-        self._open: list[Element] = []  # the collected element and what is open in it
+        self._open: list[Element] = []  # the collected element and its open descendants
         self._texts: list[list[str]] = []
         self._depth = 0
         self._expat = expat.ParserCreate(encoding="utf-8")
@@ -113,7 +113,7 @@ class _Parser:
             self._expat.Parse(piece.encode("utf-8", "surrogatepass"), last)
         except expat.ExpatError as error:
             self._source.fail(
-                f"this is no well-formed XML: {expat.ErrorString(error.code)}",
+                f"this is not well-formed XML: {expat.ErrorString(error.code)}",
                 line=error.lineno,
                 column=error.offset + 1,
             )

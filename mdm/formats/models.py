@@ -1,4 +1,4 @@
-"""Models from and to files of every format, chosen by content and suffix."""
+"""Loading and saving models in any format, chosen by content and suffix."""
 
 from __future__ import annotations
 
@@ -48,31 +48,36 @@ _WRITERS: dict[str, Callable[[Any, str | Path], None]] = {
     ".npz": archive.write,
 }
 MODEL_SUFFIXES = frozenset(_BY_SUFFIX)
-"""What files of models are called; ``.npz`` may be a policy's, too."""
+"""Suffixes of model files; a ``.npz`` may also hold a policy."""
 _BY_ROOT: dict[str, _Reader] = {"probmodelxml": pgmx.read, "pomdpx": pomdpx.read}
 
 
 def load_model(path: str | Path, *, sparse: bool | None = None, normalize: bool = False) -> MDP | POMDP:
-    """Read a model of any format.
+    """Read a model in any format.
 
-    These are Cassandra's ``.pomdp`` and ``.mdp``; MADP's ``.dpomdp`` and, by their ``.base`` file, sets of
-    ``.toi-dpomdp``; ProbModelXML, ``.pgmx``; ``.pomdpx``; and mdm's own ``.npz``. Any text may be gzipped.
+    The formats are Cassandra's ``.pomdp`` and ``.mdp``; MADP's ``.dpomdp``, and its ``.toi-dpomdp`` sets by their
+    ``.base`` file; ProbModelXML (``.pgmx``); ``.pomdpx``; and mdm's own ``.npz``. Text files may be gzipped.
+
+    Example::
+
+        model = mdm.load_model("tiger.pomdp")
+        model.transition("listen", "tiger-left")  # P(s' | s, a)
 
     Args:
         path: The file.
         sparse: Force CSR (True) or dense (False) matrices; None chooses by size and density.
-        normalize: Whether rows of probabilities are made to sum to 1 however far they are off, with one warning that
-            counts them; rows that are off by at most 1e-4 are in any case.
+        normalize: Normalise rows of probabilities whatever their sum, with one warning that counts them. Without it,
+            only rows within 1e-4 of 1 are normalised, and others are an error.
 
     Raises:
-        FormatError: With the place, what stands there and what was expected.
+        FormatError: If the file cannot be read or is malformed, with the place and what was expected.
     """
     reader = _reader(Path(path))
     if not normalize:
         return reader(path, sparse=sparse)
     with collect_problems(sums_only=True) as problems:
         model = reader(path, sparse=sparse)
-        model.flatten()  # here, where problems are collected
+        model.flatten()  # while problems are still collected
     if problems:
         text = f"{path}: {len(problems)} distributions did not sum to 1 and were normalised; first: {problems[0].text}"
         warnings.warn(text, ModelWarning, stacklevel=2)
@@ -80,34 +85,37 @@ def load_model(path: str | Path, *, sparse: bool | None = None, normalize: bool 
 
 
 def save_model(model: MDP | POMDP, path: str | Path) -> None:
-    """Write a model, in the format that the file's suffix stands for; a ``.gz`` after that of a text compresses it.
+    """Write a model in the format of the file's suffix; a further ``.gz`` compresses a text format.
+
+    Example::
+
+        mdm.save_model(model, "tiger.pomdpx")
 
     Args:
-        model: The model. ``.pgmx``, ``.pomdpx`` and ``.npz`` keep its factors, ``.dpomdp`` its agents; ``.npz`` keeps
-            everything.
+        model: The model. ``.pgmx`` and ``.pomdpx`` keep its factors, ``.dpomdp`` its agents, ``.npz`` everything.
         path: The file.
 
     Raises:
-        ModelError: If the format cannot hold such a model.
+        ModelError: If the suffix is unknown, or the format cannot hold this model.
         FormatError: If the file cannot be written.
     """
     suffix = suffixes(path)
     writer = _WRITERS.get(suffix)
     if writer is None or (suffix == ".npz" and Path(path).suffix == ".gz"):
-        raise ModelError(f"{Path(path).name!r} names no format that models are written in: {', '.join(_WRITERS)}")
+        raise ModelError(f"{Path(path).name!r} has no suffix of a model format: {', '.join(_WRITERS)}")
     if model.false_negative is not None and suffix != ".npz":
         raise ModelError(
-            f"{suffix} files cannot say which observation is a false negative: write a .npz, or "
+            f"{suffix} files cannot mark an observation as a false negative: write a .npz, or "
             f"model.with_false_negatives(None)"
         )
     writer(model, path)
 
 
 def _reader(path: Path) -> _Reader:
-    """Return what reads a file: the content decides where it is unmistakable, else the suffix."""
+    """Return a file's reader, chosen by unmistakable content, else by suffix."""
     suffix = suffixes(path)
     if suffix in toi.PARTS:
-        raise FormatError("this is a part of a set: read the set by its .base file", file=path)
+        raise FormatError("this file is part of a set: read the set by its .base file", file=path)
     by_suffix = _BY_SUFFIX.get(suffix)
     if npz.is_archive(path):
         return archive.read

@@ -1,4 +1,4 @@
-"""Policies of every format: which one a file holds is told by its suffix and content."""
+"""Loading and saving policies in any format, chosen by content and suffix."""
 
 from __future__ import annotations
 
@@ -43,24 +43,24 @@ _TABLES: dict[str, type] = {"table": DeterministicPolicy, "stochastic": Stochast
 _BY_SUFFIX: dict[str, _Form] = {".pg": "graph", ".alpha": "alpha", ".vf": "value function"}
 
 
-def _nameless(write: Callable[[Any, Path], object]) -> _Writer:
-    """Return what writes a format that has no names of the model."""
+def _without_model(write: Callable[[Any, Path], object]) -> _Writer:
+    """Return a writer for a format that does not use the model's names."""
     return lambda policy, path, _: write(policy, path)
 
 
-_TABLE = {".policy": _nameless(ublas.write)}
-_VECTORS = {".policy": _nameless(sarsop_policy.write), ".policyx": _nameless(sarsop_policy.write)}
+_TABLE = {".policy": _without_model(ublas.write)}
+_VECTORS = {".policy": _without_model(sarsop_policy.write), ".policyx": _without_model(sarsop_policy.write)}
 _WRITERS: dict[type, dict[str, _Writer]] = {
-    AlphaVectors: {**_VECTORS, ".alpha": _nameless(alpha.write), ".vf": _nameless(value_function.write)},
+    AlphaVectors: {**_VECTORS, ".alpha": _without_model(alpha.write), ".vf": _without_model(value_function.write)},
     MixedAlphaVectors: _VECTORS,
-    MaskedAlphaVectors: {".policy": _nameless(zmdp.write)},
+    MaskedAlphaVectors: {".policy": _without_model(zmdp.write)},
     DeterministicPolicy: _TABLE,
     StochasticPolicy: _TABLE,
     QTable: _TABLE,
-    FiniteStateController: {".pg": _nameless(policy_graph.write)},
+    FiniteStateController: {".pg": _without_model(policy_graph.write)},
     JointController: {".policy": joint_policy.write},
 }
-"""By their suffixes, the formats that hold policies of each kind; ``.npz`` holds any."""
+"""Writers by class of policy and suffix; ``.npz`` holds any policy."""
 
 
 def load_policy(
@@ -70,36 +70,42 @@ def load_policy(
     kind: PolicyKind | None = None,
     seed: int | None = None,
 ) -> Policy:
-    """Read a policy of any format.
+    """Read a policy in any format.
 
-    These are the original MDM's vectors, matrices and Q-tables (uBLAS text); MADP's ``.vf``, Q-tables and joint
-    policies; Cassandra's ``.alpha`` and ``.pg``; SARSOP's ``.policy``; ZMDP's; and mdm's own ``.npz``.
+    The formats are the original MDM's vectors, matrices and Q-tables (uBLAS text); MADP's ``.vf``, Q-tables and joint
+    policies; Cassandra's ``.alpha`` and ``.pg``; SARSOP's ``.policy``; ZMDP's ``.policy``; and mdm's own ``.npz``.
 
     A uBLAS matrix whose columns are distributions is a stochastic policy (actions x states), any other a Q-table
     (states x actions); with a model, its sizes decide.
 
+    Example::
+
+        model = mdm.load_model("tiger.pomdp")
+        policy = mdm.load_policy("tiger.vf", model)
+
     Args:
         path: The file.
-        model: The model that the policy is for; its sizes are checked, and names where the file has them.
-        kind: What a table is, where neither content nor model decide: ``stochastic`` or ``q`` for a matrix,
-            ``table`` for a vector of actions.
-        seed: For the draws of a stochastic policy.
+        model: The policy's model. Sizes are checked against it, and names where the file has them.
+        kind: The kind of a table: ``stochastic`` or ``q`` for a matrix, ``table`` for a vector of actions; by default
+            found from content and model.
+        seed: Seed of a stochastic policy's draws.
 
     Raises:
-        FormatError: With the place, what stands there and what was expected.
+        FormatError: If the file cannot be read, is malformed or does not fit the model, with the place and what was
+            expected.
     """
     path = Path(path)
     if path.suffix.lower() == ".npz" or npz.is_archive(path):
         policy = policy_archive.read(path, model, seed=seed)
         if kind is not None and not isinstance(policy, _TABLES[kind]):
-            raise FormatError(f"the archive holds {type(policy).__name__}, but kind={kind!r} was asked for", file=path)
+            raise FormatError(f"the archive holds a {type(policy).__name__}, not kind={kind!r}", file=path)
         return policy
     source = Source(path)
     if holds_policy(beginning(path)) is False:
         source.fail("the file holds a model; a policy was expected")
     form = _form(source, kind)
     if kind is not None and form not in {"array", "q-table"}:
-        source.fail(f"the file holds no table ({form}), but kind={kind!r} was asked for")
+        source.fail(f"kind={kind!r} is for tables, but this file is of form {form!r}")
     try:
         policy = _read(source, form, model, kind, seed)
     except ModelError as error:
@@ -114,29 +120,33 @@ def load_rewards(path: str | Path) -> npt.NDArray[np.float64]:
     """Read a reward matrix R(s, a): states x actions, as uBLAS text.
 
     Raises:
-        FormatError: If it is no matrix of finite numbers.
+        FormatError: If the file is not a matrix of finite numbers.
     """
     matrix = ublas.read(path)
     if matrix.ndim != 2 or not np.isfinite(matrix).all():
-        raise FormatError("a reward matrix of states x actions was expected, of finite numbers", file=path)
+        raise FormatError("a states x actions matrix of finite rewards was expected", file=path)
     return matrix
 
 
 def save_policy(policy: Policy, path: str | Path, model: MDP | None = None) -> None:
-    """Write a policy, in the format that the file's suffix stands for.
+    """Write a policy in the format of the file's suffix.
 
     ``.npz`` keeps any policy, with the names of its model. ``.alpha`` and ``.vf`` hold alpha vectors, ``.pg``
-    controllers (and an ``.alpha`` beside it their values). In a ``.policy`` file, and in one without a suffix, alpha
-    vectors are written as SARSOP does (as ``.policyx``, too), those with masks as ZMDP, tables as uBLAS text, and joint
-    controllers as MADP, which needs the model.
+    finite-state controllers (with their values in an ``.alpha`` file beside it). A ``.policy`` file, or one without a
+    suffix, has SARSOP's format for alpha vectors (as has ``.policyx``), ZMDP's for masked ones, uBLAS text for tables,
+    and MADP's for joint controllers, which needs the model.
+
+    Example::
+
+        mdm.save_policy(policy, "tiger.npz", model)
 
     Args:
         policy: The policy.
         path: The file.
-        model: The model that the policy is for.
+        model: The policy's model.
 
     Raises:
-        ModelError: If the suffix stands for no format that holds such a policy, or the policy does not fit the model.
+        ModelError: If the suffix's format cannot hold this policy, or the policy does not fit the model.
         FormatError: If the file cannot be written.
     """
     wrong = None if model is None else mismatch(policy, model)
@@ -146,15 +156,15 @@ def save_policy(policy: Policy, path: str | Path, model: MDP | None = None) -> N
 
 
 def check_policy_file(kind: type, path: str | Path) -> None:
-    """Refuse a file whose name stands for no format that holds policies of a kind, before there is one to write.
+    """Check, before a policy is computed, that a file could hold it and can be written.
 
     Args:
         kind: The policy's class.
         path: The file.
 
     Raises:
-        ModelError: If its suffix stands for no format that holds such a policy.
-        FormatError: If it is a folder, or its folder is none that can be written to.
+        ModelError: If the suffix's format cannot hold this kind of policy.
+        FormatError: If the path is a folder, or its folder is not writable.
     """
     path = Path(path)
     _writer(kind, path)
@@ -162,7 +172,7 @@ def check_policy_file(kind: type, path: str | Path) -> None:
 
 
 def _writer(kind: type, path: Path) -> _Writer:
-    """Return what writes policies of a kind into a file."""
+    """Return the writer for a class of policies and a file's suffix."""
     writers: dict[str, _Writer] = {".npz": policy_archive.write}
     for other, more in _WRITERS.items():
         if issubclass(kind, other):
@@ -174,7 +184,7 @@ def _writer(kind: type, path: Path) -> _Writer:
 
 
 def _form(source: Source, kind: PolicyKind | None) -> _Form:
-    """Return what a text holds: told by how it begins or by a word that none but one form has, then by its suffix."""
+    """Return a text's form, found from its beginning, else a distinctive word, else the suffix, else its layout."""
     text = source.text.lstrip()
     if text[0] in "[<":
         return "array" if text[0] == "[" else "sarsop"
@@ -190,7 +200,7 @@ def _form(source: Source, kind: PolicyKind | None) -> _Form:
         return "q-table"
     if not {"X", "x", "-"}.isdisjoint(lines[0]):
         return "graph"
-    # Blocks have blank lines between them, a table has none: this alone tells two columns from a head of two words.
+    # Only the blank lines between blocks distinguish a value function from a table of two columns.
     table = len(lines) > 2 and all(len(line) == len(lines[0]) for line in lines)
     if len(lines[0]) == 1:
         return "alpha"

@@ -1,4 +1,4 @@
-"""Whether a text holds a model or a policy, told by how it begins."""
+"""Recognition of models and policies by the beginning of a file."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 __all__ = ["JOINT", "PLANES", "beginning", "holds_policy", "root"]
 
 PLANES = re.compile(r"^[^#\n]*\bpolicyType\s*=>", re.MULTILINE)
-"""What ZMDP's policies alone say."""
+"""Occurs in ZMDP's policies only."""
 JOINT = re.compile(r"^[ \t]*(JointPolicyPureVector\b|Policy for agent \d)", re.MULTILINE)
-"""What MADP's joint policies alone say."""
+"""Occurs in MADP's joint policies only."""
 _STATEMENT = re.compile(r"(agents|discount|values|states|actions|observations|start)\b[^\n:]*:")
 _NUMBER = re.compile(r"[-+]?\.?\d")
 _COMMENTS = re.compile(r"(?:\s+|#[^\n]*)+")
@@ -20,7 +20,7 @@ _LENGTH = 1 << 14
 
 
 def beginning(path: str | Path) -> str:
-    """Return how a text begins, unpacked; nothing where it cannot be read, which its reader will tell."""
+    """Return the first characters of a text, decompressed; empty if unreadable, an error left to the reader."""
     try:
         with Path(path).open("rb") as file:
             data = file.read(_LENGTH)
@@ -32,15 +32,15 @@ def beginning(path: str | Path) -> str:
 
 
 def root(text: str) -> str:
-    """Return the name of the first element of an XML document, in lower case; nothing where there is none."""
+    """Return the tag of an XML document's first element, in lower case; empty if there is none."""
     found = _ROOT.search(text)
     return found[1].lower() if found else ""
 
 
 def holds_policy(text: str) -> bool | None:
-    """Return whether a text is a policy (True) or a model (False); None where its beginning does not tell.
+    """Return True for a policy, False for a model, None if the beginning does not decide.
 
-    Lines of numbers are taken for a policy. So begin MADP's ``.base`` files, too, which their name tells.
+    Lines of numbers count as a policy. MADP's ``.base`` files begin with numbers too; callers recognise these by name.
     """
     if text.startswith("["):
         return True

@@ -1,4 +1,4 @@
-"""The text of a file, whatever it is called and however it is compressed, and the place of each of its words."""
+"""The text of a plain or gzipped file, its words, and their lines and columns."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Source:
     """A file's text.
 
     Args:
-        path: The file; a ``.gz`` is unpacked.
+        path: The file, plain or gzipped.
 
     Raises:
-        FormatError: If it is missing, no file, empty, cut off, or not text.
+        FormatError: If it is missing, a folder, empty, truncated, or not text.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -41,13 +41,13 @@ class Source:
 
 
 class Words:
-    """The words of a text in the manner of Cassandra's formats: ``#`` comments go, ``:`` and ``*`` stand alone.
+    """The words of a text in Cassandra's syntax: without ``#`` comments, with ``:`` and ``*`` as words of their own.
 
-    Places are found only when an error needs one, by splitting the lines again.
+    Lines and columns are computed only for errors, by splitting the lines again.
 
     Args:
         source: The text.
-        skip: How many lines at its beginning are no words.
+        skip: The number of lines to skip at the beginning.
     """
 
     def __init__(self, source: Source, *, skip: int = 0) -> None:
@@ -57,7 +57,7 @@ class Words:
         self.words = _split(_COMMENT.sub("", text))
 
     def fail(self, at: int, message: str) -> NoReturn:
-        """Raise a `FormatError` at a word, or at the last one where the words have ended."""
+        """Raise a `FormatError` at a word; beyond the end, at the last word."""
         at = min(at, len(self.words) - 1)
         seen = 0
         for number, text in enumerate(self._source.text.split("\n")[self._skip :], self._skip + 1):
@@ -102,9 +102,9 @@ def _read(path: Path) -> str:
         try:
             data = gzip.decompress(data)
         except (EOFError, OSError, zlib.error):
-            raise FormatError("the compressed file is cut off or damaged", file=path) from None
+            raise FormatError("the compressed file is truncated or damaged", file=path) from None
     elif path.suffix == ".gz":
-        raise FormatError("the file is called .gz, but is not compressed by gzip", file=path)
+        raise FormatError("the file is named .gz, but is not gzipped", file=path)
     if b"\0" in data:
         raise FormatError("this is a binary file; a text was expected", file=path)
     try:
@@ -118,7 +118,7 @@ def _read(path: Path) -> str:
 
 
 def number(word: str) -> float | None:
-    """Return the number that a word stands for, or None; ``nan`` and ``inf`` are numbers here, and refused later."""
+    """Parse a word as a number, or return None; ``nan`` and ``inf`` are numbers here, and refused by callers."""
     try:
         return float(word) if "_" not in word else None
     except ValueError:

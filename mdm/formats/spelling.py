@@ -1,4 +1,4 @@
-"""Names as a format can spell them: where it ends names at blanks or has signs of its own, others stand in."""
+"""Spelling of names in formats that allow neither blanks nor certain characters in them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ __all__ = ["Speller", "unused"]
 
 
 class Speller:
-    """Spells names in one word each, and tells at the end which ones it changed.
+    """Turns names into single words, and warns of those that it changed.
 
     Args:
-        foreign: Matches what no name may hold.
-        words: Which whole words are no names.
+        foreign: Matches characters that are not allowed in a name.
+        words: Reserved words.
     """
 
     def __init__(self, foreign: re.Pattern[str], words: Container[str] = ()) -> None:
@@ -28,12 +28,12 @@ class Speller:
         self._changed: list[str] = []
 
     def spell(self, names: Sequence[str], taken: Container[str] = (), *, numbered: bool = True) -> list[str]:
-        """Return the names, each in one word that none of the others is.
+        """Return a distinct word for each name.
 
         Args:
             names: The names.
-            taken: Words that stand for something else already.
-            numbered: Whether digits alone are a name only where they are its own index.
+            taken: Words already in use.
+            numbered: Allow a name of digits only if it is its own index.
         """
         result: list[str] = []
         used: set[str] = set()
@@ -49,15 +49,15 @@ class Speller:
         return result
 
     def warn(self, format_name: str) -> None:
-        """Warn where a name was changed."""
+        """Warn if names were changed."""
         if self._changed:
             some = ", ".join(self._changed[:3]) + (", …" if len(self._changed) > 3 else "")
-            text = f"{len(self._changed)} names that {format_name} cannot hold were written in another way: {some}"
+            text = f"{len(self._changed)} names not allowed in {format_name} were changed: {some}"
             warnings.warn(text, ModelWarning, stacklevel=4)
 
 
 def unused(word: str, is_used: Callable[[str], bool]) -> str:
-    """Return a word, or the first one made of it by a number that is not used yet."""
+    """Return a word, with the first free number appended if it is used already."""
     found, number = word, 2
     while is_used(found):
         found, number = f"{word}_{number}", number + 1

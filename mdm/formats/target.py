@@ -1,4 +1,4 @@
-"""Writing a file whole or not at all."""
+"""Atomic writing of files."""
 
 from __future__ import annotations
 
@@ -20,49 +20,49 @@ __all__ = ["check_place", "replacing", "write_text"]
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a text, compressed where the path ends in ``.gz``.
+    """Write a text atomically, gzipped if the path ends in ``.gz``.
 
     Raises:
-        FormatError: If the file cannot be written; what was there before is then still there.
+        FormatError: If the file cannot be written; a previous file is then left as it was.
     """
     data = text.encode()
     if Path(path).suffix.lower() == ".gz":
-        data = gzip.compress(data, mtime=0)  # the same text makes the same file
+        data = gzip.compress(data, mtime=0)  # reproducible: equal texts give equal files
     with replacing(path) as file:
         file.write(data)
 
 
 def check_place(path: str | Path, *sources: str | Path | None) -> None:
-    """Refuse a file that could not be written, or that is read from, before there is something to write.
+    """Check, before anything is computed, that a file can be written and is not an input.
 
     Args:
         path: The file.
-        sources: What is read to write it, by whatever path or link; None for what is not.
+        sources: The input files, compared by identity and not by path; None is skipped.
 
     Raises:
-        FormatError: If it is one of the sources or a folder, or nothing can be written beside it.
+        FormatError: If the path is an input or a folder, or its folder is not writable.
     """
     for source in sources:
         if source is not None and _same(Path(path), Path(source)):
-            raise FormatError("this file is read from, and would be lost: write to another", file=path)
-    if _is_device(Path(path)):  # a pipe that is opened and closed would have come to its end
+            raise FormatError("this file is an input and would be overwritten: write to another", file=path)
+    if _is_device(Path(path)):  # opening and closing a pipe would end it for its reader
         return
     with suppress(_Unwritten), replacing(path):
         raise _Unwritten
 
 
 class _Unwritten(Exception):
-    """Nothing is to be written after all."""
+    """Leaves `replacing` without replacing the file."""
 
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[IO[bytes]]:
-    """Open a neighbour of a file, which takes its place, with its permissions, when all of it is on the disk.
+    """Open a temporary file that replaces the given one once it is complete and synchronised to disk.
 
-    A link stays, and what it leads to is replaced. A device or a pipe is written as it stands.
+    Permissions are kept. Of a link, the target is replaced. Devices and pipes are written in place.
 
     Raises:
-        FormatError: If the file cannot be written; what was there before is then still there.
+        FormatError: If the file cannot be written; a previous file is then left as it was.
     """
     path = Path(path)
     if path.is_dir():
@@ -72,7 +72,7 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
             with path.open("wb") as file:
                 yield file
             return
-        with _neighbour(Path(os.path.realpath(path))) as file:
+        with _temporary(Path(os.path.realpath(path))) as file:
             yield file
     except OSError as error:
         raise FormatError(f"the file cannot be written: {error.strerror}", file=path) from None
@@ -87,9 +87,9 @@ def _is_device(path: Path) -> bool:
 
 
 @contextmanager
-def _neighbour(path: Path) -> Iterator[IO[bytes]]:
+def _temporary(path: Path) -> Iterator[IO[bytes]]:
     before = path.stat() if path.exists() else None
-    if before is not None and not os.access(path, os.W_OK):  # a rename asks only for the folder's permission
+    if before is not None and not os.access(path, os.W_OK):  # renaming checks only the folder's permissions
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=".mdm-")
     try:
@@ -100,7 +100,7 @@ def _neighbour(path: Path) -> Iterator[IO[bytes]]:
         if before is None:
             Path(name).chmod(0o666 & ~_mask())
         else:
-            with suppress(PermissionError):  # only an administrator gives files away
+            with suppress(PermissionError):  # only root may change the owner
                 os.chown(name, before.st_uid, before.st_gid)
             Path(name).chmod(stat.S_IMODE(before.st_mode))
         Path(name).replace(path)

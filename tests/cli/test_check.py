@@ -66,7 +66,7 @@ def test_check_tells_all_problems_of_a_model_at_once(mdm, tmp_path):
     assert status == 1
     assert not output
     for words in (
-        "broken.pomdp:9:15: -0.5 is no probability",
+        "broken.pomdp:9:15: -0.5 is not a probability",
         "broken.pomdp:18:9: 'nowhere'",
         "no 'T' statement is given for action 'wait'",
         "the start sums to 0.9",

@@ -82,7 +82,7 @@ def test_output_never_destroys_input(mdm, tmp_path, monkeypatch, arguments, read
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     status, output, errors = mdm(*[out if word == "OUT" else word for word in arguments])
     assert (status, output) == (1, [])
-    assert errors == f"mdm {arguments[0]}: {out}: this file is read from, and would be lost: write to another\n"
+    assert errors == f"mdm {arguments[0]}: {out}: this file is an input and would be overwritten: write to another\n"
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
     assert Path(out).is_symlink() == (way == "a link")
 

@@ -38,4 +38,4 @@ def test_info_tells_the_false_negative(mdm, tmp_path):
     assert told == [None, "hear-right"]
     status, _, errors = mdm("convert", tmp_path / "tiger.npz", tmp_path / "tiger.pomdp")
     assert (status, len(errors.splitlines())) == (1, 1)
-    assert ".pomdp files cannot say which observation is a false negative" in errors
+    assert ".pomdp files cannot mark an observation as a false negative" in errors

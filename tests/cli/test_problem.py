@@ -85,4 +85,4 @@ def test_wrong_usage_is_told_in_a_sentence(mdm, tmp_path, monkeypatch, arguments
 def test_an_unknown_format(mdm, tmp_path):
     status, _, errors = mdm("problem", "tiger", "-o", tmp_path / "tiger.txt")
     assert status == 1
-    assert "names no format" in errors
+    assert "no suffix of a model format" in errors

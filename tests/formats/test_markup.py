@@ -62,10 +62,10 @@ def test_a_long_text_comes_in_one_piece(tmp_path):
 @pytest.mark.parametrize(
     ("text", "line", "words"),
     [
-        ("<a>\n<b></a>", 2, "no well-formed XML: mismatched tag"),
-        ("<a>", 1, "no well-formed XML: no element found"),
+        ("<a>\n<b></a>", 2, "not well-formed XML: mismatched tag"),
+        ("<a>", 1, "not well-formed XML: no element found"),
         ('<!DOCTYPE a [<!ENTITY x "y">]><a>&x;</a>', 1, "a document type .<!DOCTYPE a>"),
-        ("<a>\n&x;</a>", 2, "no well-formed XML: undefined entity"),
+        ("<a>\n&x;</a>", 2, "not well-formed XML: undefined entity"),
         ("<a>" * 99 + "\n" + "<a>" * 2 + "</a>" * 101, 2, "nested more than 100 deep"),
     ],
 )

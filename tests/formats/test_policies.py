@@ -60,11 +60,11 @@ MODEL = MDP([np.eye(3)] * 2, np.zeros((3, 2)), discount=0.9)
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[4](0,1,2)", "4 numbers, but 3"),
-        ("[3](0,1,2,1)", "3 numbers, but 4"),
+        ("[4](0,1,2)", "4 numbers are declared, but 3"),
+        ("[3](0,1,2,1)", "3 numbers are declared, but 4"),
         ("[3](0,1", "before the brackets"),
         ("[3(0,1,2)", "size in brackets"),
-        ("[2,2,2]((0))", "no size"),
+        ("[2,2,2]((0))", "not the size"),
         ("[3](0,-1,2)", "state 1 is -1"),
         ("[3](0,1.5,2)", "state 1 is 1.5"),
         ("[3](0,x,2)", "'x'"),
@@ -72,17 +72,17 @@ MODEL = MDP([np.eye(3)] * 2, np.zeros((3, 2)), discount=0.9)
         ("[3](0,inf,2)", "state 1 is inf"),
         ("[3](0,nan,2)", "state 1 is nan"),
         ("[3](0,1e300,2)", "state 1 is 1e+300"),
-        ("[3\n3](0,1,2)", "'[3 3]' is no size"),
+        ("[3\n3](0,1,2)", "'[3 3]' is not the size"),
         ("0 -1\n1 2 1_0\n", "'1_0'"),
-        ("[3](0,1,9)", "state 2 is 9, but the model's 2"),
+        ("[3](0,1,9)", "state 2 is 9, but the model has"),
         ("[2](0,1)", "2 states and 2 actions, but the model has 3 and 2"),
         ("[2,3]((0.5,0.5,0.5),(0.5,0.5,0.9))", "1.4"),
         ("[2,3]((1,2,3),(1,2))", "row 1"),
-        ("[1,3]((1,2,3),(1,2,3))", "1 rows, but 2"),
+        ("[1,3]((1,2,3),(1,2,3))", "1 rows are declared, but 2"),
         ("[3](0,1,1) 7", "'7'"),
         ("0 -1\n1 2\n", "2 states"),
         ("0 -1\n1 2 3\n\n7 -1\n1 2 3\n", "no action 7"),
-        ("0 -1\n1 2 3\n\n1 -1\n", "its vector is missing"),
+        ("0 -1\n1 2 3\n\n1 -1\n", "without its vector"),
         ("0 -1\n1 2 3\n\n1 -1\n1 2\n", "3 values were expected, but 2"),
         ("0 -1\n1 2 nan\n", "not finite"),
         ("0 -1\n1 2 three\n", "'three'"),
@@ -98,7 +98,7 @@ def test_wrong_policies_are_refused(tmp_path, text, words):
 
 def test_an_index_that_no_array_holds_is_refused(tmp_path):
     for action in ("99999999999", "9" * 100):
-        with pytest.raises(FormatError, match="is no action's index"):
+        with pytest.raises(FormatError, match="is not an action's index"):
             load_policy(written(tmp_path, f"{action} -1\n1 2\n", "v.vf"))
         with pytest.raises(FormatError, match="state 0 is"):
             load_policy(written(tmp_path, f"[1]({action})"))
@@ -115,7 +115,7 @@ def test_any_text_gives_a_policy_or_a_format_error(tmp_path_factory, text):
 
 @pytest.mark.parametrize("name", ["tiger.alpha", "tiger.pg", "mixed.policy", "masked.policy", "team.policy"])
 def test_a_kind_of_table_is_asked_of_tables_only(name):
-    with pytest.raises(FormatError, match="no table"):
+    with pytest.raises(FormatError, match="is for tables"):
         policies.load_policy(POLICIES / name, kind="q")
 
 
@@ -175,7 +175,7 @@ def test_an_archive_is_told_by_its_content(tmp_path):
 def test_a_kind_of_table_may_be_asked_of_an_archive(tmp_path):
     policies.save_policy(QTable([[1, 0]]), tmp_path / "x.npz")
     assert isinstance(policies.load_policy(tmp_path / "x.npz", kind="q"), QTable)
-    with pytest.raises(FormatError, match="the archive holds QTable, but kind='stochastic' was asked for"):
+    with pytest.raises(FormatError, match="the archive holds a QTable, not kind='stochastic'"):
         policies.load_policy(tmp_path / "x.npz", kind="stochastic")
 
 

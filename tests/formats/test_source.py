@@ -41,8 +41,8 @@ def test_a_text_is_the_same_however_it_is_stored(tmp_path, data):
         ("m.pomdp", lambda path: path.mkdir(), "a folder, not a file"),
         ("m.pomdp", lambda path: path.write_bytes(b" \n"), "empty"),
         ("m.pomdp", lambda path: path.write_bytes(b"a\0b"), "binary"),
-        ("m.pomdp.gz", lambda path: path.write_bytes(b"states: 2"), "called .gz, but is not compressed"),
-        ("m.pomdp.gz", lambda path: path.write_bytes(gzip.compress(b"states: 2")[:-9]), "cut off or damaged"),
+        ("m.pomdp.gz", lambda path: path.write_bytes(b"states: 2"), "named .gz, but is not gzipped"),
+        ("m.pomdp.gz", lambda path: path.write_bytes(gzip.compress(b"states: 2")[:-9]), "truncated or damaged"),
     ],
 )
 def test_what_is_no_text_is_refused(tmp_path, name, make, words):

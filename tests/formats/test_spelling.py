@@ -36,7 +36,7 @@ def test_what_was_changed_is_told_once_at_the_end():
         assert speller.spell(["plain", "0"], numbered=False) == ["plain", "0"]
         speller.warn("FORMAT")
         assert speller.spell(["a b", "a_b", "7", "*", "+"]) == ["a_b", "a_b_2", "_7", "_", "__2"]
-    with pytest.warns(ModelWarning, match=r"5 names that FORMAT cannot hold.*: 'a b' as 'a_b', .*, …$"):
+    with pytest.warns(ModelWarning, match=r"5 names not allowed in FORMAT were changed.*: 'a b' as 'a_b', .*, …$"):
         speller.warn("FORMAT")
 
 

@@ -158,7 +158,7 @@ def test_a_file_that_is_read_is_no_place_for_another(tmp_path):
     source.write_text("x")
     other.symlink_to(source)
     for place in (source, other):
-        with pytest.raises(FormatError, match="is read from, and would be lost"):
+        with pytest.raises(FormatError, match="is an input and would be overwritten"):
             check_place(place, None, source)
     check_place(tmp_path / "z", source, other)
     check_place("/dev/null", "/dev/null")

@@ -1,7 +1,7 @@
-"""Models as ``.npz`` archives of our own: for large ones, which are mapped into memory rather than parsed.
+"""mdm's own ``.npz`` format for models, mapped into memory instead of parsed.
 
-A flat model is kept as its matrices, each that several actions share once; a factored one as its network. What is read
-is checked in one pass over the numbers, without a copy, so that a damaged file makes an error and never a wrong model.
+A flat model is stored as its matrices, shared ones once; a factored model as its network. Reading validates all
+numbers in one pass, without a copy.
 """
 
 from __future__ import annotations
@@ -48,17 +48,17 @@ class _Header(msgspec.Struct):
 
 
 def holds_model(path: str | Path) -> bool:
-    """Whether an archive holds a model; another one of mdm's holds a policy.
+    """Whether an archive of mdm's holds a model rather than a policy.
 
     Raises:
-        FormatError: If the file is no archive of mdm's.
+        FormatError: If the file is not an archive of mdm's.
     """
     header, _ = npz.read(Path(path), mapped=True)
     return f'"{_FORMAT}"'.encode() in header
 
 
 def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
-    """Return the model in an archive; its matrices are mapped into memory, unless ``sparse`` asks for another kind.
+    """Read a model from an archive; its matrices are mapped into memory unless ``sparse`` requires a conversion.
 
     Raises:
         FormatError: If the file is damaged or holds no model.
@@ -68,16 +68,16 @@ def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
         header = msgspec.json.decode(written, type=_Header)
         return _model(header, arrays, sparse).with_false_negatives(header.false_negative)
     except KeyError as error:
-        raise FormatError(f"the archive is damaged: it has no {error}", file=path) from None
+        raise FormatError(f"the archive is damaged: {error} is missing", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError, IndexError, OverflowError) as error:
         why = "it is a policy" if b'"mdm policy 1"' in written else error
-        raise FormatError(f"the archive holds no model: {why}", file=path) from None
+        raise FormatError(f"the archive does not hold a model: {why}", file=path) from None
 
 
 def write(model: MDP, path: str | Path) -> None:
-    """Write a model to an archive, as a rule a ``.npz``.
+    """Write a model to an archive, usually a ``.npz``.
 
-    Rewards of single outcomes are kept where they are at most 50 million numbers; else R(s, a) alone, with a warning.
+    Rewards of single outcomes are kept up to 50 million numbers; beyond that only R(s, a), with a warning.
 
     Raises:
         FormatError: If the file cannot be written.
@@ -112,12 +112,12 @@ def _pack_outcomes(model: MDP, arrays: dict[str, Any]) -> None:
     if outcomes is not None:
         arrays["outcomes"] = outcomes
         return
-    text = "the rewards of single outcomes are too many to be kept: R(s, a) stands for them"
+    text = "there are too many rewards of single outcomes: only their expectation R(s, a) is kept"
     warnings.warn(text, ModelWarning, stacklevel=4)
 
 
 def _pack(prefix: str, matrices: Any, arrays: dict[str, Any]) -> list[str]:
-    """Add matrices to the arrays, each once; return the name of each action's."""
+    """Add each distinct matrix to the arrays; return the name of each action's matrix."""
     names: dict[int, str] = {}
     for matrix in matrices:
         if id(matrix) in names:
@@ -150,7 +150,7 @@ def _flat(
     transitions = _matrices(header.transitions, arrays, (size, size), count)
     rewards = _floats(arrays["rewards"])
     if rewards.shape != (size, count):
-        raise ModelError(f"the rewards are of shape {rewards.shape}, not {(size, count)}")
+        raise ModelError(f"the rewards have the shape {rewards.shape}, not {(size, count)}")
     _check_outcomes(arrays.get("outcomes"), size, count, observations)
     common: dict[str, Any] = {
         "discount": header.discount,
@@ -161,16 +161,16 @@ def _flat(
     }
     if observations is None:
         return MDP(transitions, rewards, **common)
-    told: Any = (
+    seen: Any = (
         _events(header.events, arrays, transitions, states, actions, len(observations))
         if header.events
         else _matrices(header.observed, arrays, (size, len(observations)), count)
     )
-    return POMDP(transitions, told, rewards, observation_names=observations, **common)
+    return POMDP(transitions, seen, rewards, observation_names=observations, **common)
 
 
 def _converted(model: MDP, sparse: bool) -> MDP | POMDP:
-    """Return the same model with dense matrices in place of CSR, or the other way round."""
+    """Convert a model's matrices between dense and CSR."""
     actions = range(len(model.action_space))
     transitions = [model.transition_matrix(action) for action in actions]
     common: dict[str, Any] = {
@@ -184,12 +184,12 @@ def _converted(model: MDP, sparse: bool) -> MDP | POMDP:
     if not isinstance(model, POMDP):
         return MDP(transitions, model.rewards, **common)
     common |= {"observation_names": model.observation_space, "event_observations": model.event_observations}
-    told: list[Any] = (
+    seen: list[Any] = (
         [[model.event_matrix(action, o) for o in range(len(model.observation_space))] for action in actions]
         if model.event_observations
         else [model.observation_matrix(action) for action in actions]
     )
-    return POMDP(transitions, told, model.rewards, **common)
+    return POMDP(transitions, seen, model.rewards, **common)
 
 
 def _check_outcomes(outcomes: Any, size: int, count: int, observations: Space | None) -> None:
@@ -197,13 +197,13 @@ def _check_outcomes(outcomes: Any, size: int, count: int, observations: Space | 
     if observations is not None:
         shapes.append((count, size, size, len(observations)))
     if outcomes is not None and (outcomes.shape not in shapes or not np.isfinite(outcomes).all()):
-        raise ModelError("the rewards of outcomes have another shape, or are not finite")
+        raise ModelError("the rewards of outcomes have the wrong shape or are not finite")
 
 
 def _matrices(names: list[str], arrays: Mapping[str, Any], shape: tuple[int, int], count: int) -> Checked:
-    """Return one matrix per action, checked: rows are distributions."""
+    """Return one matrix per action, after checking that rows are distributions."""
     if len(names) != count:
-        raise ModelError(f"there are matrices for {len(names)} actions, but {count} actions")
+        raise ModelError(f"there are {len(names)} matrices for {count} actions")
     done: dict[str, Matrix] = {}
     for name in names:
         if name not in done:
@@ -218,20 +218,20 @@ def _stored(name: str, arrays: Mapping[str, Any], shape: tuple[int, int]) -> Mat
     if name in arrays:
         matrix = _floats(arrays[name])
         if matrix.shape != shape:
-            raise ModelError(f"{name} is of shape {matrix.shape}, not {shape}")
+            raise ModelError(f"{name} has the shape {matrix.shape}, not {shape}")
         return matrix
     data, indices, starts = (arrays[f"{name}.{part}"] for part in ("data", "indices", "starts"))
     data = _floats(data)
     whole = all(array.ndim == 1 and array.dtype.kind == "i" for array in (indices, starts))
     if not whole or data.ndim != 1 or len(indices) != len(data) or len(starts) != shape[0] + 1:
-        raise ModelError(f"{name} is no matrix of {shape[0]} rows")
+        raise ModelError(f"{name} is not a matrix of {shape[0]} rows")
     if starts[0] != 0 or starts[-1] != len(data) or (np.diff(starts) < 0).any():
-        raise ModelError(f"the rows of {name} do not begin where they could")
+        raise ModelError(f"the row starts of {name} are invalid")
     if len(indices) and not 0 <= indices.min() <= indices.max() < shape[1]:
         raise ModelError(f"{name} has entries beyond its {shape[1]} columns")
     falls = np.flatnonzero(indices[1:] <= indices[:-1]) + 1
     if not np.isin(falls, starts).all():
-        raise ModelError(f"the entries of {name} are not in order")
+        raise ModelError(f"the entries of {name} are not sorted")
     return csr((data, indices, starts), shape, copy=False)
 
 
@@ -239,14 +239,14 @@ def _check_rows(name: str, matrix: Matrix) -> None:
     data = matrix.data if is_compressed(matrix) else matrix
     sums = np.asarray(matrix.sum(axis=1)).ravel()
     if not (np.abs(sums - 1) <= ROUNDING).all() or (data < 0).any():
-        raise ModelError(f"a row of {name} is no distribution")
+        raise ModelError(f"a row of {name} is not a distribution")
 
 
 def _events(
     names: list[str], arrays: Mapping[str, Any], transitions: Checked, states: Space, actions: Space, count: int
 ) -> DenseEvents | TransitionEvents:
     if len(names) != len(actions):
-        raise ModelError(f"there are events of {len(names)} actions, but {len(actions)} actions")
+        raise ModelError(f"there are {len(names)} event matrices for {len(actions)} actions")
     if is_compressed(transitions[0]):
         parts = [_stored(name, arrays, (t.nnz, count)) for name, t in zip(names, transitions, strict=True)]
         return TransitionEvents(transitions, parts, actions=actions, states=states)
@@ -257,11 +257,11 @@ def _events(
 def _cube(array: Any, count: int, size: int) -> Vector:
     cube = _floats(array)
     if cube.shape != (count, size, size):
-        raise ModelError(f"events are of shape {cube.shape}, not {(count, size, size)}")
+        raise ModelError(f"events have the shape {cube.shape}, not {(count, size, size)}")
     return cube
 
 
 def _floats(array: Any) -> Vector:
     if array.dtype != np.float64:
-        raise ModelError(f"numbers are of type {array.dtype}, not floats")
+        raise ModelError(f"numbers have type {array.dtype}, not float64")
     return np.asarray(array)

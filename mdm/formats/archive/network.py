@@ -1,4 +1,4 @@
-"""A two-slice network as a few arrays and a struct for a header, and back."""
+"""Packing of two-slice networks into arrays and a header struct."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class _Tree(msgspec.Struct, tag="tree"):
 
 
 class Network(msgspec.Struct):
-    """A network's potentials, each once and after those that it refers to, and which of them stand where."""
+    """A network's distinct potentials, branches before their trees, and the indices of those in each role."""
 
     potentials: list[_Table | _Tree]
     initial: list[int]
@@ -43,7 +43,7 @@ class Network(msgspec.Struct):
 
 
 def pack_network(network: TwoSliceNetwork, arrays: dict[str, Any]) -> Network:
-    """Return a network as a struct, and add its tables to some arrays."""
+    """Return a network as a struct, and add its tables to ``arrays``."""
     places: dict[int, int] = {}
     potentials: list[_Table | _Tree] = []
 
@@ -79,35 +79,35 @@ def pack_network(network: TwoSliceNetwork, arrays: dict[str, Any]) -> Network:
 def unpack_network(
     packed: Network, arrays: Mapping[str, Any], states: Space, actions: Space, observations: Space | None
 ) -> TwoSliceNetwork:
-    """Return the network that was packed.
+    """Return the network of a packed struct and its arrays.
 
     Raises:
         KeyError: If an array is missing.
-        ModelError: If something does not fit.
+        ModelError: If the parts are inconsistent.
     """
     made: list[Potential] = []
     for potential in packed.potentials:
         if isinstance(potential, _Table):
             values = arrays[potential.values]
             if values.dtype != np.float64 or not np.isfinite(values).all():
-                raise ModelError(f"table {potential.values} holds other things than finite numbers")
+                raise ModelError(f"table {potential.values} holds values that are not finite floats")
             made.append(Table([Node(*node) for node in potential.scope], values))
         else:
-            made.append(Tree(Node(*potential.node), potential.choice, _those(made, potential.branches)))
+            made.append(Tree(Node(*potential.node), potential.choice, _chosen(made, potential.branches)))
     return TwoSliceNetwork(
         states,
         actions,
         observations,
-        initial=_those(made, packed.initial),
-        transitions=_those(made, packed.transitions),
-        observation=_those(made, packed.observation),
-        utilities=_those(made, packed.utilities),
+        initial=_chosen(made, packed.initial),
+        transitions=_chosen(made, packed.transitions),
+        observation=_chosen(made, packed.observation),
+        utilities=_chosen(made, packed.utilities),
         fully_observed=packed.fully_observed,
         event_observations=packed.event_observations,
     )
 
 
-def _those(made: list[Potential], places: list[int]) -> list[Potential]:
+def _chosen(made: list[Potential], places: list[int]) -> list[Potential]:
     if not all(0 <= place < len(made) for place in places):
-        raise ModelError("a potential refers to one that does not stand before it")
+        raise ModelError("a potential refers to one that is not listed before it")
     return [made[place] for place in places]

@@ -1,7 +1,7 @@
-"""Named arrays and a JSON header in one file: numpy's ``.npz``, stored without compression and read without pickle.
+"""Named arrays and a JSON header in one ``.npz`` file, uncompressed and without pickle.
 
-Members begin where arrays can be mapped into memory: reading one costs no copy. A file cannot claim more than it
-holds, and the same arrays give the same bytes. ``numpy.load`` reads these files, too.
+Members are aligned, so that they can be mapped into memory without a copy. Sizes are checked against the file, and
+equal arrays give equal bytes. ``numpy.load`` reads these files too.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ _HEAD = re.compile(
 )
 _ALIGNED = 64
 _PADDING = 0xD935
-"""The extra field of a member's head that pads it (as Android's zipalign does)."""
+"""Tag of the extra header field that pads a member (the one of Android's zipalign)."""
 
 
 class Names(msgspec.Struct, omit_defaults=True):
-    """A factor: its name and those of its symbols, or what they begin with where the rest is their index."""
+    """A factor's name and symbols; symbols that are a prefix and their index are stored as prefix and count."""
 
     name: str
     names: list[str] = []
@@ -74,12 +74,12 @@ def space_of(factors: Iterable[Names]) -> Space:
     """Return the space of a header's factors.
 
     Raises:
-        ModelError: If there is none, or symbols are missing, repeated or too many.
+        ModelError: If there are no factors, or symbols are missing, repeated or too many.
     """
     made = []
     for factor in factors:
         if not 0 <= factor.count <= _MOST:
-            raise ModelError(f"{factor.count} symbols of {factor.name!r} are not possible")
+            raise ModelError(f"{factor.count} symbols of {factor.name!r}: the count must be 0 to {_MOST}")
         made.append(Factor(factor.name, factor.count or factor.names, prefix=factor.prefix))
     return Space(made)
 
@@ -88,12 +88,12 @@ _MOST = 50_000_000
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file begins as an archive does."""
+    """Whether a file begins like an archive."""
     try:
         with path.open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC
     except OSError:
-        return False  # said by whoever reads it
+        return False  # the reader reports it
 
 
 def read(path: Path, *, mapped: bool = False) -> tuple[bytes, dict[str, npt.NDArray[Any]]]:
@@ -101,24 +101,23 @@ def read(path: Path, *, mapped: bool = False) -> tuple[bytes, dict[str, npt.NDAr
 
     Args:
         path: The file.
-        mapped: Whether arrays are to be mapped into memory, read-only; their bytes are then not compared with the
-            file's checksums.
+        mapped: Map arrays into memory, read-only and without verifying their checksums.
 
     Raises:
-        FormatError: If there is no such file, or it is damaged or none of these.
+        FormatError: If the file is missing, damaged, or not an archive of mdm's.
     """
     try:
         with path.open("rb") as file, zipfile.ZipFile(file) as archive:
             members = archive.infolist()
             if any(member.compress_type or member.flag_bits & 1 for member in members):
-                raise FormatError("the archive is compressed or encrypted, which those of mdm's are not", file=path)
+                raise FormatError("the archive is compressed or encrypted: archives of mdm's are neither", file=path)
             data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
             found = {}
             for member in members:
                 name = member.filename.removesuffix(".npy")
                 content = _content(data, member)
                 if (not mapped or name == "header") and zlib.crc32(content) != member.CRC:
-                    raise ValueError(f"{name} is not what was written")
+                    raise ValueError(f"the checksum of {name} is wrong")
                 found[name] = _array(content)
     except FileNotFoundError:
         raise FormatError("there is no such file", file=path) from None
@@ -126,40 +125,40 @@ def read(path: Path, *, mapped: bool = False) -> tuple[bytes, dict[str, npt.NDAr
         raise FormatError("this is a folder, not a file", file=path) from None
     except _DAMAGE as error:
         message = " ".join(str(error).split())[:80]
-        raise FormatError(f"the archive is damaged, or none of numpy's: {message}", file=path) from None
+        raise FormatError(f"the archive is damaged or not one of numpy's: {message}", file=path) from None
     if "header" not in found:
-        raise FormatError("the archive is none of mdm's: it has no header", file=path)
+        raise FormatError("this is not an archive of mdm's: it has no header", file=path)
     return found.pop("header").tobytes(), found
 
 
 def _content(data: memoryview, member: zipfile.ZipInfo) -> memoryview:
     head = data[member.header_offset : member.header_offset + 30]
     if head[:4] != MAGIC:
-        raise ValueError(f"{member.filename} has no head")
+        raise ValueError(f"{member.filename} has no header")
     begin = member.header_offset + 30 + sum(struct.unpack("<HH", head[26:30]))
     if begin + member.file_size > len(data):
-        raise ValueError(f"{member.filename} is cut off")
+        raise ValueError(f"{member.filename} is truncated")
     return data[begin : begin + member.file_size]
 
 
 def _array(data: memoryview) -> npt.NDArray[Any]:
-    """Return an array in numpy's own form; its size is that of the data, whatever its head claims."""
-    # Numpy's reader would evaluate the head as Python, and would allot what it claims before the data are seen.
+    """Read an array in numpy's format, after checking its header against the size of the data."""
+    # numpy's own reader evaluates the header as Python, and allocates the claimed size before reading data.
     start = len(_START) + 2
     end = start + int.from_bytes(data[len(_START) : start], "little")
     head = _HEAD.fullmatch(data, start, end)
     if bytes(data[: len(_START)]) != _START or head is None:
-        raise ValueError("an array is none of whole numbers or floats in the first version of numpy's format")
+        raise ValueError("an array is not one of integers or floats in version 1.0 of numpy's format")
     dtype = np.dtype(head[1].decode())
     shape = tuple(int(size) for size in head[3].split(b",") if size.strip())
     if math.prod(shape) * dtype.itemsize != len(data) - end:
-        raise ValueError("an array has another size than its head says")
+        raise ValueError("an array's size differs from its header")
     array = np.frombuffer(data, dtype, offset=end).reshape(shape, order="F" if head[2] == b"True" else "C")
     return array if array.flags.aligned else array.copy()
 
 
 def write(path: Path, header: Any, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
-    """Write a header (anything that msgspec makes JSON of) and arrays.
+    """Write a header (anything that msgspec encodes as JSON) and arrays.
 
     Raises:
         FormatError: If the file cannot be written.

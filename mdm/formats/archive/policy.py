@@ -1,7 +1,7 @@
-"""Policies of any kind with the names of their model: ``.npz`` archives of numpy's, of mdm's own.
+"""mdm's own ``.npz`` format for policies of any kind.
 
-An archive holds the arrays of the policy's class, and a header with its kind, its sizes, and the factors and names of
-the states, actions and observations that it is for.
+An archive holds the policy's arrays, and a header with its kind, its sizes, and the factors and names of its model's
+states, actions and observations.
 """
 
 from __future__ import annotations
@@ -38,26 +38,26 @@ class _Header(msgspec.Struct):
 
 
 def read(path: str | Path, model: MDP | None = None, *, seed: int | None = None) -> Policy:
-    """Return the policy in an archive.
+    """Read a policy from an archive.
 
     Args:
         path: The file.
-        model: The model that it is for; sizes are checked, and names where the archive has them.
-        seed: For the draws of a stochastic policy.
+        model: The policy's model. Sizes are checked against it, and names where the archive has them.
+        seed: Seed of a stochastic policy's draws.
 
     Raises:
-        FormatError: If the file is damaged or no such archive, or does not fit the model.
+        FormatError: If the file is damaged, not a policy archive, or does not fit the model.
     """
     written, arrays = npz.read(Path(path))
     try:
         header = msgspec.json.decode(written, type=_Header)
         policy = _unpacked(header, arrays, seed)
-        wrong = None if model is None else mismatch(policy, model) or _other_names(header, model)
+        wrong = None if model is None else mismatch(policy, model) or _name_mismatch(header, model)
     except KeyError as error:
-        raise FormatError(f"the archive is no policy of mdm's: it has no {error}", file=path) from None
+        raise FormatError(f"the archive does not hold a policy: {error} is missing", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError, OverflowError) as error:
         why = "it is a model" if b'"mdm model 1"' in written else error
-        raise FormatError(f"the archive is no policy of mdm's: {why}", file=path) from None
+        raise FormatError(f"the archive does not hold a policy: {why}", file=path) from None
     if wrong is not None:
         raise FormatError(wrong, file=path)
     return policy
@@ -68,8 +68,8 @@ def write(policy: Policy, path: str | Path, model: MDP | None = None) -> None:
 
     Args:
         policy: The policy.
-        path: The file, as a rule a ``.npz``.
-        model: The model that it is for, whose names are kept.
+        path: The file, usually a ``.npz``.
+        model: The policy's model, whose names are stored.
 
     Raises:
         ModelError: If the policy does not fit the model.
@@ -80,7 +80,7 @@ def write(policy: Policy, path: str | Path, model: MDP | None = None) -> None:
     kind = getattr(policy, "kind", None)
     packed = policy.packed() if kind in PACKABLE else None  # type: ignore[attr-defined]
     if kind is None or packed is None:
-        raise ModelError(f"files hold no policies of the kind {type(policy).__name__}")
+        raise ModelError(f"{type(policy).__name__} policies cannot be written to files")
     header = _Header(kind, packed[0])
     if model is not None:
         header.states, header.actions = names_of(model.state_space), names_of(model.action_space)
@@ -90,14 +90,14 @@ def write(policy: Policy, path: str | Path, model: MDP | None = None) -> None:
 
 def _unpacked(header: _Header, arrays: Arrays, seed: int | None) -> Policy:
     if any(not 0 <= size <= LARGEST for size in header.sizes.values()):
-        raise ModelError(f"a size is not one of 0 to {LARGEST}")
+        raise ModelError(f"a size is not between 0 and {LARGEST}")
     if header.kind not in PACKABLE:
-        raise ModelError(f"{header.kind[:40]!r} is no kind of policy")
+        raise ModelError(f"the kind of policy {header.kind[:40]!r} is unknown")
     return PACKABLE[header.kind].unpacked(header.sizes, arrays, seed)
 
 
-def _other_names(header: _Header, model: MDP) -> str | None:
-    """Return where the names of an archive and of a model part, or None."""
+def _name_mismatch(header: _Header, model: MDP) -> str | None:
+    """Return the first difference between an archive's names and a model's, or None."""
     pairs: list[tuple[str, list[Names] | None, Space]] = [
         ("state", header.states, model.state_space),
         ("action", header.actions, model.action_space),

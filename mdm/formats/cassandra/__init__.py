@@ -1,1 +1,1 @@
-"""Cassandra's text formats of models and their dialects: `.pomdp`, `.mdp`, MADP's `.dpomdp` and `.toi-dpomdp`."""
+"""Cassandra's text formats for models and MADP's dialects: `.pomdp`, `.mdp`, `.dpomdp` and `.toi-dpomdp`."""

@@ -1,7 +1,7 @@
-"""MADP's ``.dpomdp`` files: Dec-POMDPs, whose joint actions and observations make an MPOMDP.
+"""MADP's ``.dpomdp`` format: Dec-POMDPs, read as POMDPs over joint actions and observations.
 
-As in Cassandra's format, but actions and observations stand on one line per agent, a field for a joint symbol holds a
-word per agent, and every field ends with a colon.
+It differs from Cassandra's format in three points: actions and observations are declared on one line per agent, a
+field for a joint symbol has a word per agent, and every field ends with a colon.
 """
 
 from __future__ import annotations
@@ -42,28 +42,28 @@ def read(path: str | Path, *, sparse: bool | None = None) -> POMDP:
     """Read a Dec-POMDP as the POMDP over its joint actions and observations.
 
     Raises:
-        FormatError: With the place, what stands there and what was expected.
+        FormatError: If the file is malformed, with the place and what was expected.
     """
     return _Reader(Source(path)).model(sparse)
 
 
 def write(model: MDP, path: str | Path) -> None:
-    """Write a team's model, with a line of actions and of observations for each agent.
+    """Write a team's model, with a line of actions and one of observations per agent.
 
-    Names are single words: others are written in another way, with a warning.
+    Names that are not single words are changed, with a warning.
 
     Raises:
-        ModelError: If the model has no observations, not as many observations' factors as agents, or if the
-            observations are events.
+        ModelError: If the model has no observations, has not one observation factor per agent, or its observations are
+            events.
         FormatError: If the file cannot be written.
     """
     if not isinstance(model, POMDP):
-        raise ModelError("a .dpomdp file needs observations, which an MDP does not have: write .mdp")
+        raise ModelError("a .dpomdp file needs observations, and an MDP has none: write .mdp")
     agents = [factor.name for factor in model.action_space.factors]
     if len(model.observation_space.factors) != len(agents):
         raise ModelError(
-            f"a .dpomdp file has observations for each agent, but the model has {len(agents)} agents and observations "
-            f"in {len(model.observation_space.factors)} parts: write .pomdp"
+            f"a .dpomdp file needs one observation factor per agent, but the model has {len(agents)} agents and "
+            f"{len(model.observation_space.factors)} observation factors: write .pomdp"
         )
     writer = StatementWriter(model, colon=" : ")
     named = writer.spell(agents)
@@ -98,7 +98,7 @@ class _Reader:
                 self._sections[key] = []
                 line = match[2].strip()
             elif line and key is None:
-                self._fail(number_, f"{line.split()[0]!r} stands where 'agents:' or another section was expected")
+                self._fail(number_, f"'agents:' or another section was expected, not {line.split()[0]!r}")
             if line and key is not None:
                 self._sections[key].append((number_, line))
 
@@ -106,7 +106,7 @@ class _Reader:
         self._source.fail(message, line=line)
 
     def _one(self, key: str, expected: str) -> tuple[int, list[str]]:
-        """Return the words of a section that is needed, and the line of the first."""
+        """Return the words of a required section, and its first line."""
         lines = self._sections.get(key)
         if not lines:
             self._fail(None, f"the file has no {key!r} section: {expected} was expected after '{key}:'")
@@ -115,7 +115,7 @@ class _Reader:
     def _names(self, line: int, words: list[str], what: str) -> list[str] | int:
         if len(words) == 1 and words[0].isdecimal():
             if not 0 < int(words[0]) <= LARGEST:
-                self._fail(line, f"{words[0]} {what} are not possible; at least 1 and at most {LARGEST} are")
+                self._fail(line, f"the number of {what} is {words[0]}; 1 to {LARGEST} was expected")
             return int(words[0])
         for index, word in enumerate(words):
             if word in words[:index]:
@@ -129,7 +129,7 @@ class _Reader:
         if len(lines) != len(agents):
             self._fail(
                 lines[-1][0],
-                f"the {key} of {len(agents)} agents need a line for each agent, but {len(lines)} are given",
+                f"the {key} of {len(agents)} agents need a line per agent, but {len(lines)} are given",
             )
         named = [
             self._names(line, text.split(), f"{key} of agent {agent!r}")
@@ -137,7 +137,7 @@ class _Reader:
         ]
         joint = math.prod(names if isinstance(names, int) else len(names) for names in named)
         if joint > LARGEST:
-            self._fail(lines[0][0], f"{joint} joint {key} are more than the {LARGEST} that are possible")
+            self._fail(lines[0][0], f"{joint} joint {key} exceed the limit of {LARGEST}")
         return Space(Factor(agent, names, prefix=key[0]) for agent, names in zip(agents, named, strict=True))
 
     def _start(self, states: Space) -> npt.NDArray[np.float64]:
@@ -169,7 +169,7 @@ class _Reader:
             self._fail(line, f"the start needs {count} numbers, one for each state, not {len(start)}")
         wrong = not (np.isfinite(start).all() and (start >= 0).all())
         if wrong or (abs(start.sum() - 1) > TOLERANCE and not (start.sum() > 0 and is_collecting())):
-            self._fail(line, f"the start is no distribution: it sums to {start.sum():.6g}")
+            self._fail(line, f"the start is not a distribution: it sums to {start.sum():.6g}")
         return start
 
     def model(self, sparse: bool | None) -> POMDP:
@@ -180,7 +180,7 @@ class _Reader:
         line, words = self._one("discount", "a number")
         discount = number(words[0]) if len(words) == 1 else None
         if discount is None or not 0 < discount <= 1:
-            self._fail(line, f"a discount is a number of more than 0 and at most 1, not {' '.join(words)}")
+            self._fail(line, f"a discount is more than 0 and at most 1, not {' '.join(words)}")
         line, words = self._one("values", "'reward' or 'cost'")
         if len(words) != 1 or words[0] not in _SIGNS:
             self._fail(line, f"'reward' or 'cost' was expected for the values, not {' '.join(words)!r}")

@@ -1,8 +1,7 @@
-"""Statements for single entries, read in blocks and kept as columns.
+"""Block-wise reading of statements for single entries.
 
-Most of a large file repeats a few forms of statement. Once a statement for a single entry has been read word by word,
-those of its kind that differ from it only in their symbols and numbers are read in blocks, by the column; 1,000,000
-entries take 2 s in place of 9.
+Large files mostly repeat a few forms of statement. After one statement of a form has been parsed word by word, those
+that follow it with other symbols and numbers are parsed column by column: 1,000,000 entries take 2 s instead of 9 s.
 """
 
 from __future__ import annotations
@@ -30,9 +29,9 @@ class Entries:
 
     Args:
         words: The file's words.
-        symbol: Returns the index of the one symbol that words name; None where they name none or several. It is given
-            the statement's kind, the field's letter, a place in the file, and the words.
-        store: Takes entries in the order of the file: their kind, action, further symbols and values.
+        symbol: Returns the index of the single symbol that some words name, else None. Its arguments are the kind of
+            statement, the field's letter, the place in the file, and the words.
+        store: Called in file order with the entries' kind, action, further symbols and values.
     """
 
     def __init__(
@@ -53,17 +52,17 @@ class Entries:
 
         Args:
             kind: ``T``, ``O`` or ``R``.
-            words: The statement, its value at the end.
-            named: The beginning, end and letter of each field that names a symbol.
-            wild: For each field whether it is ``*``.
+            words: The words of the statement; the value is the last.
+            named: Beginning, end and letter of each field that names a symbol.
+            wild: Whether each field is ``*``.
         """
         self._forms[kind] = _Form(words, named, wild)
 
     def read(self, kind: str, begin: int) -> int:
-        """Read the statements from ``begin`` on that have the form last learnt of this kind.
+        """Read the statements from ``begin`` on that have the form last learnt for this kind.
 
         Returns:
-            Where the next statement begins; 0 where not one has the form.
+            The beginning of the next statement; 0 if none had that form.
         """
         form = self._forms.get(kind)
         if form is None:
@@ -89,7 +88,7 @@ class Entries:
             size = min(size * 4, _LAST_BLOCK)
 
     def _indices(self, kind: str, letter: str, at: int, span: tuple[int, int], length: int, count: int) -> list[int]:
-        """Return the symbols' indices in one field of many statements, up to the first that is no single symbol."""
+        """Return the symbol indices of one field in many statements, up to the first that is not a single symbol."""
         words, known = self._words, self._known.setdefault(letter, {})
         columns = [words[at + offset : at + count * length : length] for offset in range(*span)]
         keys: list[Any] = columns[0] if len(columns) == 1 else list(zip(*columns, strict=True))
@@ -105,7 +104,7 @@ class Entries:
         return found
 
     def add(self, kind: str, wild: tuple[bool, ...], columns: list[list[int]], values: list[float]) -> None:
-        """Keep single entries until they are many, or a statement of another form comes."""
+        """Collect single entries; store them when the block is full or the form changes."""
         entries = self._kept.get(kind)
         if entries is None or entries.wild != wild or len(entries.values) > _LAST_BLOCK:
             self.flush(kind)
@@ -115,7 +114,7 @@ class Entries:
         entries.values.extend(values)
 
     def flush(self, kind: str) -> None:
-        """Store the entries of a kind that were kept, action by action."""
+        """Store the collected entries of a kind, action by action."""
         entries = self._kept.pop(kind, None)
         if entries is None:
             return
@@ -133,13 +132,13 @@ class Entries:
     def _add_entries(
         self, kind: str, action: int | None, places: list[Places], values: npt.NDArray[np.float64]
     ) -> None:
-        # Where nothing but the action is named, they all say the same: the last one counts.
+        # Without further symbols all entries are the same one: the last value counts.
         named = any(place is not None for place in places)
         self._store(kind, action, places, values if named else float(values[-1]))
 
 
 def _leading_numbers(kind: str, words: list[str]) -> list[float]:
-    """Return the numbers at the beginning of some words, up to the first that is none or not possible here."""
+    """Return the leading valid numbers of some words; those of T and O are not negative."""
     try:
         values = [] if "_" in "".join(words) else list(map(float, words))
     except ValueError:
@@ -167,7 +166,7 @@ class _Form:
 
 
 class _Columns(NamedTuple):
-    """Single entries of one form: for each field that is not ``*`` a column of indices, and the values."""
+    """Single entries of one form: a column of indices for each field that is not ``*``, and the values."""
 
     wild: tuple[bool, ...]
     columns: list[list[int]]

@@ -1,6 +1,6 @@
-"""Anthony Cassandra's ``.pomdp`` and ``.mdp`` files, as pomdp-solve and most others read and write them.
+"""Anthony Cassandra's ``.pomdp`` and ``.mdp`` formats, as used by pomdp-solve and most other tools.
 
-The grammar is that of https://www.pomdp.org/code/pomdp-file-spec.html, and what real files do beyond it.
+The grammar is https://www.pomdp.org/code/pomdp-file-spec.html, plus common deviations from it.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ LARGEST = 10_000_000
 
 
 def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
-    """Read a model: a POMDP where the file declares observations, else an MDP.
+    """Read a model: a POMDP if the file declares observations, else an MDP.
 
     Raises:
-        FormatError: With the place, what stands there and what was expected.
+        FormatError: If the file is malformed, with the place and what was expected.
     """
     return _Reader(Source(path)).model(sparse)
 
 
 def write(model: MDP, path: str | Path) -> None:
-    """Write a model; joint symbols of a team, and joint states, become single ones with joined names.
+    """Write a model; joint states, actions and observations get joined names.
 
-    Names are single words: others are written in another way, with a warning.
+    Names that are not single words are changed, with a warning.
 
     Raises:
-        ModelError: If the observations are events, or the file is called ``.mdp`` and there are any.
+        ModelError: If the observations are events, or the model has observations and the file is a ``.mdp``.
         FormatError: If the file cannot be written.
     """
     if isinstance(model, POMDP) and suffixes(path) == ".mdp":
-        raise ModelError("an .mdp file has no observations, which this POMDP has: write .pomdp")
+        raise ModelError("an .mdp file cannot hold this POMDP's observations: write .pomdp")
     writer = StatementWriter(model, colon=" ")
     actions = writer.joined(model.action_space)
     observations = writer.joined(model.observation_space) if isinstance(model, POMDP) else None
@@ -70,11 +70,11 @@ class _Reader:
         self._source = source
         self._words = Words(source)
         if not self._words.words:
-            source.fail("the file is empty but for comments")
+            source.fail("the file holds nothing but comments")
         self._sections = self._preamble()
 
     def _preamble(self) -> dict[str, tuple[int, int]]:
-        """Return where the words of each section stand, and under ``""`` where the statements begin."""
+        """Return the span of each section's words; that of the statements is under ``""``."""
         words = self._words.words
         sections: dict[str, tuple[int, int]] = {}
         at = 0
@@ -86,9 +86,7 @@ class _Reader:
             if words[begin - 1 : begin] != [":"] or key.split(maxsplit=1)[0] not in _KEYS:
                 if key in _KEYS:
                     self._words.fail(at, f"a ':' was expected after {key!r}")
-                self._words.fail(
-                    at, f"{key!r} stands where one of {', '.join(sorted(_KEYS))} or a statement was expected"
-                )
+                self._words.fail(at, f"one of {', '.join(sorted(_KEYS))} or a statement was expected, not {key!r}")
             at = begin
             while at < len(words) and not self._begins(at):
                 at += 1
@@ -100,7 +98,7 @@ class _Reader:
         return sections
 
     def _begins(self, at: int) -> bool:
-        """Whether a section or a statement begins at a word: a keyword is one only where a colon follows."""
+        """Whether a section or statement begins at a word; a keyword counts only before a colon."""
         words = self._words.words
         if words[at] in _KEYS:
             listed = words[at] == "start" and words[at + 1 : at + 2] in (["include"], ["exclude"])
@@ -123,15 +121,15 @@ class _Reader:
             self._source.fail(f"the file declares no {key}: a line such as '{key}: 2' is missing")
         names = self._section(key)
         if not names:
-            self._fail(key, f"a number or names were expected for the {key}")
+            self._fail(key, f"a number or names of {key} were expected")
         if len(names) == 1 and names[0].isdecimal():
             count = int(names[0])
             if not 0 < count <= LARGEST:
-                self._fail(key, f"{count} {key} are not possible; at least 1 and at most {LARGEST} are")
+                self._fail(key, f"the number of {key} is {count}; 1 to {LARGEST} was expected")
             return Space.single(factor, count, prefix=key[0])
         for offset, name in enumerate(names):
             if name in {":", "*"}:
-                self._fail(key, f"{name!r} is no name for one of the {key}", offset)
+                self._fail(key, f"{name!r} is not a valid name among the {key}", offset)
         if len(set(names)) < len(names):
             offset = next(index for index, name in enumerate(names) if name in names[:index])
             self._fail(key, f"{names[offset]!r} is named twice among the {key}", offset)
@@ -189,7 +187,7 @@ class _Reader:
             try:
                 chosen[states.index(word)] = True
             except ModelError as error:
-                self._fail("start", f"the start names {word!r}: {error}", offset)
+                self._fail("start", f"{word!r} in the start: {error}", offset)
         if self._start_key == "start exclude":
             chosen = ~chosen
         if not chosen.any():
@@ -200,7 +198,7 @@ class _Reader:
         start = np.array(values)
         for offset, value in enumerate(values):
             if not value >= 0 or not np.isfinite(value):
-                self._fail("start", f"{value:g} is no probability", offset)
+                self._fail("start", f"{value:g} is not a probability", offset)
         if abs(start.sum() - 1) > TOLERANCE and not (start.sum() > 0 and is_collecting()):
             self._fail("start", f"the start sums to {start.sum():.6g}, not to 1")
         return start
@@ -252,18 +250,18 @@ def build(
     start: npt.NDArray[np.float64],
     sparse: bool | None,
 ) -> MDP | POMDP:
-    """Return the model that statements make, or say what was never given."""
+    """Return the model that the statements define, or fail with the actions that have none."""
     for letter, stack in (("T", statements.transitions), ("O", statements.observations)):
         for action in stack.missing() if stack is not None else []:
             problem = f"no {letter!r} statement is given for action {actions.names[action]!r}"
             if not report(problem):
                 source.fail(problem)
             assert stack is not None
-            stack.add(action, None, 0, 1.0)  # told once, not for every row
+            stack.add(action, None, 0, 1.0)  # reported once, not for every row
     transitions = statements.transitions.matrices()
     finer = statements.rewards if statements.rewards.finer else None
     if observations is None or statements.observations is None:
-        rewards = statements.rewards.expected(_whole(transitions), None)
+        rewards = statements.rewards.expected(_normalised(transitions), None)
         return MDP(
             transitions,
             rewards,
@@ -278,7 +276,7 @@ def build(
     return POMDP(
         transitions,
         matrices,
-        statements.rewards.expected(_whole(transitions), _whole(matrices)),
+        statements.rewards.expected(_normalised(transitions), _normalised(matrices)),
         discount=discount,
         states=states,
         actions=actions,
@@ -289,8 +287,8 @@ def build(
     )
 
 
-def _whole(matrices: list[Any]) -> list[Any]:
-    """Return matrices by which rewards are expected: normalised where rows may be far from summing to 1."""
+def _normalised(matrices: list[Any]) -> list[Any]:
+    """Return the matrices for expected rewards, normalised while problems are collected instead of raised."""
     if not is_collecting():
         return matrices
     result = []

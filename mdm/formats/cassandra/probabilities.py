@@ -1,7 +1,7 @@
-"""Probabilities as statements over rows and columns, assembled into one CSR matrix per action.
+"""Probabilities from statements over rows and columns, assembled into one CSR matrix per action.
 
-The last statement that covers an entry counts; what none covers is 0. Statements are kept as they come and assembled
-at the end by sorting, in O(n log n) of the numbers given, so that a large model never stands as a full array.
+The last statement for an entry counts; entries without one are 0. Statements are collected, and sorted at the end in
+O(n log n) for n given numbers, so that a large model never needs a dense array.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ __all__ = ["Indices", "Places", "Probabilities"]
 
 Indices = npt.NDArray[np.int64]
 Places = int | Indices | None
-"""A symbol's index, several, or None for all."""
+"""An index, several indices, or None for all."""
 
 _MOST = 50_000_000
 
 
 class Probabilities:
-    """Collects the statements of T or O in the order of a file.
+    """Collects the statements for T or O in file order.
 
     Args:
         num_actions: A.
@@ -41,10 +41,10 @@ class Probabilities:
         self._by_action: list[list[int]] = [[] for _ in range(num_actions)]
 
     def add(self, action: int | Sequence[int] | None, row: Places, column: Places, value: Any) -> None:
-        """Add a statement; None stands for all, a sequence for several actions.
+        """Add a statement; None means all, a sequence several actions.
 
-        ``value`` is a number; as many numbers as there are indices in ``row`` or ``column``; a row, where ``column`` is
-        None; or a matrix, where ``row`` is None too.
+        ``value`` is a number, a number for each index in ``row`` or ``column``, a row if ``column`` is None, or a
+        matrix if both are None.
         """
         for each in self._by_action if action is None else _several(self._by_action, action):
             each.append(len(self._statements))
@@ -58,7 +58,7 @@ class Probabilities:
         """Return the matrices, one per action; actions with the same statements share one.
 
         Raises:
-            ModelError: If statements for all rows and columns make more numbers than can be held.
+            ModelError: If a statement expands to too many numbers.
         """
         done: dict[tuple[int, ...], Any] = {}
         keys = [tuple(statements) for statements in self._by_action]
@@ -69,7 +69,7 @@ class Probabilities:
 
     def _matrix(self, statements: list[tuple[Places, Places, Any]]) -> Any:
         num_rows, num_columns = self._shape
-        covered = np.full(num_rows, -1)  # the last statement that covered the whole of a row
+        covered = np.full(num_rows, -1)  # the last statement for the whole row
         parts: list[tuple[Indices, Indices, Any]] = []
         turns: list[int] = []
         for turn, (row, column, value) in enumerate(statements):
@@ -86,14 +86,14 @@ class Probabilities:
         keys = rows[kept] * num_columns + columns[kept]
         order = np.argsort(keys, kind="stable")
         keys = keys[order]
-        last = np.append(keys[1:] != keys[:-1], True)[: len(keys)]  # of equal places, the latest
+        last = np.append(keys[1:] != keys[:-1], True)[: len(keys)]  # the latest of equal places
         chosen = kept[order[last]]
         chosen = chosen[values[chosen] != 0]
         starts = np.concatenate([[0], np.cumsum(np.bincount(rows[chosen], minlength=num_rows))])
         return csr((values[chosen], columns[chosen], starts), self._shape)
 
     def _entries(self, row: Places, column: Places, value: Any) -> tuple[Indices, Indices, Any]:
-        """Return rows, columns and values of what one statement says, without most of its zeros."""
+        """Return rows, columns and values of one statement, without most of its zeros."""
         num_rows, num_columns = self._shape
         if is_compressed(value):
             entries = value.tocoo()
@@ -108,24 +108,24 @@ class Probabilities:
             return rows, columns, values.astype(np.float64)
         if len(rows) * len(columns) > _MOST:
             raise ModelError(
-                f"a statement for {len(rows)} x {len(columns)} entries makes more numbers than the {_MOST} that are "
-                f"possible; give those that are not 0"
+                f"a statement for {len(rows)} x {len(columns)} entries exceeds the limit of {_MOST}; give only those "
+                f"that are not 0"
             )
-        # One of the two is all: each of the other, with its own value, meets each of them.
+        # One of the two is all: combine every index of it with every index and value of the other.
         values = np.asarray(value, dtype=np.float64)
         grid = np.broadcast_to(
             values[:, None] if np.ndim(value) and isinstance(row, np.ndarray) else values, (len(rows), len(columns))
         )
-        if isinstance(column, np.ndarray):  # by columns, so that a repeated one keeps its order
+        if isinstance(column, np.ndarray):  # column by column, to keep the order of repeated columns
             return np.tile(rows, len(columns)), np.repeat(columns, len(rows)), grid.T.ravel()
         return np.repeat(rows, len(columns)), np.tile(columns, len(rows)), grid.ravel()
 
     def _given(self, row: Places, value: Any) -> tuple[Indices, Indices, Any]:
-        """Return the entries of a row or a matrix that are not 0."""
+        """Return the non-zero entries of a row or matrix."""
         if row is None and value.ndim == 1:
             columns = np.flatnonzero(value)
             if len(columns) * self._shape[0] > _MOST:
-                raise ModelError(f"a row for all {self._shape[0]} states makes more numbers than can be held")
+                raise ModelError(f"a row for all {self._shape[0]} states exceeds the limit of {_MOST} entries")
             rows = np.repeat(np.arange(self._shape[0]), len(columns))
             return rows, np.tile(columns, self._shape[0]), np.tile(value[columns], self._shape[0])
         if row is None:

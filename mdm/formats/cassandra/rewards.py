@@ -1,8 +1,8 @@
-"""Rewards as statements over (a, s, s', o), reduced to the expected R(s, a).
+"""Rewards from statements over (a, s, s', o), reduced to their expectation R(s, a).
 
-R(s, a) is the sum over s' of T(s' | s, a) times the sum over o of O(o | a, s') R(a, s, s', o). The last statement that
-covers an entry counts. Rewards are looked at only where T is not 0: in O(non-zeros of T), times O where they depend on
-the observation, and then in blocks of states.
+R(s, a) is the sum over s' of T(s' | s, a) times the sum over o of O(o | a, s') R(a, s, s', o). The last statement for
+an entry counts. The cost is the number of non-zeros of T, times O if rewards depend on the observation; states are
+then processed in blocks.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _Statement = tuple["Places", "Places", "Places", Any]
 
 
 class Rewards:
-    """Collects reward statements in the order of a file.
+    """Collects reward statements in file order.
 
     Args:
         num_actions: A.
@@ -44,18 +44,18 @@ class Rewards:
     def add(
         self, action: int | Sequence[int] | None, state: Places, next_state: Places, observation: Places, value: Any
     ) -> None:
-        """Add a statement; None stands for all, a sequence for several actions.
+        """Add a statement; None means all, a sequence several actions.
 
-        ``value`` is a number; as many numbers as there are indices in the other arguments; a row over the observations
-        (over the next states in an MDP) where ``observation`` is None; or a matrix over next states and observations
-        where ``next_state`` is None too (over states and next states in an MDP).
+        ``value`` is a number; a number for each index in the other arguments; a row over the observations (next states
+        in an MDP) if ``observation`` is None; or a matrix over next states and observations (states and next states in
+        an MDP) if ``next_state`` is None too.
         """
         statement = (state, next_state, observation, value)
         for each in range(len(self._by_action)) if action is None else [action] if isinstance(action, int) else action:
             self._by_action[each].append(statement)
 
     def expected(self, transitions: Sequence[Any], observations: Sequence[Any] | None) -> npt.NDArray[np.float64]:
-        """Return R(s, a), an S x A array, under CSR matrices of T and O per action."""
+        """Return R(s, a), an S x A array, given T and O as one CSR matrix per action."""
         result = np.zeros((self._num_states, len(self._by_action)))
         for action, statements in enumerate(self._by_action):
             if all(n is None and o is None and not _is_row(s, n, o, value) for s, n, o, value in statements):
@@ -68,7 +68,7 @@ class Rewards:
 
     @property
     def finer(self) -> bool:
-        """Whether rewards depend on next states or observations; of very many, whether a statement names any."""
+        """Whether rewards depend on next states or observations; in large models, whether a statement names any."""
         named = any(
             n is not None or o is not None or (_is_row(s, n, o, value) and np.ptp(value) != 0)
             for statements in self._by_action
@@ -81,19 +81,19 @@ class Rewards:
         return bool((outcomes != outcomes[..., :1]).any())
 
     def at(self, action: int, state: int, next_state: int, observation: int | None) -> float:
-        """Return R(a, s, s', o): what the last statement says that covers it.
+        """Return R(a, s, s', o), from the last statement for it.
 
         Raises:
-            ModelError: If it depends on the observation, and none is given.
+            ModelError: If it depends on the observation and none is given.
         """
         for statement in reversed(self._by_action[action]):
-            value = self._covered(statement, state, next_state, observation)
+            value = self._reward(statement, state, next_state, observation)
             if value is not None:
                 return value
         return 0.0
 
-    def _covered(self, statement: _Statement, state: int, next_state: int, observation: int | None) -> float | None:
-        """Return what a statement says of an outcome; None where it does not cover it."""
+    def _reward(self, statement: _Statement, state: int, next_state: int, observation: int | None) -> float | None:
+        """Return a statement's reward for an outcome; None if it is not for that outcome."""
         *places, value = statement
         over_observations = self._num_observations > 0 and (places[2] is not None or _is_row(*statement))
         if over_observations and observation is None:
@@ -115,7 +115,7 @@ class Rewards:
         return float(value[found[-1]] if np.ndim(value) else value)
 
     def array(self, largest: int) -> npt.NDArray[np.float64] | None:
-        """Return them as A x S x S' x O (A x S x S' in an MDP); None where these would be more than ``largest``."""
+        """Return the rewards as A x S x S' x O (A x S x S' in an MDP); None if that exceeds ``largest`` numbers."""
         shape = (self._num_states, self._num_states, *([self._num_observations] if self._num_observations else []))
         if len(self._by_action) * math.prod(shape) > largest:
             return None
@@ -127,7 +127,7 @@ class Rewards:
                 if not listed or np.ndim(value) == 0:
                     rewards[tuple(chosen)] = value
                     continue
-                for index in range(len(listed[0])):  # one by one: of equal places the last counts
+                for index in range(len(listed[0])):  # one by one: the last of equal places counts
                     one = [place[index] if isinstance(place, np.ndarray) else place for place in chosen]
                     rewards[tuple(one)] = value[index]
         return result
@@ -157,7 +157,7 @@ class Rewards:
 
 
 class _Block:
-    """Rewards of one action for the transitions that begin in some states, each over all observations or none."""
+    """Rewards of one action for the transitions from a range of states, with or without an axis of observations."""
 
     def __init__(self, transition: Any, starts: Indices, first: int, last: int, width: int) -> None:
         self._first, self._last = first, last
@@ -170,7 +170,7 @@ class _Block:
         self.rewards = np.zeros((len(self.states), width) if width else len(self.states))
 
     def apply(self, state: Places, next_state: Places, observation: Places, value: Any) -> None:
-        """Let a statement set what it covers."""
+        """Set the rewards that a statement is for."""
         if isinstance(state, int) and not self._first <= state < self._last:
             return
         if _is_row(state, next_state, observation, value):
@@ -202,7 +202,7 @@ class _Block:
                 self.rewards[where, observation] = values
 
     def _where(self, state: Places, next_state: Places) -> tuple[Any, Any]:
-        """Return which transitions lie between the states, and for each the place of its states among those given."""
+        """Return the transitions between the given states, and for each the position of its states among them."""
         if state is None and next_state is None:
             return slice(None), 0
         if next_state is None and isinstance(state, int):
@@ -226,11 +226,11 @@ class _Block:
 
 
 def _is_row(state: Places, next_state: Places, observation: Places, value: Any) -> bool:
-    """Whether a value is a row or a matrix over what is not named, rather than a number for each that is."""
+    """Whether a value is a row or matrix over the axes not named, rather than a number for each named index."""
     return np.ndim(value) > 0 and not any(isinstance(p, np.ndarray) for p in (state, next_state, observation))
 
 
 def _parallel(state: Places, next_state: Places, value: Any) -> Any:
-    """Return the values for the states named, or the latest where all states are meant."""
+    """Return the values for the named states; only the last one if no states are named."""
     named = isinstance(state, np.ndarray) or isinstance(next_state, np.ndarray)
     return value[-1] if np.ndim(value) and not named else value

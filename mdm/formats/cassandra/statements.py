@@ -1,4 +1,4 @@
-"""The statements that Cassandra's formats and MADP's have in common: ``T:``, ``O:`` and ``R:`` over named symbols."""
+"""Statements ``T:``, ``O:`` and ``R:``, common to Cassandra's formats and MADP's."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 __all__ = ["Field", "Statements"]
 
 Field = int | list[int] | None
-"""A symbol's index, several, or None for all."""
+"""An index, several indices, or None for all."""
 
 _MOST_ROWS = 50_000_000
 _MOST_ERRORS = 5
 
 
 class Statements:
-    """Reads statements from words into matrices.
+    """Reads statements and collects T, O and R.
 
     Args:
         words: The file's words.
@@ -41,9 +41,9 @@ class Statements:
         actions: The (joint) actions.
         observations: The (joint) observations; None in an MDP.
         start: The start distribution, for ``reset``.
-        sign: -1 where the file's values are costs.
-        field: Reads a field of words as indices of a space.
-        colons: Whether a ``:`` stands before every value (MADP) or only between fields (Cassandra).
+        sign: -1 if the file's values are costs.
+        field: Parses the words of a field as indices of a space.
+        colons: Whether a ``:`` precedes every value (MADP) or only separates fields (Cassandra).
     """
 
     def __init__(
@@ -67,9 +67,7 @@ class Statements:
         self._colons = colons
         self._entries = Entries(words.words, self._symbol, self._add)
         if len(actions) * len(states) > _MOST_ROWS:
-            raise ModelError(
-                f"{len(actions)} actions in {len(states)} states are too many: at most {_MOST_ROWS} pairs are possible"
-            )
+            raise ModelError(f"{len(actions)} actions in {len(states)} states exceed the limit of {_MOST_ROWS} pairs")
         count = 0 if observations is None else len(observations)
         self.transitions = Probabilities(len(actions), len(states), len(states))
         self.observations = Probabilities(len(actions), len(states), count) if count else None
@@ -80,17 +78,17 @@ class Statements:
         self._source.fail(at, message)
 
     def read(self, at: int) -> None:
-        """Read statements from a word on to the end.
+        """Read all statements from a word on.
 
         Raises:
-            FormatError: With the first wrong statements, all at once.
+            FormatError: With the first few wrong statements at once.
         """
         words = self._words
         errors: list[FormatError] = []
         while at < len(words):
             kind = words[at]
             if kind not in {"T", "O", "R"} or at + 1 == len(words) or words[at + 1] != ":":
-                self.fail(at, f"{kind!r} stands where a statement 'T:', 'O:' or 'R:' was expected")
+                self.fail(at, f"a statement 'T:', 'O:' or 'R:' was expected, not {kind!r}")
             if kind == "O" and self.observations is None:
                 self.fail(at, "an 'O:' statement, but the file declares no observations")
             try:
@@ -111,19 +109,21 @@ class Statements:
             raise FormatError(f"{first.message}; {rest}", file=first.file, line=first.line, column=first.column)
 
     def refuse(self, error: RowError) -> NoReturn:
-        """Raise a `FormatError` at the last statement that says something of a row that is no distribution."""
+        """Raise a `FormatError` at the last statement for a row that is not a distribution."""
         words, kind = self._words, error.what
         found = None
         for at in (i for i, word in enumerate(words[:-1]) if word == kind and words[i + 1] == ":"):
             end = self._field_end(at + 2)
-            of_action = self._of(kind, "a", at + 2, end, error.action)
+            of_action = self._names_symbol(kind, "a", at + 2, end, error.action)
             names_row = words[end : end + 1] == [":"] and not self._values_follow(end + 1, "s")
-            if of_action and (not names_row or self._of(kind, "s", end + 1, self._field_end(end + 1), error.row)):
+            if of_action and (
+                not names_row or self._names_symbol(kind, "s", end + 1, self._field_end(end + 1), error.row)
+            ):
                 found = at
         self.fail(len(words) - 1 if found is None else found, str(error))
 
-    def _of(self, kind: str, letter: str, begin: int, end: int, symbol: int) -> bool:
-        """Whether a field stands for a symbol."""
+    def _names_symbol(self, kind: str, letter: str, begin: int, end: int, symbol: int) -> bool:
+        """Whether a field names a symbol."""
         space = self._spaces[letter]
         assert space is not None
         field = self._field(begin, self._words[begin:end], space, kind)
@@ -136,7 +136,7 @@ class Statements:
         return at
 
     def _statement(self, kind: str, at: int) -> int:
-        """Read one statement from its first field on; return where the next begins."""
+        """Read one statement from its first field on; return the beginning of the next."""
         words = self._words
         begin = at - 2
         letters = {"T": "asn", "O": "ano", "R": "asno"}[kind]
@@ -152,7 +152,7 @@ class Statements:
             if space is not None:
                 fields.append(self._field(at, words[at:end], space, kind))
             elif words[at] != "*":
-                break  # in an MDP a colon may stand before the value
+                break  # in an MDP a colon may precede the value
             else:
                 fields.append(None)
             spans.append((at - begin, end - begin))
@@ -175,13 +175,13 @@ class Statements:
         return end
 
     def _symbol(self, kind: str, letter: str, at: int, words: list[str]) -> int | None:
-        """Return the index of the one symbol that some words name, or None where they name none or several."""
+        """Return the index of the single symbol that some words name, else None."""
         space = self._spaces[letter]
         assert space is not None
         try:
             field = self._field(at, words, space, kind)
         except FormatError:
-            return None  # the statement is read again by itself, and refused with its place
+            return None  # the statement is then read by itself, which reports the place
         return field if isinstance(field, int) else None
 
     def _field_end(self, at: int) -> int:
@@ -192,14 +192,14 @@ class Statements:
         return at
 
     def _values_follow(self, at: int, letter: str) -> bool:
-        """Whether values, and no further field, follow a colon: in MADP's format each field ends with one."""
+        """Whether values rather than another field follow a colon; in MADP's format every field ends with one."""
         if not self._colons:
             return False
         words = self._words
         end = self._field_end(at)
         if end == len(words) or words[at] in {"uniform", "identity"}:
             return True
-        # What precedes the next colon is a field, or values and the first word of the next statement.
+        # Before the next colon is either a field, or values and the first word of the next statement.
         space = self._spaces[letter]
         agents = len(space.factors) if letter == "o" and space is not None else 1
         if words[end - 1] not in {"T", "O", "R"} or end - at == 1:
@@ -208,7 +208,7 @@ class Statements:
 
     def _values(self, kind: str, letters: str, fields: list[Field], at: int) -> int:
         if kind == "R" and self._spaces["o"] is not None and len(fields) < 2:
-            self.fail(at, "an 'R' statement names an action and a state before its values")
+            self.fail(at, "an action and a state were expected before the values of this 'R' statement")
         rest = letters[len(fields) :]
         shape = tuple(len(self._spaces[letter]) for letter in rest)  # type: ignore[arg-type]
         words = self._words
@@ -227,10 +227,10 @@ class Statements:
             return 1 / shape[-1]
         if word == "identity":
             if len(shape) != 2 or shape[0] != shape[1]:
-                self.fail(at, f"'identity' stands for a square matrix, but {kind} needs {' x '.join(map(str, shape))}")
+                self.fail(at, f"'identity' is a square matrix, but {kind} needs {' x '.join(map(str, shape))}")
             return csr_identity(shape[0])
         if kind != "T" or len(shape) != 1:
-            self.fail(at, "'reset' stands for a row of T: the start distribution")
+            self.fail(at, "'reset' is a row of T, the start distribution, and nothing else")
         return self._start
 
     def _numbers(self, kind: str, shape: tuple[int, ...], at: int) -> tuple[Any, int]:
@@ -249,7 +249,7 @@ class Statements:
                     begins = word in {"T", "O", "R"} and words[at + offset + 1 : at + offset + 2] == [":"]
                     if begins:
                         break
-                    self.fail(at + offset, f"{word!r} stands where a number was expected ({count} for this {kind!r})")
+                    self.fail(at + offset, f"a number was expected ({count} for this {kind!r}), not {word!r}")
                 values.append(value)
         if len(values) < count:
             expected = f"{count} numbers ({' x '.join(map(str, shape))})" if shape else "a number"
@@ -259,7 +259,7 @@ class Statements:
             )
         for offset, value in enumerate(values):
             if not math.isfinite(value) or (kind != "R" and value < 0):
-                self.fail(at + offset, f"{found[offset]} is no {'reward' if kind == 'R' else 'probability'}")
+                self.fail(at + offset, f"{found[offset]} is not a {'reward' if kind == 'R' else 'probability'}")
         return (np.array(values).reshape(shape) if shape else values[0]), at + count
 
     def _store(self, kind: str, fields: list[Field], value: Any) -> None:

@@ -1,10 +1,10 @@
-"""MADP's sets of ``.toi-dpomdp`` files: teams whose members move and see on their own, and are paid together.
+"""MADP's ``.toi-dpomdp`` sets: Dec-POMDPs with transition and observation independence and joint rewards.
 
-A set is read through its ``.base`` file: the number of agents and the discount, a line each. ``.agent0``, ``.agent1``
-and so on are ``.dpomdp`` files of one agent. A line of ``.rewards`` has each agent's state, each agent's action and a
-reward, which is added to the agents' own. States, actions and observations of the team are the agents', the first the
-most significant; transitions and observations are products. What ``.interactionStates`` and ``.interactionReward`` say
-for MADP's planners of interactions, the rewards say already; they are not needed.
+The ``.base`` file has the number of agents and the discount, a line each. ``.agent0``, ``.agent1`` and so on are
+``.dpomdp`` files of one agent. A line of ``.rewards`` has each agent's state, each agent's action, and a reward that is
+added to the agents' own. The first agent is the most significant in joint states, actions and observations; T and O are
+Kronecker products. ``.interactionStates`` and ``.interactionReward`` repeat the rewards for MADP's planners and are not
+read.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ if TYPE_CHECKING:
 __all__ = ["PARTS", "SETS", "read"]
 
 SETS = frozenset({".base", ".toi-dpomdp"})
-"""What a set is called."""
+"""Suffixes by which a set is read."""
 PARTS = frozenset({".rewards", ".interactionstates", ".interactionreward"})
-"""Files of a set that are no models by themselves."""
+"""Suffixes of files that belong to a set and are not models alone."""
 
 _MOST_AGENTS = 20
 _LARGEST = 100_000_000
 
 
 def read(path: str | Path, *, sparse: bool | None = None) -> POMDP:
-    """Return the team's model.
+    """Read the team's model.
 
     Args:
-        path: The ``.base`` file, or what the names of the set's files have in common.
+        path: The ``.base`` file, or the common stem of the set's files.
         sparse: Force CSR (True) or dense (False) matrices; None chooses by size and density.
 
     Raises:
-        FormatError: With the file of the set, the place, what stands there and what was expected.
+        FormatError: If a file is missing or malformed, with the place and what was expected.
     """
     source = Source(path if Path(path).suffix == ".base" else f"{path}.base")
     count, discount = _base(source)
@@ -57,7 +57,7 @@ def read(path: str | Path, *, sparse: bool | None = None) -> POMDP:
         file = Path(f"{stem}.agent{agent}")
         model = dpomdp.read(file)
         if model.num_agents != 1:
-            Source(file).fail(f"the file of one agent was expected, but this is for {model.num_agents}")
+            Source(file).fail(f"a file of one agent was expected, but this has {model.num_agents}")
         agents.append(model)
     states, actions, observations = (_joint(agents, of) for of in ("state_space", "action_space", "observation_space"))
     try:
@@ -96,7 +96,7 @@ def _base(source: Source) -> tuple[int, float]:
     at, stated = lines[1]
     discount = number(stated)
     if discount is None or not 0 < discount <= 1:
-        source.fail(f"a discount is a number of more than 0 and at most 1, not {stated[:40]!r}", line=at)
+        source.fail(f"a discount is more than 0 and at most 1, not {stated[:40]!r}", line=at)
     return int(text), discount
 
 
@@ -106,12 +106,12 @@ def _joint(agents: Sequence[POMDP], of: str) -> Space:
 
 
 def _own_rewards(agents: Sequence[POMDP]) -> npt.NDArray[np.float64]:
-    """Return the sum of the agents' own rewards, with an axis per agent's states, then per agent's actions."""
+    """Return the sum of the agents' own rewards; axes are each agent's states, then each agent's actions."""
     count = len(agents)
     shape = [*(len(model.state_space) for model in agents), *(len(model.action_space) for model in agents)]
     total = math.prod(shape)
     if total > _LARGEST:
-        raise ModelError(f"{total} joint states and actions are more than the {_LARGEST} that are possible")
+        raise ModelError(f"{total} joint states and actions exceed the limit of {_LARGEST}")
     rewards = np.zeros(shape)
     for agent, model in enumerate(agents):
         own = [1] * (2 * count)
@@ -121,7 +121,7 @@ def _own_rewards(agents: Sequence[POMDP]) -> npt.NDArray[np.float64]:
 
 
 def _add_rewards(source: Source, rewards: npt.NDArray[np.float64]) -> None:
-    """Add the rewards of a file; of two lines for the same states and actions the later counts."""
+    """Add the rewards of a file; a later line for the same states and actions replaces an earlier one."""
     shape = rewards.shape
     extra = np.zeros(shape)
     for at, line in enumerate(source.text.split("\n"), 1):
@@ -133,12 +133,12 @@ def _add_rewards(source: Source, rewards: npt.NDArray[np.float64]) -> None:
             source.fail(f"{expected}, not {len(words)} words", line=at)
         value = number(words[-1])
         if value is None or not math.isfinite(value):
-            source.fail(f"{words[-1][:40]!r} is no finite number", line=at)
+            source.fail(f"{words[-1][:40]!r} is not a finite number", line=at)
         for place, (word, size) in enumerate(zip(words, shape, strict=False)):
             if not word.isdecimal() or len(word) > 9 or int(word) >= size:
                 what = "state" if 2 * place < len(shape) else "action"
                 agent = place % (len(shape) // 2)
-                source.fail(f"{word[:40]!r} is no {what} of agent {agent}: its {size} count from 0", line=at)
+                source.fail(f"{word[:40]!r} is not one of agent {agent}'s {what}s, 0 to {size - 1}", line=at)
         extra[tuple(map(int, words[:-1]))] = value
     rewards += extra
 
@@ -152,7 +152,7 @@ def _products(agents: Sequence[POMDP], actions: Space, matrix: Callable[[POMDP, 
     result = []
     for joint in range(len(actions)):
         factors = [matrices[action] for matrices, action in zip(own, actions.unravel(joint), strict=True)]
-        key = tuple(map(id, factors))  # actions that act alike share their matrix
+        key = tuple(map(id, factors))  # actions with the same factors share their matrix
         if key not in done:
             done[key] = reduce(lambda left, right: kron(left, right, format="csr"), map(csr, factors))
         result.append(done[key])

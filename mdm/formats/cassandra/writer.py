@@ -1,4 +1,4 @@
-"""Writing ``T:``, ``O:`` and ``R:`` statements, in the spelling of Cassandra's formats and of MADP's."""
+"""Writing ``T:``, ``O:`` and ``R:`` statements in Cassandra's syntax and in MADP's."""
 
 from __future__ import annotations
 
@@ -31,21 +31,20 @@ _FEW = 0.5
 
 
 class StatementWriter:
-    """Spells a model's symbols and writes its numbers.
+    """Writes a model as statements.
 
     Args:
         model: The model; a factored one is flattened.
-        colon: What stands before a value: `` : `` in MADP's files, a blank in Cassandra's.
+        colon: The separator before a value: `` : `` in MADP's files, a blank in Cassandra's.
 
     Raises:
-        ModelError: If the observations are events, which these formats do not have.
+        ModelError: If the observations are events, which these formats lack.
     """
 
     def __init__(self, model: MDP, *, colon: str) -> None:
         if isinstance(model, POMDP) and model.event_observations:
             raise ModelError(
-                "the observations are events, P(o | s, a, s'), which this format does not have: write .pgmx, or an "
-                "archive (.npz)"
+                "this format cannot hold observations of events, P(o | s, a, s'): write .pgmx, or an archive (.npz)"
             )
         self._model = model
         self._colon = colon
@@ -53,20 +52,20 @@ class StatementWriter:
         self.states = self.joined(model.state_space)
 
     def joined(self, space: Space) -> list[str]:
-        """Return the names of a space's symbols in single words; of joint symbols, those of the factors joined."""
+        """Return a word for each symbol of a space; for joint symbols, the joined words of the factors."""
         if len(space.factors) == 1:
             return self.spell(space.factors[0].names)
         parts = [self._speller.spell(factor.names) for factor in space.factors]
         return Speller(_FOREIGN, _KEYWORDS).spell(["_".join(words) for words in product(*parts)])
 
     def spell(self, names: Sequence[str]) -> list[str]:
-        """Return names in single words that the grammar does not take for something else."""
+        """Return a word for each name, none of them a keyword or a foreign index."""
         words = self._speller.spell(names)
-        # One word alone that is a number would be how many there are.
+        # A single number would be read as the count of symbols.
         return ["_0"] if words == ["0"] else words
 
     def warn(self, format_name: str) -> None:
-        """Warn where names had to be changed."""
+        """Warn if names were changed."""
         self._speller.warn(format_name)
 
     def start(self) -> str:
@@ -77,11 +76,11 @@ class StatementWriter:
         return " ".join(map(repr, belief.tolist()))
 
     def statements(self, actions: list[str], observations: list[str] | None) -> Iterable[str]:
-        """Yield all statements, a line or several each.
+        """Yield all statements, each of one or more lines.
 
         Args:
-            actions: How each joint action is written.
-            observations: How each joint observation is written; None in an MDP.
+            actions: The word or words of each joint action.
+            observations: The word or words of each joint observation; None in an MDP.
         """
         model = self._model
         yield from self._matrices("T", model.transition_matrix, actions, self.states)
@@ -123,7 +122,7 @@ class StatementWriter:
         if finer is not None:
             array = finer.array(_LARGEST)
             if array is None:
-                text = "the rewards of single outcomes are too many to be written: R(s, a) stands for them"
+                text = "there are too many rewards of single outcomes: only their expectation R(s, a) is written"
                 warnings.warn(text, ModelWarning, stacklevel=6)
             else:
                 rewards = array
@@ -134,7 +133,7 @@ class StatementWriter:
             yield from self._outcomes(action, each, [self.states, self.states, observations or []])
 
     def _outcomes(self, action: str, rewards: Vector, names: list[list[str]]) -> Iterable[str]:
-        """Yield the rewards of an action's outcomes, with ``*`` for what does not matter."""
+        """Yield the rewards of an action's outcomes, with ``*`` for symbols on which they do not depend."""
         names = list(names)
         for axis in range(rewards.ndim):
             first = rewards.take([0], axis=axis)
@@ -147,5 +146,5 @@ class StatementWriter:
 
 
 def declared(words: list[str], prefix: str) -> str:
-    """Return names as they are declared: counted where they are those that a count stands for."""
+    """Return a declaration of names: their count if they are the default names, else the names."""
     return str(len(words)) if words == [f"{prefix}{index}" for index in range(len(words))] else " ".join(words)

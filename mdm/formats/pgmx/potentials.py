@@ -1,4 +1,4 @@
-"""The potentials of ProbModelXML: tables, uniform distributions and trees whose branches may be named and shared."""
+"""ProbModelXML's potentials: tables, uniform distributions, and trees with labelled, shared branches."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TABLES = {"Table", "ProbTable", "Exact"}
 _TREES = {"Tree/ADD", "Tree-ADD"}
 _LARGEST = 20_000_000
 _DEPTH = 100
-"""References can lead from branch to branch; nothing real goes as deep."""
+"""Limit on chains of references between branches; real models stay far below."""
 
 
 class Variable(NamedTuple):
@@ -37,12 +37,12 @@ class Variable(NamedTuple):
 
     @property
     def key(self) -> tuple[str, int]:
-        """What tells it from the others."""
+        """Its name and time slice, which identify it."""
         return self.name, self.time
 
 
 def reference(element: Element) -> tuple[str, int | None]:
-    """Return the name and the time slice of a variable that an element names; older files have it in the name."""
+    """Return the name and time slice of a variable; older files have the slice in the name."""
     name = element.attribute("name")
     time = element.attributes.get("timeSlice")
     if time is None:
@@ -51,12 +51,12 @@ def reference(element: Element) -> tuple[str, int | None]:
                 return name.removesuffix(suffix).strip(), int(suffix[1])
         return name, None
     if not time.strip().isdecimal() or len(time) > 9:
-        element.fail(f"{time[:40]!r} is no time slice")
+        element.fail(f"{time[:40]!r} is not a time slice")
     return name, int(time)
 
 
 def names_of(element: Element) -> tuple[str, ...]:
-    """Return the names of the states that an element lists."""
+    """Return the names of the states listed in an element."""
     states = element.find("States")
     return () if states is None else tuple(state.attribute("name") for state in states.all("State"))
 
@@ -65,8 +65,8 @@ class Potentials:
     """Turns elements into potentials.
 
     Args:
-        variable: Finds the variable that an element names.
-        nodes: What the variables are in the network.
+        variable: Returns the variable named by an element.
+        nodes: The network's nodes by name and time slice of their variable.
     """
 
     def __init__(self, variable: Callable[[Element], Variable], nodes: Mapping[tuple[str, int], Node]) -> None:
@@ -83,7 +83,7 @@ class Potentials:
 
 
 class _Reader:
-    """Reads one potential; what a label names is read once, for all that refer to it."""
+    """Reads one potential; a labelled branch is read once and shared by all references to it."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class _Reader:
         if kind in _TABLES:
             return self._table(element)
         return element.fail(
-            f"a potential of type {kind!r} is none of Table, ProbTable, Exact, Uniform, Tree/ADD, which are read"
+            f"a potential of type {kind!r} is not supported; Table, ProbTable, Exact, Uniform and Tree/ADD are"
         )
 
     def _uniform(self) -> Potential:
@@ -138,16 +138,16 @@ class _Reader:
         sizes = [len(variable.names) for variable in scope]
         count = math.prod(sizes)
         if count > _LARGEST:
-            element.fail(f"a table of {count} numbers is too large to be true")
+            element.fail(f"a table of {count} numbers exceeds the limit of {_LARGEST}")
         given = element.need("Values")
         words = given.text.split()
         try:
             values = np.array(words, dtype=np.float64)
         except ValueError:
             wrong = next(word for word in words if number(word) is None)
-            given.fail(f"{wrong[:40]!r} is no number")
+            given.fail(f"{wrong[:40]!r} is not a number")
         if not np.isfinite(values).all():
-            given.fail(f"{words[int((~np.isfinite(values)).argmax())]} is no finite number")
+            given.fail(f"{words[int((~np.isfinite(values)).argmax())]} is not a finite number")
         if len(values) == 1:
             values = np.full(count, values[0])
         if len(values) != count:
@@ -159,14 +159,14 @@ class _Reader:
         return Table([self._nodes[scope[index].key] for index in kept], array)
 
     def _known(self, variable: Variable, element: Element) -> bool:
-        """Whether a variable is part of the network; a constant is not, and any other is refused."""
+        """Whether a variable is in the network; constants are not, and other variables are refused."""
         if variable.key in self._nodes:
             return True
         if len(variable.names) == 1:
             return False
         return element.fail(
             f"a potential depends on {variable.name!r} of time slice {variable.time}, which is neither state, action "
-            f"nor observation: this is no two-slice decision process as MADP reads them"
+            f"nor observation: only two-slice decision processes, as MADP reads them, are supported"
         )
 
     def _tree(self, element: Element, depth: int) -> Potential:
@@ -176,7 +176,7 @@ class _Reader:
         for index, branch in enumerate(branches):
             names = names_of(branch)
             if branch.find("Thresholds") is not None or branch.find("Threshold") is not None:
-                branch.fail("branches by thresholds are of numeric variables, which decision processes do not have")
+                branch.fail("branches by thresholds need numeric variables, which decision processes do not have")
             for name in names or top.names:
                 if name not in top.names:
                     branch.fail(f"{top.name!r} has no state {name!r}; it has {', '.join(top.names)}")

@@ -1,8 +1,8 @@
-"""ProbModelXML (``.pgmx``), OpenMarkov's format, as MADP reads decision processes from it.
+"""OpenMarkov's ProbModelXML format (``.pgmx``), interpreted as MADP does.
 
-Chance variables at time slice 0 are the state factors, decisions there the actions; what a decision at slice 1 is
-informed of, by a link, is an observation. Potentials are tables (the first variable changes fastest), uniform, or
-trees. The format has no discount; a property ``Discount`` of the network is read where there is one, else it is 1.
+Chance variables at time slice 0 are state factors, decisions there are actions, and chance variables linked to a
+decision at slice 1 are observations. Potentials are tables (the first variable changes fastest), uniform, or trees. The
+format has no discount: it is 1, or the network's property ``Discount``.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _WHOLE = {"Variable", "Links", "Agents", "Potential", "AdditionalProperties", "P
 
 
 def read(path: str | Path, *, sparse: bool | None = None) -> FactoredMDP | FactoredPOMDP:
-    """Return the model in a file, factored.
+    """Read a factored model.
 
     Args:
         path: The file.
         sparse: Force CSR (True) or dense (False) matrices when it is flattened; None chooses.
 
     Raises:
-        FormatError: With the place, what stands there and what was expected.
+        FormatError: If the file is malformed, with the place and what was expected.
     """
     source = Source(path)
     document = _Document(source)
@@ -85,12 +85,12 @@ class _Document:
         name, time = reference(element)
         role = element.attribute("role")
         if time is None and role == "utility":
-            time = 0  # of no slice in some files: it is received at each step
+            time = 0  # some files omit the slice: the utility is received at each step
         if time is None or time not in {0, 1}:
             element.fail(
-                f"variable {name!r} is of no time slice 0 or 1: this is no two-slice decision process"
+                f"variable {name!r} has no time slice; a decision process has the slices 0 and 1"
                 if time is None
-                else f"variable {name!r} is of time slice {time}; a decision process has the slices 0 and 1"
+                else f"variable {name!r} has time slice {time}; a decision process has the slices 0 and 1"
             )
         if role not in {"chance", "decision", "utility"}:
             element.fail(f"variable {name!r} has the role {role!r}: chance, decision or utility was expected")
@@ -135,22 +135,22 @@ class _Document:
             listed = element.find("Variables")
             first = listed.find("Variable") if listed is not None else None
             if first is None:
-                element.fail("a potential needs a variable that it is of")
+                element.fail("a potential needs a variable")
             utility = first
-        self._elements.setdefault(self._variable(utility).key, element)  # the first one counts
+        self._elements.setdefault(self._variable(utility).key, element)  # the first potential counts
 
-    def _of(self, role: str, time: int) -> list[Variable]:
+    def _with_role(self, role: str, time: int) -> list[Variable]:
         return [v for v in self._variables.values() if v.role == role and v.time == time]
 
     def network(self) -> TwoSliceNetwork:
-        """Return what the document describes."""
-        factors = [variable for variable in self._of("chance", 0) if len(variable.names) > 1]
-        decisions = self._of("decision", 0)
+        """Return the document's network."""
+        factors = [variable for variable in self._with_role("chance", 0) if len(variable.names) > 1]
+        decisions = self._with_role("decision", 0)
         if not decisions or not factors:
             missing = "decision" if not decisions else "chance variable with two states or more"
-            self.source.fail(f"this is no two-slice decision process: it has no {missing} at time slice 0")
+            self.source.fail(f"this is not a two-slice decision process: it has no {missing} at time slice 0")
         by_agent = not self._event_driven and len(decisions) == len(self._agents) > 1
-        later = self._of("decision", 1)
+        later = self._with_role("decision", 1)
         if by_agent:
             decisions, later = self._ordered(decisions), self._ordered(later)
         observed = [self._observed(decision) for decision in later]
@@ -178,21 +178,21 @@ class _Document:
             utilities=[
                 potentials.utility(self._elements[variable.key])
                 for time in (0, 1)
-                for variable in self._of("utility", time)
+                for variable in self._with_role("utility", time)
                 if self._need(variable.key)
             ],
             event_observations=self._event_driven and bool(seen),
         )
 
     def element(self, node: Node) -> Element:
-        """Return what says how a variable is distributed."""
+        """Return the element with a node's distribution."""
         return self._elements[self._keys[node]]
 
     def _ordered(self, decisions: list[Variable]) -> list[Variable]:
         for decision in decisions:
             if decision.agent not in self._agents:
                 decision.element.fail(
-                    f"decision {decision.name!r} is of agent {decision.agent!r}, which is not among the agents "
+                    f"decision {decision.name!r} belongs to agent {decision.agent!r}, who is not among the agents "
                     f"{', '.join(self._agents)}"
                 )
         return sorted(decisions, key=lambda decision: self._agents.index(str(decision.agent)))
@@ -217,7 +217,7 @@ class _Document:
         node = nodes[variable.key]
         if node == Node("observation", index):
             return self._conditional(variable.key, potentials)
-        # A state factor that is seen as it is, or what another agent observes, too.
+        # A directly observed state factor, or an observation shared with another agent.
         return Table([node, Node("observation", index)], np.eye(len(variable.names)))
 
     def _need(self, key: tuple[str, int]) -> bool:

@@ -32,13 +32,13 @@ _SLICES: dict[Role, int] = {"state": 0, "action": 0, "next_state": 1, "observati
 
 
 def write(model: MDP, path: str | Path) -> None:
-    """Write a model as ProbModelXML; one that is not factored is taken apart by its spaces' factors.
+    """Write a model as ProbModelXML; a flat model is factored by the chain rule over its spaces' factors.
 
-    The discount goes into a property of the network, which other readers do not know. Names of variables are made
-    unique. Which factors are fully observed is lost, with a warning.
+    The discount becomes a property of the network that other readers do not know. Variables get unique names. The
+    marks of fully observed factors are lost, with a warning.
 
     Raises:
-        ModelError: If a state factor has but one value, which the format takes for a constant, or the model is too
+        ModelError: If a state factor has only one value, which the format treats as a constant, or the model is too
             large for tables.
         FormatError: If the file cannot be written.
     """
@@ -46,14 +46,14 @@ def write(model: MDP, path: str | Path) -> None:
     for factor in network.states.factors:
         if len(factor) == 1:
             raise ModelError(
-                f"state factor {factor.name!r} has one value, which ProbModelXML takes for a constant: write .pomdpx, "
+                f"state factor {factor.name!r} has one value, a constant in ProbModelXML: write .pomdpx, "
                 f"or an archive (.npz)"
             )
     document = _Document(network)
     write_text(path, "\n".join(document.lines(model.discount)) + "\n")
     document.speller.warn("ProbModelXML")
     if network.observations is not None and any(network.fully_observed):
-        text = "ProbModelXML does not tell which factors are fully observed: this was left out"
+        text = "ProbModelXML cannot mark fully observed factors: the marks were left out"
         warnings.warn(text, ModelWarning, stacklevel=2)
 
 
@@ -74,7 +74,7 @@ class _Document:
         for place in range(len(network.states.factors)):
             before, after = Node("state", place), Node("next_state", place)
             self._variables[after], self._values[after] = self._variables[before], self._values[before]
-        # What a decision at slice 1 is informed of is an observation.
+        # A link to a decision at slice 1 marks an observation.
         agents = len(network.actions.factors)
         self._informed = [
             self._variables[Node("action", place)] if place < agents else self._title(f"informed{place}")
@@ -160,7 +160,7 @@ def _variable(name: str, time: int) -> str:
 
 
 class _Writer:
-    """Writes one potential; a branch that several values lead to gets a label, and is referred to by it."""
+    """Writes one potential; a shared branch is written once with a label and then referenced."""
 
     def __init__(
         self, reference: Callable[[Node], str], values: dict[Node, list[str]], child: Node | None, utility: str = ""
@@ -188,7 +188,7 @@ class _Writer:
             potential = self._table(potential)
         kind = "Table" if isinstance(potential, Table) else "Tree/ADD"
         role = "utility" if self._child is None else "conditionalProbability"
-        # The first variable of a potential is what it is of.
+        # A potential's first variable is its child.
         scope = sorted(potential.scope, key=lambda node: node != self._child)
         of = ""
         if self._child is None and not depth:
@@ -220,7 +220,7 @@ class _Writer:
         return [begin, *self._write(branch, depth + 1), "</Branch>"]
 
     def _table(self, tree: Potential) -> Table:
-        """Return a tree as a table, where trees are nested too deep to be written."""
+        """Return a tree as a table, for trees nested too deep to be written."""
         sizes = [tree.sizes[node] for node in tree.scope]
         grid = [axis.ravel() for axis in np.indices(sizes)]
         values = tree.rows(dict(zip(tree.scope, grid, strict=True)), math.prod(sizes), None, 1)

@@ -1,8 +1,8 @@
-"""MADP's joint policies of Dec-POMDPs, as its planners print them: an action for each agent's observation histories.
+"""MADP's joint policies for Dec-POMDPs, as its planners print them: an action per agent and observation history.
 
 After ``Policy for agent 0 (index 29):`` comes a line per history of that agent's observations, shortest first, such
-as ``(hear-left,hear-right) --> listen``; earlier versions wrote ``Oempty, hear-left, hear-right,  --> listen``. What
-stands before (``JointPolicyPureVector:``) and after the agents (graphs for drawing, values) is of no matter here.
+as ``(hear-left,hear-right) --> listen``; earlier versions wrote ``Oempty, hear-left, hear-right,  --> listen``. Text
+before the agents (``JointPolicyPureVector:``) and after them (graphs, values) is skipped.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ _NAME = re.compile(r"(?!Oempty$)(?!.*-->)[^\s,()]([^\n\r,()]*[^\s,()])?")
 
 
 def read(path: str | Path, model: MDP | None) -> JointController:
-    """Return the joint policy in a file: per agent a tree with a node for each history.
+    """Read a joint policy: per agent a tree with a node for each history.
 
     Args:
         path: The file.
-        model: The model that it is for; the file speaks in its names of actions and observations.
+        model: The policy's model, needed for its names of actions and observations.
 
     Raises:
-        FormatError: With the line, what stands there and what was expected; also without a model.
+        FormatError: If the model is missing, or the file is malformed, with the line and what was expected.
     """
     source = Source(path)
     if not isinstance(model, POMDP):
-        source.fail("a joint policy is in names of actions and observations: its (PO)MDP with observations is needed")
+        source.fail("a joint policy refers to actions and observations by name: give its POMDP")
     trees: list[list[tuple[int, tuple[str, ...], str]]] = []
     for number, text in enumerate(source.text.split("\n"), 1):
         agent, line = _AGENT.fullmatch(text.strip()), _LINE.fullmatch(text.strip())
@@ -52,14 +52,14 @@ def read(path: str | Path, model: MDP | None) -> JointController:
             trees.append([])
         elif line is not None:
             if not trees:
-                source.fail("this stands before the first 'Policy for agent'", line=number)
+                source.fail("a line of a policy precedes the first 'Policy for agent'", line=number)
             trees[-1].append((number, _history(line[1]), line[2].strip()))
         elif trees and trees[-1] and len(trees) == model.num_agents:
-            break  # what follows the last agent's lines
+            break  # the rest follows the last agent's lines
     if len(trees) != model.num_agents:
         source.fail(f"the file holds policies for {len(trees)} agents, but the model has {model.num_agents}")
     if len(model.observation_space.factors) != model.num_agents:
-        source.fail(f"the model's observations are not one for each of its {model.num_agents} agents")
+        source.fail(f"the model needs one observation factor for each of its {model.num_agents} agents")
     factors = zip(trees, model.action_space.factors, model.observation_space.factors, strict=True)
     return JointController(_tree(source, *given) for given in factors)
 
@@ -68,10 +68,10 @@ def write(policy: JointController, path: str | Path, model: MDP | None) -> None:
     """Write a joint policy to a file, as MADP prints it.
 
     Raises:
-        ModelError: If the model does not fit or has no observations, or a controller is no tree.
+        ModelError: If the model does not fit or has no observations, or a controller is not a tree.
     """
     if not isinstance(model, POMDP):
-        raise ModelError("a joint policy is written in names of actions and observations: give the model that has them")
+        raise ModelError("a joint policy refers to actions and observations by name: give its POMDP")
     wrong = policy.mismatch(model)
     if wrong is not None:
         raise ModelError(wrong)
@@ -81,10 +81,12 @@ def write(policy: JointController, path: str | Path, model: MDP | None) -> None:
     for agent, (controller, actions, observations) in enumerate(factors):
         for name in (*actions.names, *observations.names):
             if not _NAME.fullmatch(name):
-                raise ModelError(f"the name {name!r} could not be read again: it has a comma, a bracket or an arrow")
+                raise ModelError(
+                    f"the name {name!r} cannot be written: the format allows no comma, bracket or arrow in it"
+                )
         histories = _histories(controller, observations)
         if len(histories) > controller.num_nodes:
-            raise ModelError(f"the controller of agent {agent} is no tree, which alone can be written so")
+            raise ModelError(f"the controller of agent {agent} is not a tree, which this format requires")
         index = 0
         for node, _ in histories:
             index = (index * len(actions) + controller.action_at(node)) % _INDICES
@@ -96,9 +98,9 @@ def write(policy: JointController, path: str | Path, model: MDP | None) -> None:
 
 
 def _histories(controller: FiniteStateController, observations: Factor) -> list[tuple[int, tuple[str, ...]]]:
-    """Return the nodes of a tree and the observations before them, level by level; too many where it is no tree."""
+    """Return a tree's nodes and their histories level by level; more than there are nodes if it is not a tree."""
     histories: list[tuple[int, tuple[str, ...]]] = [(controller.start, ())]
-    for node, past in histories:  # which grows meanwhile
+    for node, past in histories:  # the list grows meanwhile
         if len(histories) > controller.num_nodes:
             break
         for observation, after in enumerate(controller.successors[node]):
@@ -125,9 +127,9 @@ def _tree(
         except ModelError as error:
             source.fail(str(error), line=number)
         if history in nodes:
-            source.fail("the same history stands here twice", line=number)
+            source.fail("this history has a line already", line=number)
         if history and history[:-1] not in nodes:
-            source.fail("the history that this one continues has no line before it", line=number)
+            source.fail("the history without its last observation has no line before this one", line=number)
         if history:
             successors[nodes[history[:-1]]][history[-1]] = len(nodes)
         nodes[history] = len(nodes)

@@ -1,11 +1,11 @@
-"""Cassandra's ``.pg`` files: policy graphs.
+"""Cassandra's ``.pg`` format: policy graphs.
 
-A node is its index, its action and the next node for each observation, ``X`` or ``-`` where an observation cannot
-occur; a line each as a rule. The ``.alpha`` file of the same name, which solvers write beside it, holds a vector for
-each node in the same order: the values of beginning there.
+A node is its index, its action and its successor for each observation (``X`` or ``-`` for an impossible one), usually
+on one line. The ``.alpha`` file of the same name, which solvers write beside it, holds each node's values as a vector,
+in the same order.
 
-The graph of a finite horizon goes on in another file, that of one step less, which its numbers refer to; it is read as
-it stands, and refused only where such a number is none of its own nodes.
+The successors in a finite-horizon graph are nodes of another file, the graph of one step less. Such a graph is refused
+only if an index exceeds its own nodes.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ _IMPOSSIBLE = frozenset("Xx-")
 def read(
     path: str | Path, *, num_actions: int | None = None, num_observations: int | None = None
 ) -> FiniteStateController:
-    """Return the policy graph in a file, with the values of the ``.alpha`` file of the same name where there is one.
+    """Read a policy graph, with the values from the ``.alpha`` file of the same name if there is one.
 
     Args:
         path: The file.
-        num_actions: How many actions the model has, where that is known.
-        num_observations: How many observations it has, where that is known; by default as many as the first line says.
+        num_actions: The model's number of actions, if known.
+        num_observations: The model's number of observations, if known; by default that of the first line.
 
     Raises:
-        FormatError: With the line, what stands there and what was expected.
+        FormatError: If the file is malformed, with the line and what was expected.
     """
     source = Source(path)
     rows = list(_rows(source, num_observations))
@@ -48,7 +48,7 @@ def read(
     for node, (line, row) in enumerate(rows):
         for word in row:
             if not word.isdecimal() and (word not in _IMPOSSIBLE or word in row[:2]):
-                source.fail(f"node {node}: {word[:40]!r} is no index", line=line)
+                source.fail(f"node {node}: {word[:40]!r} is not an index", line=line)
         if row[0] != str(node):
             source.fail(f"node {node} was expected, not {row[0][:40]}", line=line)
         actions.append(alpha.action_index(source, line, row[1], num_actions))
@@ -59,16 +59,16 @@ def read(
     vectors, of = alpha.read_in_order(companion, num_actions=num_actions)
     if of != actions:
         source.fail(
-            f"the graph's {len(actions)} nodes are not those of {companion.name}, whose {len(of)} vectors are for "
-            "other actions or as many; move one of the files away, or give the two that belong together one name"
+            f"the graph's {len(actions)} nodes do not match the {len(of)} vectors of {companion.name} in number or "
+            "actions: rename or move the file that does not belong to the other"
         )
     return FiniteStateController(actions, successors, num_actions, values=vectors)
 
 
 def write(controller: FiniteStateController, path: str | Path) -> None:
-    """Write a policy graph to a file, and its nodes' values, where they are known, to an ``.alpha`` file beside it.
+    """Write a policy graph, and its nodes' values, if known, to an ``.alpha`` file beside it.
 
-    Neither takes its place before both are written.
+    Neither file is replaced before both are written.
     """
     rows = zip(controller.actions, controller.successors, strict=True)
     lines = (
@@ -77,14 +77,14 @@ def write(controller: FiniteStateController, path: str | Path) -> None:
     )
     with replacing(path) as file:
         file.write("".join(lines).encode())
-        file.flush()  # so that a full disk is noticed before the values are replaced
+        file.flush()  # notices a full disk before the values are replaced
         if controller.values is not None:
             text = alpha.lines(np.asarray(controller.values), controller.actions)
             write_text(Path(path).with_suffix(".alpha"), text)
 
 
 def _rows(source: Source, num_observations: int | None) -> Iterator[tuple[int, list[str]]]:
-    """Yield each node's words and the line where they begin; a row may go on in the next line."""
+    """Yield each node's first line and its words, which may span lines."""
     row: list[str] = []
     begin = count = 0
     width = None if num_observations is None else num_observations + 2
@@ -121,15 +121,15 @@ def _successor(source: Source, line: int, node: int, word: str, num_nodes: int) 
         return None
     if len(word) > 20 or int(word) >= num_nodes:
         source.fail(
-            f"node {node} is followed by node {word[:40]}, but the graph's {num_nodes} nodes count from 0 (that of a "
-            "finite horizon goes on in the graph of one step less, and is no policy alone)",
+            f"node {node} has the successor {word[:40]}, but the graph has nodes 0 to {num_nodes - 1} (the graph of a "
+            "finite horizon continues in another file and is not a policy by itself)",
             line=line,
         )
     return int(word)
 
 
 def _companion(path: Path) -> Path | None:
-    """Return the file of the nodes' values, or None."""
+    """Return the ``.alpha`` file beside a graph, or None."""
     path = path.with_suffix("") if path.suffix.lower() == ".gz" else path
     beside = path.with_suffix(".alpha")
     return beside if beside != path and beside.is_file() else None

@@ -1,1 +1,1 @@
-"""POMDPX, `.pomdpx`: factored models with tables and decision diagrams, and mixed observability."""
+"""POMDPX, `.pomdpx`: factored models with tables, decision diagrams and mixed observability."""

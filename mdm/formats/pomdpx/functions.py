@@ -1,4 +1,4 @@
-"""The functions of POMDPX: tables of entries, and decision diagrams."""
+"""POMDPX's functions: tables of entries, and decision diagrams."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ __all__ = ["Variable", "function"]
 
 _LARGEST = 50_000_000
 _DEPTH = 100
-"""Templates can lead from one to the next; nothing real goes as deep."""
+"""Limit on chains of templates; real models stay far below."""
 
 
 class Variable(NamedTuple):
-    """What a name stands for: a variable of the network and its values."""
+    """A variable: its node in the network, and its values."""
 
     node: Node
     factor: Factor
 
 
 def function(element: Element, variables: Mapping[str, Variable], child: Variable | None) -> Potential:
-    """Return what a ``CondProb`` (of a child) or a ``Func`` (without one) says.
+    """Read the potential of a ``CondProb`` (with a child) or a ``Func`` (without one).
 
     Args:
         element: The element.
-        variables: What may be named, by name.
-        child: The variable that it is the distribution of.
+        variables: The variables in scope, by name.
+        child: The variable whose distribution it is, if any.
 
     Raises:
-        FormatError: With the place, what stands there and what was expected.
+        FormatError: If the element is malformed, with the place and what was expected.
     """
     parents = element.find("Parent")
     words = parents.text.split() if parents is not None else []
@@ -55,7 +55,7 @@ def function(element: Element, variables: Mapping[str, Variable], child: Variabl
     if child is not None:
         scope.append(child)
     if len({variable.node for variable in scope}) != len(scope):
-        element.fail("the function is over one variable twice")
+        element.fail("the function lists a variable twice")
     parameter = element.need("Parameter")
     kind = parameter.attributes.get("type", "TBL").strip()
     if kind == "TBL":
@@ -66,14 +66,14 @@ def function(element: Element, variables: Mapping[str, Variable], child: Variabl
 
 
 class _Entries:
-    """Fills a table from entries; what none of them tells apart is left out of its scope."""
+    """Fills a table from entries; variables that are ``*`` in every entry are left out of its scope."""
 
     def __init__(self, scope: Sequence[Variable], child: Variable | None) -> None:
         self._scope = scope
         self._child = child
 
     def table(self, parameter: Element) -> Table:
-        """Return the table; what no entry is for is 0."""
+        """Return the table; values without an entry are 0."""
         entries = [(entry, self._instance(entry)) for entry in parameter.all("Entry")]
         kept = [
             axis
@@ -98,7 +98,7 @@ class _Entries:
 
     def _fill(self, values: npt.NDArray[np.float64], entry: Element, words: list[str], kept: list[int]) -> None:
         chosen: list[int | slice] = []
-        shape: list[int] = []  # of the numbers, with 1 where they are alike for all values
+        shape: list[int] = []  # of the numbers; an axis of equal values has size 1
         for word, axis in zip(words, kept, strict=True):
             if word in {"-", "*"}:
                 chosen.append(slice(None))
@@ -110,11 +110,11 @@ class _Entries:
         values[tuple(chosen)] = self._numbers(given, words, free).reshape(shape)
 
     def _numbers(self, given: Element, words: list[str], free: list[int]) -> npt.NDArray[np.float64]:
-        """Return the numbers of an entry, for all values of the variables with ``-``, the last fastest."""
+        """Return an entry's numbers over the variables with ``-``; the last changes fastest."""
         text = given.text.split()
         if text == ["uniform"]:
             if self._child is None or words[-1] not in {"-", "*"}:
-                given.fail("'uniform' is for a distribution, over the last variable: a '-' must stand for it")
+                given.fail("'uniform' needs a distribution, with '-' for the last variable")
             size = len(self._child.factor)
             return np.full(free, 1 / size)
         if text == ["identity"]:
@@ -124,12 +124,12 @@ class _Entries:
         count = math.prod(free)
         numbers = [_number(given, word) for word in text] if len(text) == count else None
         if numbers is None:
-            given.fail(f"{len(text)} numbers are given, but the values with '-' have {count} combinations")
+            given.fail(f"{len(text)} numbers are given, but the variables with '-' have {count} combinations of values")
         return np.array(numbers, dtype=np.float64).reshape(free)
 
 
 class _Diagram:
-    """Reads a decision diagram; a template is read once, for all that refer to it."""
+    """Reads a decision diagram; a template is read once and shared by all references to it."""
 
     def __init__(self, parameter: Element, variables: Mapping[str, Variable]) -> None:
         self._parameter = parameter
@@ -141,9 +141,9 @@ class _Diagram:
         return self._inside(self._parameter.need("DAG"), 0)
 
     def _inside(self, element: Element, depth: int) -> Potential:
-        """Return the only function that an element holds."""
+        """Return the potential of an element's only child."""
         if depth > _DEPTH:
-            element.fail(f"templates lead to each other more than {_DEPTH} deep")
+            element.fail(f"templates refer to each other more than {_DEPTH} deep")
         if len(element.children) != 1:
             element.fail(f"<{element.tag}> needs one <Node>, <Terminal> or <SubDAG>, not {len(element.children)}")
         inner = element.children[0]
@@ -166,7 +166,7 @@ class _Diagram:
                 edge.fail(f"a second edge for {factor.names[value]!r}")
             choice[value] = len(branches)
             branches.append(self._inside(edge, depth))
-        if -1 in choice:  # 0, as where a table has no entry
+        if -1 in choice:  # values without an edge are 0, as in tables
             choice = [len(branches) if branch < 0 else branch for branch in choice]
             branches.append(Table([], 0.0))
         try:
@@ -179,7 +179,9 @@ class _Diagram:
         if kind == "template":
             return self._template(element, depth)
         if kind not in {"uniform", "deterministic", "persistent"}:
-            element.fail(f"a <SubDAG> of type {kind!r} is none of uniform, deterministic, persistent, template")
+            element.fail(
+                f"a <SubDAG> has the type {kind!r}: uniform, deterministic, persistent or template was expected"
+            )
         variable = self._variable(element)
         size = len(variable.factor)
         if kind == "uniform":
@@ -188,7 +190,7 @@ class _Diagram:
             value = _value(element, variable.factor, element.attribute("val"))
             return Table([variable.node], np.eye(size)[value])
         if variable.node.role not in {"state", "next_state"}:
-            element.fail(f"{variable.factor.name!r} is no state variable: it has no earlier value to keep")
+            element.fail(f"{variable.factor.name!r} is not a state variable, so 'persistent' has no previous value")
         place = variable.node.place
         return Table([Node("state", place), Node("next_state", place)], np.eye(size))
 
@@ -217,5 +219,5 @@ def _value(element: Element, factor: Factor, word: str) -> int:
 def _number(element: Element, word: str) -> float:
     value = number(word)
     if value is None or not math.isfinite(value):
-        element.fail(f"{word[:40]!r} is no finite number")
+        element.fail(f"{word[:40]!r} is not a finite number")
     return value

@@ -1,6 +1,6 @@
-"""POMDPX, the format of APPL's SARSOP: factored POMDPs, with factors that may be fully observed.
+"""POMDPX, the format of APPL's SARSOP: factored POMDPs with mixed observability.
 
-The format is described at https://bigbird.comp.nus.edu.sg/pmwiki/farm/appl/index.php?n=Main.PomdpXDocumentation.
+See https://bigbird.comp.nus.edu.sg/pmwiki/farm/appl/index.php?n=Main.PomdpXDocumentation.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ _LARGEST = 1_000_000
 
 
 def read(path: str | Path, *, sparse: bool | None = None) -> FactoredMDP | FactoredPOMDP:
-    """Return the model in a file, factored; an MDP where every factor is fully observed and nothing else is.
+    """Read a factored model; without observation variables and with every factor fully observed, an MDP.
 
     Args:
         path: The file.
         sparse: Force CSR (True) or dense (False) matrices when it is flattened; None chooses.
 
     Raises:
-        FormatError: With the place, what stands there and what was expected.
+        FormatError: If the file is malformed, with the place and what was expected.
     """
     document = _Document(Source(path))
     try:
@@ -84,7 +84,7 @@ class _Document:
             elif element.tag == "Func" and section == "RewardFunction":
                 self._read_reward(element)
             elif element.tag in {"CondProb", "Func"}:
-                element.fail(f"<{element.tag}> stands in <{section or 'pomdpx'}>, where it has no meaning")
+                element.fail(f"<{element.tag}> stands in <{section or 'pomdpx'}>, where it is not allowed")
             else:
                 section = element.tag
         if not discounted:
@@ -161,7 +161,7 @@ class _Document:
         self._utilities.append(function(element, self._variables, None))
 
     def network(self) -> TwoSliceNetwork:
-        """Return what the document describes."""
+        """Return the document's network."""
         states, actions, observations = (self._factors[kind] for kind in ("StateVar", "ActionVar", "ObsVar"))
         for factors, kind in ((states, "StateVar"), (actions, "ActionVar")):
             if not factors:
@@ -169,7 +169,7 @@ class _Document:
         space = Space(observations) if observations else None
         seen = self._distributions("observation", observations)
         if space is None and not all(self._fully_observed):
-            # Nothing is observed but the factors that are seen as they are: one symbol, that says nothing.
+            # Without observation variables, a POMDP needs an observation of a single, uninformative symbol.
             space = Space.single("nothing", ["nothing"])
             seen = [Table([Node("observation", 0)], [1.0])]
         return TwoSliceNetwork(

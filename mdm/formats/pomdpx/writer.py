@@ -1,4 +1,4 @@
-"""Writing POMDPX: tables as entries, trees as decision diagrams with a template for each branch that is shared."""
+"""Writing POMDPX: tables as entries, trees as decision diagrams with templates for shared branches."""
 
 from __future__ import annotations
 
@@ -40,18 +40,20 @@ _SECTIONS: tuple[tuple[Role, str], ...] = (
 
 
 def write(model: MDP, path: str | Path) -> None:
-    """Write a model as POMDPX; one that is not factored is taken apart by its spaces' factors.
+    """Write a model as POMDPX; a flat model is factored by the chain rule over its spaces' factors.
 
-    Names are single words there: others, such as those with blanks, are written in another way, with a warning. Names
-    of variables are made unique. An MDP is a model whose factors are all fully observed.
+    Names that are not single words are changed, with a warning. Variables get unique names. An MDP is written as a
+    model whose factors are all fully observed.
 
     Raises:
-        ModelError: If observations are events, which POMDPX does not have, or the model is too large for tables.
+        ModelError: If observations are events, which POMDPX lacks, or the model is too large for tables.
         FormatError: If the file cannot be written.
     """
     network = as_network(model)
     if network.event_observations:
-        raise ModelError("POMDPX has no observations of events, P(o | s, a, s'): write .pgmx, or an archive (.npz)")
+        raise ModelError(
+            "POMDPX cannot hold observations of events, P(o | s, a, s'): write .pgmx, or an archive (.npz)"
+        )
     document = _Document(network)
     write_text(path, "\n".join(document.lines(model.discount)) + "\n")
     document.speller.warn("POMDPX")
@@ -131,7 +133,7 @@ class _Document:
         return [head, f'<Parameter type="{kind}">', *inner, f"</Parameter></{tag}>"]
 
     def _entries(self, table: Table, parents: list[Node], child: Node | None) -> list[str]:
-        """Return one entry with every number, or where most are 0 one for each that is not."""
+        """Return one entry with all numbers, or, if most are 0, an entry for each other number."""
         order = [*parents, child] if child is not None else parents
         values = np.transpose(table.values, [table.scope.index(node) for node in order])
         tag = "ValueTable" if child is None else "ProbTable"
@@ -151,7 +153,7 @@ class _Document:
 
 
 class _Diagram:
-    """Writes a tree; a branch that several values lead to becomes a template."""
+    """Writes a tree; a shared branch becomes a template."""
 
     def __init__(self, variables: dict[Node, str], values: dict[Node, list[str]]) -> None:
         self._variables = variables

@@ -20,10 +20,10 @@ __all__ = ["read", "write"]
 
 
 def read(path: str | Path) -> npt.NDArray[np.float64]:
-    """Return the table in a file, states x actions.
+    """Read a table of states x actions.
 
     Raises:
-        FormatError: With the line, what stands there and what was expected.
+        FormatError: If the file is malformed, with the line and what was expected.
     """
     source = Source(path)
     rows: list[npt.NDArray[np.float64]] = []

@@ -1,4 +1,4 @@
-"""Policies over states as a vector or matrix of numbers: which of the kinds of tables it is."""
+"""Construction of table policies from a vector or matrix, including the choice of their kind."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ def table(
     kind: PolicyKind | None,
     seed: int | None,
 ) -> DeterministicPolicy | QTable | StochasticPolicy:
-    """Return the policy that a vector or matrix is.
+    """Make a policy of a vector or matrix.
 
     Args:
-        source: The file that it stands in.
-        array: The vector, an action per state; or the matrix, probabilities (actions x states) or values (states x
+        source: The file, for errors.
+        array: A vector, an action per state; or a matrix of probabilities (actions x states) or values (states x
             actions).
-        model: The model that it is for.
-        kind: Which of these it is, where that is known.
-        seed: For the draws of a stochastic policy.
+        model: The policy's model, if known.
+        kind: The kind of table; None to find out.
+        seed: Seed of a stochastic policy's draws.
 
     Raises:
-        FormatError: If a vector's entry is no action, or the array is not of the kind that was asked for.
-        ModelError: If a matrix is no policy.
+        FormatError: If a vector's entry is not an action, or the array does not fit the kind.
+        ModelError: If a matrix is not a policy.
     """
     if kind is not None and (kind == "table") != (array.ndim == 1):
-        held = "a vector, an action per state" if array.ndim == 1 else "a matrix"
-        source.fail(f"the file holds {held}, but kind={kind!r} was asked for")
+        held = "a vector of actions" if array.ndim == 1 else "a matrix"
+        source.fail(f"the file holds {held}, not kind={kind!r}")
     if array.ndim == 1:
         return _vector(source, array, None if model is None else len(model.action_space))
     if kind is None:
@@ -57,21 +57,21 @@ def table(
 
 
 def _matrix_kind(array: npt.NDArray[np.float64], model: MDP | None) -> PolicyKind:
-    """Return what a matrix is: by the model's sizes, where it is not square, and else by its numbers."""
+    """Return the kind of a matrix, from its shape if the model decides, else from its numbers."""
     if model is not None and array.shape[0] != array.shape[1]:
         sizes = len(model.action_space), len(model.state_space)
         if array.shape in {sizes, sizes[::-1]}:
             return "stochastic" if array.shape == sizes else "q"
     stochastic = bool((array >= 0).all() and (np.abs(array.sum(axis=0) - 1) <= 1e-4).all())
     nearly = bool((array >= 0).all() and (array <= 1).all() and array.sum(axis=0).max() > 1)
-    # Probabilities that do not sum to one are a broken policy rather than a Q-table.
+    # Probabilities that do not sum to 1 are more likely a broken policy than a Q-table.
     return "stochastic" if stochastic or nearly else "q"
 
 
 def _vector(source: Source, array: npt.NDArray[np.float64], num_actions: int | None) -> DeterministicPolicy:
     for state, action in enumerate(array.tolist()):
         if not (0 <= action <= LARGEST and action.is_integer()):
-            source.fail(f"the action for state {state} is {action:g}: an index from 0 on was expected")
+            source.fail(f"the action for state {state} is {action:g}, not an index from 0 on")
         if num_actions is not None and action >= num_actions:
-            source.fail(f"the action for state {state} is {action:g}, but the model's {num_actions} count from 0")
+            source.fail(f"the action for state {state} is {action:g}, but the model has actions 0 to {num_actions - 1}")
     return DeterministicPolicy(array.astype(int).tolist(), num_actions)

@@ -1,6 +1,6 @@
-"""Vectors and matrices as boost's uBLAS prints them: the policies, Q-tables and rewards of the original MDM.
+"""boost uBLAS text format for vectors and matrices: policies, Q-tables and rewards of the original MDM.
 
-A vector is ``[4](0,2,1,0)``, a matrix ``[2,3]((0.25,1,0),(0.75,0,1))``; blanks and line ends carry no meaning.
+A vector is ``[4](0,2,1,0)``, a matrix ``[2,3]((0.25,1,0),(0.75,0,1))``; whitespace is ignored.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ _BRACKETS = re.compile(r"[()]")
 
 
 def read(path: str | Path) -> npt.NDArray[np.float64]:
-    """Return the vector or matrix in a file.
+    """Read a vector or matrix.
 
     Raises:
-        FormatError: If it is cut off, or holds other numbers or another count of them than its head says.
+        FormatError: If the text is truncated, not numeric, or not of the size that it declares.
     """
     return _Reader(Source(path)).array()
 
 
 def write(policy: DeterministicPolicy | StochasticPolicy | QTable | npt.ArrayLike, path: str | Path) -> None:
-    """Write a policy over states, or a vector or matrix such as rewards, to a file; reading it gives the same numbers.
+    """Write a table policy, or a vector or matrix such as rewards; reading it gives the same numbers.
 
     Raises:
         ValueError: If an array has neither one nor two dimensions.
@@ -74,17 +74,20 @@ class _Reader:
         sizes = [size.strip() for size in head[1].split(",")]
         if len(sizes) > 2 or not all(size.isdecimal() and 0 < int(size) <= 10**9 for size in sizes):
             size = " ".join(head[1].split())
-            self._fail(head.start(1), f"'[{size[:40]}]' is no size of a vector or matrix: one or two numbers are")
+            self._fail(
+                head.start(1),
+                f"'[{size[:40]}]' is not the size of a vector or matrix: one or two numbers were expected",
+            )
         rows = self._rows(text, head.end(), depth=len(sizes))
         count = int(sizes[0])
         if len(sizes) == 1:
             return np.array(self._numbers(*rows[0], count, "vector"))
         if len(rows) != count:
-            self._fail(head.start(1), f"the head says {count} rows, but {len(rows)} are given")
+            self._fail(head.start(1), f"{count} rows are declared, but {len(rows)} are given")
         return np.array([self._numbers(*row, int(sizes[1]), f"row {index}") for index, row in enumerate(rows)])
 
     def _rows(self, text: str, at: int, *, depth: int) -> list[tuple[int, str]]:
-        """Return the innermost brackets' places and contents."""
+        """Return the positions and contents of the innermost brackets."""
         rows: list[tuple[int, str]] = []
         level = 0
         begin = last = at
@@ -92,14 +95,14 @@ class _Reader:
             between = text[last : bracket.start()].strip()
             if bracket[0] == "(":
                 if level == depth or between not in ({"", ","} if level == 1 else {""}):
-                    self._fail(bracket.start(), "a '(' stands where a number was expected")
+                    self._fail(bracket.start(), "a number was expected, not '('")
                 level += 1
                 begin = bracket.end()
             else:
                 if level == depth:
                     rows.append((begin, text[begin : bracket.start()]))
                 elif between not in {"", ","}:
-                    self._fail(last, f"{between[:20]!r} stands where ')' was expected")
+                    self._fail(last, f"')' was expected, not {between[:20]!r}")
                 level -= 1
                 if level == 0:
                     self._end(text, bracket.end())
@@ -111,19 +114,19 @@ class _Reader:
     def _end(self, text: str, at: int) -> None:
         rest = text[at:].strip()
         if rest:
-            self._fail(at + text[at:].index(rest[0]), f"{rest[:20]!r} stands where the end was expected")
+            self._fail(at + text[at:].index(rest[0]), f"the end was expected, not {rest[:20]!r}")
 
     def _numbers(self, at: int, text: str, count: int, what: str) -> list[float]:
         words = text.split(",")
         if len(words) > 1 and not words[-1].strip():
-            words.pop()  # some writers leave a comma at the end
+            words.pop()  # some writers leave a trailing comma
         numbers: list[float] = []
         for word in words:
             value = number(word)
             if value is None:
-                self._fail(at, f"{word.strip()[:40]!r} in the {what} is no number")
+                self._fail(at, f"{word.strip()[:40]!r} in the {what} is not a number")
             numbers.append(value)
             at += len(word) + 1
         if len(numbers) != count:
-            self._fail(at - 1, f"the head says {count} numbers, but {len(numbers)} are given in the {what}")
+            self._fail(at - 1, f"{count} numbers are declared, but {len(numbers)} are given in the {what}")
         return numbers

@@ -1,7 +1,7 @@
-"""Cassandra's ``.alpha`` files: alpha vectors, a block each.
+"""Cassandra's ``.alpha`` format: a block per alpha vector.
 
-A block is a line with the action's index, a line with a number for every state, and a blank line. Values are of
-rewards, or of negated costs, so that the greatest is the best.
+A block is a line with the action's index, a line with a number per state, and a blank line. Values are rewards or
+negated costs: greater is better.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ __all__ = ["action_index", "blocks", "lines", "numbers", "read", "read_in_order"
 
 
 def read(path: str | Path, *, num_actions: int | None = None) -> AlphaVectors:
-    """Return the alpha vectors in a file.
+    """Read alpha vectors.
 
     Args:
         path: The file.
-        num_actions: How many actions the model has, where that is known.
+        num_actions: The model's number of actions, if known.
 
     Raises:
-        FormatError: With the line, what stands there and what was expected.
+        FormatError: If the file is malformed, with the line and what was expected.
     """
     vectors, actions = read_in_order(path, num_actions=num_actions)
     return AlphaVectors(vectors, actions, num_actions)
@@ -42,7 +42,7 @@ def read(path: str | Path, *, num_actions: int | None = None) -> AlphaVectors:
 def read_in_order(
     path: str | Path, *, num_actions: int | None = None
 ) -> tuple[list[npt.NDArray[np.float64]], list[int]]:
-    """Return a file's vectors and their actions in its own order, which is that of the nodes of a policy graph.
+    """Return a file's vectors and actions in file order, which is the order of a policy graph's nodes.
 
     Raises:
         FormatError: As `read` does.
@@ -63,7 +63,7 @@ def write(policy: AlphaVectors, path: str | Path) -> None:
 
 
 def lines(vectors: npt.NDArray[np.float64], actions: Sequence[int], after_action: str = "") -> str:
-    """Return the blocks of vectors and their actions, each number with as many digits as tell it from others."""
+    """Return the blocks of vectors and actions, with numbers in the shortest form that restores them."""
     rows = zip(actions, vectors.tolist(), strict=True)
     return "".join(f"{action}{after_action}\n{' '.join(map(repr, row))}\n\n" for action, row in rows)
 
@@ -71,15 +71,15 @@ def lines(vectors: npt.NDArray[np.float64], actions: Sequence[int], after_action
 def blocks(
     source: Source, action_of: Callable[[int, list[str]], int | None]
 ) -> tuple[list[npt.NDArray[np.float64]], list[int]]:
-    """Return the vectors in a text of pairs of lines, and the action of each.
+    """Return the vectors and actions of a text of two-line blocks.
 
     Args:
         source: The text.
-        action_of: Returns the action that the first line of a block tells (given its number and words), or None where
-            the block is for no action.
+        action_of: Parses a block's first line, given its number and words, to the action, or to None for a block
+            without one.
 
     Raises:
-        FormatError: With the line, what stands there and what was expected.
+        FormatError: If the text is malformed, with the line and what was expected.
     """
     texts = [(number, line.split()) for number, line in enumerate(source.text.split("\n"), 1) if line.strip()]
     actions: list[int] = []
@@ -87,7 +87,7 @@ def blocks(
     for (number, head), (vector_number, words) in zip_longest(texts[::2], texts[1::2], fillvalue=(0, [])):
         action = action_of(number, head)
         if not words:
-            source.fail("the file ends after an action's line: its vector is missing", line=number)
+            source.fail("the file ends after an action, without its vector", line=number)
         if action is None:
             continue
         vector = numbers(source, vector_number, words)
@@ -98,32 +98,32 @@ def blocks(
         actions.append(action)
         vectors.append(vector)
     if not vectors:
-        source.fail("the file holds no vector of an action")
+        source.fail("the file holds no alpha vectors")
     return vectors, actions
 
 
 def numbers(source: Source, line: int, words: list[str]) -> npt.NDArray[np.float64]:
-    """Return the numbers that a line's words stand for.
+    """Parse the words of a line as numbers.
 
     Raises:
-        FormatError: If one is no number.
+        FormatError: If a word is not a number.
     """
     values = [number_of(word) for word in words]
     if None in values:
         wrong = words[values.index(None)]
-        source.fail(f"a line of numbers was expected, but {wrong[:40]!r} stands in it", line=line)
+        source.fail(f"a line of numbers was expected, not {wrong[:40]!r}", line=line)
     return np.array(values, dtype=np.float64)
 
 
 def action_index(source: Source, line: int, word: str, num_actions: int | None) -> int:
-    """Return the action that a word of decimal digits stands for.
+    """Parse a word of decimal digits as an action's index.
 
     Raises:
-        FormatError: If the model has no such action, or no model could.
+        FormatError: If the model has no such action, or no model can have it.
     """
     action = int(word) if len(word) < 20 else LARGEST + 1
     if num_actions is not None and action >= num_actions:
-        source.fail(f"there is no action {word[:40]}: the model's {num_actions} count from 0", line=line)
+        source.fail(f"there is no action {word[:40]}: the model has actions 0 to {num_actions - 1}", line=line)
     if action > LARGEST:
-        source.fail(f"{word[:40]} is no action's index: at most {LARGEST} is possible", line=line)
+        source.fail(f"{word[:40]} is not an action's index: at most {LARGEST} is possible", line=line)
     return action

@@ -1,8 +1,8 @@
-"""The XML policies of APPL/SARSOP, ``.policy`` and ``.policyx``: alpha vectors, for mixed observability too.
+"""APPL/SARSOP's XML policies, ``.policy`` and ``.policyx``: alpha vectors, also for mixed observability.
 
-``<AlphaVector vectorLength= numObsValue= numVectors=>`` holds ``<Vector action= obsValue=>`` with a number for each
-hidden state, or ``<SparseVector>`` with entries of an index and a number. ``obsValue`` is the joint index of the fully
-observed variables, ``vectorLength`` how many joint values the rest has.
+``<AlphaVector vectorLength= numObsValue= numVectors=>`` holds ``<Vector action= obsValue=>`` with a number per hidden
+state, or ``<SparseVector>`` with pairs of index and number. ``obsValue`` is the joint index of the fully observed
+variables, ``vectorLength`` the number of joint values of the others.
 """
 
 from __future__ import annotations
@@ -31,15 +31,14 @@ _VECTORS = frozenset({"Vector", "SparseVector"})
 
 
 def read(path: str | Path, model: MDP | None = None) -> AlphaVectors | MixedAlphaVectors:
-    """Return the alpha vectors in a file; `MixedAlphaVectors` where a part of the state is fully observed.
+    """Read alpha vectors; `MixedAlphaVectors` if part of the state is fully observed.
 
     Args:
         path: The file.
-        model: The model that it is for: says which state factors are the fully observed ones; otherwise those are
-            taken to be the first.
+        model: The policy's model, which knows the fully observed state factors; without it they are the first ones.
 
     Raises:
-        FormatError: With the place, what stands there and what was expected.
+        FormatError: If the file is malformed, with the place and what was expected.
     """
     source = Source(path)
     num_actions = None if model is None else len(model.action_space)
@@ -54,7 +53,7 @@ def read(path: str | Path, model: MDP | None = None) -> AlphaVectors | MixedAlph
         source.fail("the file holds no alpha vectors")
     count = len(reader.vectors)
     if "numVectors" in reader.head.attributes and _whole(reader.head, "numVectors", LARGEST) != count:
-        reader.head.fail(f"numVectors says {reader.head.attributes['numVectors'][:40]}, but {count} are given")
+        reader.head.fail(f"numVectors is {reader.head.attributes['numVectors'][:40]}, but {count} are given")
     if reader.count == 1:
         return AlphaVectors(reader.vectors, reader.actions, num_actions)
     states = layout(reader.length, reader.count, model)
@@ -62,10 +61,10 @@ def read(path: str | Path, model: MDP | None = None) -> AlphaVectors | MixedAlph
 
 
 def write(policy: AlphaVectors | MixedAlphaVectors, path: str | Path) -> None:
-    """Write alpha vectors to a file; reading it (with the same model) gives the same numbers."""
+    """Write alpha vectors; reading them with the same model gives the same numbers."""
     sets = policy.sets if isinstance(policy, MixedAlphaVectors) else (policy,)
     width = policy.states.shape[1] if isinstance(policy, MixedAlphaVectors) else policy.num_states
-    # SARSOP's own reader takes numbers as words: without a blank, the closing tag would be part of the last one.
+    # SARSOP's reader splits at blanks: without one, the closing tag would be part of the last number.
     lines = [
         f'<Vector action="{action}" obsValue="{x}">{" ".join(map(repr, row))} </Vector>\n'
         for x, vectors in enumerate(sets)
@@ -94,17 +93,19 @@ class _Reader:
     def take(self, element: Element) -> None:
         if element.tag == "AlphaVector":
             if self.head is not None:
-                element.fail("a second <AlphaVector> stands where one is possible")
+                element.fail("there is a second <AlphaVector>; only one is allowed")
             self.head = element
             self.length = _whole(element, "vectorLength", LARGEST)
             self.count = _whole(element, "numObsValue", LARGEST, "1")
             _check_sizes(element, self.length, self.count, self._model)
         elif element.tag in _VECTORS:
             if self.head is None:
-                element.fail(f"<{element.tag}> stands outside of an <AlphaVector>")
-            # A dense vector is as long as its text; sparse ones alone could ask for memory without end.
+                element.fail(f"<{element.tag}> is outside of an <AlphaVector>")
+            # A dense vector is bounded by its text; sparse ones could claim unbounded memory.
             if element.tag == "SparseVector" and (len(self.vectors) + 1) * self.length > 5 * LARGEST:
-                element.fail(f"more than {len(self.vectors)} sparse vectors of {self.length} numbers are not possible")
+                element.fail(
+                    f"too many sparse vectors of {self.length} numbers: at most {len(self.vectors)} are allowed"
+                )
             self.actions.append(_whole(element, "action", self._last_action, lowest=0))
             self.observed.append(_whole(element, "obsValue", self.count - 1, "0", lowest=0))
             self.vectors.append((_dense if element.tag == "Vector" else _sparse)(element, self.length))
@@ -115,7 +116,7 @@ def layout(length: int, count: int, model: MDP | None) -> npt.NDArray[np.intp]:
     states: npt.NDArray[np.intp] = np.arange(length * count)
     marked = _fully_observed(model)
     if model is not None and any(marked):
-        order = sorted(range(len(marked)), key=lambda factor: not marked[factor])  # stable: the observed ones first
+        order = sorted(range(len(marked)), key=lambda factor: not marked[factor])  # stable sort: observed factors first
         states = states.reshape(model.state_space.shape).transpose(order)
     return states.reshape(count, length)
 
@@ -127,7 +128,7 @@ def _fully_observed(model: MDP | None) -> tuple[bool, ...]:
 
 def _check_sizes(element: Element, length: int, count: int, model: MDP | None) -> None:
     if length * count > LARGEST:
-        element.fail(f"{length} x {count} states are not possible; at most {LARGEST} are")
+        element.fail(f"{length} x {count} states exceed the limit of {LARGEST}")
     if model is None:
         return
     if length * count != len(model.state_space):
@@ -143,7 +144,7 @@ def _check_sizes(element: Element, length: int, count: int, model: MDP | None) -
 def _dense(element: Element, length: int) -> npt.NDArray[np.float64]:
     words = element.text.split()
     if len(words) != length:
-        element.fail(f"vectorLength says {length} numbers, but {len(words)} are given")
+        element.fail(f"vectorLength is {length}, but {len(words)} numbers are given")
     return np.array([_number(element, word) for word in words])
 
 
@@ -153,10 +154,10 @@ def _sparse(element: Element, length: int) -> npt.NDArray[np.float64]:
     for entry in element.all("Entry"):
         words += [word for part in (entry, *entry.children) for word in part.text.split()]
     if len(words) % 2:
-        element.fail("pairs of an index and a number were expected, but their count is odd")
+        element.fail("pairs of index and number were expected, but there is an odd number of words")
     for index, value in zip(words[::2], words[1::2], strict=True):
         if not index.isdecimal() or len(index) > 20 or int(index) >= length:
-            element.fail(f"{index[:40]!r} is no index of the {length} numbers, which count from 0")
+            element.fail(f"{index[:40]!r} is not an index from 0 to {length - 1}")
         values[int(index)] = _number(element, value)
     return values
 
@@ -164,12 +165,12 @@ def _sparse(element: Element, length: int) -> npt.NDArray[np.float64]:
 def _number(element: Element, word: str) -> float:
     value = number_of(word)
     if value is None or not math.isfinite(value):
-        element.fail(f"{word[:40]!r} is no finite number")
+        element.fail(f"{word[:40]!r} is not a finite number")
     return value
 
 
 def _whole(element: Element, name: str, largest: int, default: str | None = None, *, lowest: int = 1) -> int:
-    """Return an attribute that is a whole number in a range."""
+    """Parse an attribute as a whole number within limits."""
     given = element.attributes.get(name, default)
     word = (element.attribute(name) if given is None else given).strip()
     if not word.isdecimal() or len(word) > 20 or not lowest <= int(word) <= largest:

@@ -1,7 +1,7 @@
-"""MADP's ``.vf`` files: alpha vectors, a block each.
+"""MADP's ``.vf`` format: a block per alpha vector.
 
-A block is a line with the action's index and a second number (an index of MADP's planners, of no matter here), a line
-with a number for every state, and a blank line.
+A block is a line with the action's index and a second number (an index of MADP's planners, ignored here), a line with
+a number per state, and a blank line.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 __all__ = ["read", "write"]
 
 _NO_ACTION = "2147483647"
-"""What MADP writes for a vector that belongs to no action; it can never be chosen."""
+"""MADP's index for a vector without an action, which can never be chosen."""
 
 
 def read(path: str | Path, *, num_actions: int | None = None) -> AlphaVectors:
-    """Return the value function in a file.
+    """Read a value function.
 
     Args:
         path: The file.
-        num_actions: How many actions the model has, where that is known.
+        num_actions: The model's number of actions, if known.
 
     Raises:
-        FormatError: With the line, what stands there and what was expected.
+        FormatError: If the file is malformed, with the line and what was expected.
     """
     source = Source(path)
 
@@ -45,5 +45,5 @@ def read(path: str | Path, *, num_actions: int | None = None) -> AlphaVectors:
 
 
 def write(policy: AlphaVectors, path: str | Path) -> None:
-    """Write a value function to a file; MADP reads it, and reading it gives the same numbers."""
+    """Write a value function that MADP can read; reading it gives the same numbers."""
     write_text(path, alpha.lines(policy.vectors, policy.actions, " -1"))

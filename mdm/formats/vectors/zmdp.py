@@ -1,8 +1,8 @@
-"""The text policies of ZMDP, and of SARSOP's first version: lower bound planes.
+"""Text policies of ZMDP and of SARSOP's first version: lower bound planes.
 
-A plane is an action and entries of a state and a value; it is applicable to beliefs whose support lies inside its
-states. SARSOP's planes have an ``observed state val`` besides, the joint index of what is fully observed, and entries
-for all hidden states. As ZMDP's own reader does, this one goes by lines.
+A plane is an action and pairs of state and value; it applies to beliefs whose support lies within its states. SARSOP's
+planes also have an ``observed state val``, the joint index of the fully observed variables, and entries for all hidden
+states. Like ZMDP's own reader, this one works line by line.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ class _Plane:
 
 
 def read(path: str | Path, model: MDP | None = None) -> MaskedAlphaVectors | MixedAlphaVectors | AlphaVectors:
-    """Return the planes in a file: `AlphaVectors` where each is defined on all states, else `MaskedAlphaVectors`.
+    """Read planes: `AlphaVectors` if all are defined on all states, else `MaskedAlphaVectors`.
 
-    Those of SARSOP become `MixedAlphaVectors` where there are several observed values.
+    SARSOP's planes become `MixedAlphaVectors` if there are several observed values.
 
     Args:
         path: The file.
-        model: The model that it is for; otherwise the largest state is the last one.
+        model: The policy's model; without it, the largest state is taken as the last one.
 
     Raises:
-        FormatError: With the line, what stands there and what was expected.
+        FormatError: If the file is malformed, with the line and what was expected.
     """
     source = Source(path)
     mixed, planes = _Reader(source, None if model is None else len(model.action_space)).planes()
@@ -58,7 +58,7 @@ def read(path: str | Path, model: MDP | None = None) -> MaskedAlphaVectors | Mix
     if not mixed:
         num_states = width if model is None else len(model.state_space)
         if width > num_states:
-            source.fail(f"a plane has state {width - 1}, but the model's {num_states} count from 0")
+            source.fail(f"a plane has state {width - 1}, but the model has states 0 to {num_states - 1}")
         if all(len(plane.entries) == num_states for plane in planes):
             return AlphaVectors(_dense(planes, num_states), actions, num_actions)
         return MaskedAlphaVectors([plane.entries for plane in planes], actions, num_states, num_actions)
@@ -71,7 +71,9 @@ def read(path: str | Path, model: MDP | None = None) -> MaskedAlphaVectors | Mix
     observed = [plane.observed or 0 for plane in planes]
     count = max(observed) + 1 if model is None or len(model.state_space) % width else len(model.state_space) // width
     if count <= max(observed) or count * width > LARGEST:
-        source.fail(f"there are planes for observed value {max(observed)}, but {width} hidden states leave {count}")
+        source.fail(
+            f"there are planes for observed value {max(observed)}, but {width} hidden states leave only {count} values"
+        )
     if count == 1:
         return AlphaVectors(_dense(planes, width), actions, num_actions)
     states = sarsop_policy.layout(width, count, model)
@@ -79,7 +81,7 @@ def read(path: str | Path, model: MDP | None = None) -> MaskedAlphaVectors | Mix
 
 
 def write(policy: MaskedAlphaVectors | AlphaVectors, path: str | Path) -> None:
-    """Write planes to a file; ZMDP reads it, and reading it gives the same numbers."""
+    """Write planes that ZMDP can read; reading them gives the same numbers."""
     if isinstance(policy, AlphaVectors):
         planes = [list(enumerate(row)) for row in policy.vectors.tolist()]
     else:
@@ -134,7 +136,7 @@ class _Reader:
     def _item(self, line: int, name: str, value: str) -> None:
         if name == "policyType":
             if value not in _KINDS:
-                self._source.fail(f"{value[:60]} is no type of policy; {' and '.join(_KINDS)} are", line=line)
+                self._source.fail(f"{value[:60]} is not a known policy type; {' and '.join(_KINDS)} are", line=line)
             self._kind = _KINDS[value]
         elif name == "numPlanes":
             self._count = self._whole(line, name, value, LARGEST)
@@ -145,7 +147,7 @@ class _Reader:
         elif name == "numEntries":
             self._last(line).count = self._whole(line, name, value, LARGEST)
         else:
-            self._source.fail(f"{name[:40]!r} is nothing that a policy of planes has", line=line)
+            self._source.fail(f"the key {name[:40]!r} is unknown in a policy of planes", line=line)
 
     def _entry(self, line: int, words: str) -> None:
         pair = _PAIR.fullmatch(words)
@@ -153,7 +155,7 @@ class _Reader:
             self._source.fail(f"a state, a comma and a value were expected, not {words[:40]!r}", line=line)
         state, value = self._whole(line, "a state", pair[1], LARGEST), number_of(pair[2])
         if value is None or not math.isfinite(value):
-            self._source.fail(f"{pair[2][:40]!r} is no finite number", line=line)
+            self._source.fail(f"{pair[2][:40]!r} is not a finite number", line=line)
         entries = self._last(line).entries
         if state in entries:
             self._source.fail(f"the plane has two entries for state {state}", line=line)
@@ -161,7 +163,7 @@ class _Reader:
 
     def _last(self, line: int) -> _Plane:
         if not self._planes:
-            self._source.fail("this stands before the first plane's action", line=line)
+            self._source.fail("this line precedes the first plane's action", line=line)
         return self._planes[-1]
 
     def _whole(self, line: int, name: str, word: str, largest: int) -> int:

@@ -87,9 +87,9 @@ def test_policies_and_models_are_told_apart(tmp_path):
     save_policy(AlphaVectors([[1.0, 2.0]], [0], 1), tmp_path / "policy.npz")
     assert archive.holds_model(tmp_path / "model.npz")
     assert not archive.holds_model(tmp_path / "policy.npz")
-    with pytest.raises(FormatError, match="the archive holds no model: it is a policy"):
+    with pytest.raises(FormatError, match="the archive does not hold a model: it is a policy"):
         load_model(tmp_path / "policy.npz")
-    with pytest.raises(FormatError, match="no policy of mdm's: it is a model"):
+    with pytest.raises(FormatError, match="does not hold a policy: it is a model"):
         load_policy(tmp_path / "model.npz")
 
 
@@ -108,17 +108,17 @@ def rewritten(path, change):
     [
         (lambda a: a["T0.indices"].__setitem__(0, 10**6), "beyond its 300 columns"),
         (lambda a: a["T0.indices"].__setitem__(0, -1), "beyond its 300 columns"),
-        (lambda a: a["T0.starts"].__setitem__(1, 10**6), "do not begin where they could"),
-        (lambda a: a["T0.indices"].__setitem__(slice(0, 2), [5, 5]), "not in order"),
-        (lambda a: a["T0.data"].__setitem__(0, np.nan), "no distribution"),
-        (lambda a: a["T0.data"].__setitem__(0, -1.0), "no distribution"),
-        (lambda a: a["T0.data"].__setitem__(0, a["T0.data"][0] / 2), "no distribution"),
-        (lambda a: a.__setitem__("T0.data", a["T0.data"][:-1]), "no matrix of 300 rows"),
-        (lambda a: a.__setitem__("O0.starts", a["O0.starts"][:-1]), "no matrix of 300 rows"),
-        (lambda a: a.__setitem__("rewards", a["rewards"][:-1]), "of shape"),
-        (lambda a: a.pop("rewards"), "has no 'rewards'"),
+        (lambda a: a["T0.starts"].__setitem__(1, 10**6), "the row starts of"),
+        (lambda a: a["T0.indices"].__setitem__(slice(0, 2), [5, 5]), "are not sorted"),
+        (lambda a: a["T0.data"].__setitem__(0, np.nan), "not a distribution"),
+        (lambda a: a["T0.data"].__setitem__(0, -1.0), "not a distribution"),
+        (lambda a: a["T0.data"].__setitem__(0, a["T0.data"][0] / 2), "not a distribution"),
+        (lambda a: a.__setitem__("T0.data", a["T0.data"][:-1]), "not a matrix of 300 rows"),
+        (lambda a: a.__setitem__("O0.starts", a["O0.starts"][:-1]), "not a matrix of 300 rows"),
+        (lambda a: a.__setitem__("rewards", a["rewards"][:-1]), "have the shape"),
+        (lambda a: a.pop("rewards"), "'rewards' is missing"),
         (lambda a: a.__setitem__("initial", a["initial"] * 2), "sums to 2"),
-        (lambda a: a.__setitem__("rewards", a["rewards"].astype(int)), "not floats"),
+        (lambda a: a.__setitem__("rewards", a["rewards"].astype(int)), "not float64"),
     ],
 )
 def test_wrong_numbers_are_refused(tmp_path, change, message):
@@ -154,6 +154,6 @@ def test_the_false_negative_is_kept(tmp_path):
     model = POMDP([np.eye(2)], [np.eye(2)], np.eye(2)[:, :1], discount=0.5).with_false_negatives(1)
     archive.write(model, tmp_path / "m.npz")
     assert load_model(tmp_path / "m.npz").false_negative == 1
-    with pytest.raises(ModelError, match=r"\.pomdp files cannot say which observation is a false negative"):
+    with pytest.raises(ModelError, match=r"\.pomdp files cannot mark an observation as a false negative"):
         save_model(model, tmp_path / "m.pomdp")
     save_model(model.with_false_negatives(None), tmp_path / "m.pomdp")

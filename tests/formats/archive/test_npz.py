@@ -30,11 +30,11 @@ HEAD = "{'descr': '<f8', 'fortran_order': False, 'shape': (%s), }"
 @pytest.mark.parametrize(
     ("head", "words"),
     [
-        (HEAD % "1000000000000,", "another size than its head says"),
+        (HEAD % "1000000000000,", "size differs from its header"),
         (HEAD % "0, 99999999999999999999999", "damaged"),
-        (HEAD % "2,", "another size"),
-        (HEAD.replace("<f8", "|O") % "1,", "none of whole numbers or floats"),
-        ("__import__('os').abort()", "none of whole numbers or floats"),
+        (HEAD % "2,", "size differs"),
+        (HEAD.replace("<f8", "|O") % "1,", "not one of integers or floats"),
+        ("__import__('os').abort()", "not one of integers or floats"),
     ],
 )
 def test_what_an_array_claims_is_not_believed(tmp_path, head, words):

@@ -72,16 +72,16 @@ def test_other_archives_of_numpy_are_refused(tmp_path):
     with pytest.raises(FormatError, match="compressed"):
         policies.load_policy(path)
     np.savez(path, header=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(FormatError, match="none of whole numbers or floats"):
+    with pytest.raises(FormatError, match="not one of integers or floats"):
         policies.load_policy(path)
     np.savez(path, header=np.frombuffer(b'{"kind": "alpha"}', np.uint8))
     with pytest.raises(FormatError, match="sizes"):
         policies.load_policy(path)
     for text, words in [
-        (b'{"kind": "magic", "sizes": {}}', "'magic' is no kind of policy"),
+        (b'{"kind": "magic", "sizes": {}}', "the kind of policy 'magic' is unknown"),
         (b'{"kind": "alpha", "sizes": {"actions": 99999999999}}', "a size is not"),
         (b'{"kind": "alpha", "sizes": {"actions": -1}}', "a size is not"),
-        (b'{"kind": "alpha", "sizes": {"actions": 2}}', "it has no 'vectors'"),
+        (b'{"kind": "alpha", "sizes": {"actions": 2}}', "'vectors' is missing"),
         (b'{"kind": "alpha", "sizes": {}, "format": "mdm policy 9"}', "format"),
     ]:
         np.savez(path, header=np.frombuffer(text, np.uint8))

@@ -93,5 +93,5 @@ def test_actions_of_the_same_statements_share_a_matrix():
 def test_more_numbers_than_can_be_held_are_refused(arguments):
     collected = Probabilities(1, 100_000, 100_000)
     collected.add(0, *arguments)
-    with pytest.raises(ModelError, match="makes more numbers than"):
+    with pytest.raises(ModelError, match="exceeds the limit"):
         collected.matrices()

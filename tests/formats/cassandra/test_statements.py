@@ -180,12 +180,12 @@ def test_blocks_of_every_length_are_read_to_their_end(tmp_path, states):
     [
         ("T: 1 : 30 : 99 1", "99", 13),
         ("T: 1 : 30 : 31 one", "'one'", 16),
-        ("T: 1 : 30 : 31 -0.5", "-0.5 is no probability", 16),
-        ("T: 1 : 30 : 31 nan", "nan is no probability", 16),
+        ("T: 1 : 30 : 31 -0.5", "-0.5 is not a probability", 16),
+        ("T: 1 : 30 : 31 nan", "nan is not a probability", 16),
         ("T: 1 : 30 : 31 1_0", "'1_0'", 16),
-        ("R: 1 : 30 : 31 inf", "inf is no reward", 16),
+        ("R: 1 : 30 : 31 inf", "inf is not a reward", 16),
         ("R: 1 : hell : 31 1", "'hell'", 8),
-        ("T: 1 : 30 : 31 1 1", "'1' stands where a statement", 18),
+        ("T: 1 : 30 : 31 1 1", "a statement 'T:', 'O:' or 'R:' was expected, not '1'", 18),
     ],
 )
 def test_an_error_within_a_block_is_told_in_its_place(tmp_path, line, message, column):
@@ -202,8 +202,8 @@ def test_an_error_within_a_block_is_told_in_its_place(tmp_path, line, message, c
     ("text", "message"),
     [
         ("T: * : * : * 0.00001\n", "100000 x 100000"),
-        ("T: * uniform\n", "makes more numbers than"),
-        (HEAD.format(states=100_000).replace("actions: 2", "actions: 600") + "T: * identity\n", "are too many"),
+        ("T: * uniform\n", "exceeds the limit"),
+        (HEAD.format(states=100_000).replace("actions: 2", "actions: 600") + "T: * identity\n", "exceed the limit"),
     ],
 )
 def test_what_no_memory_holds_is_refused_before_it_is_made(tmp_path, text, message):

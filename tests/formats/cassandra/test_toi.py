@@ -72,9 +72,9 @@ def test_products_of_the_agents(team, sparse):
         ("base", "3\n0.9", "agent2: there is no such file"),
         ("agent1", "agents: 2\n", "agent1"),
         ("rewards", "0 1 1 10", "rewards:1: 2 states, 2 actions and a reward were expected, not 4 words"),
-        ("rewards", "\n0 1 1 2 10", "rewards:2: '2' is no action of agent 1: its 2 count from 0"),
-        ("rewards", "0 -1 1 0 10", "'-1' is no state of agent 1"),
-        ("rewards", "0 1 1 0 nan", "'nan' is no finite number"),
+        ("rewards", "\n0 1 1 2 10", "rewards:2: '2' is not one of agent 1's actions, 0 to 1"),
+        ("rewards", "0 -1 1 0 10", "'-1' is not one of agent 1's states"),
+        ("rewards", "0 1 1 0 nan", "'nan' is not a finite number"),
     ],
 )
 def test_wrong_sets_are_refused_with_the_file(team, suffix, text, message):
@@ -90,7 +90,7 @@ def test_a_file_for_a_team_is_none_of_one_agent(team):
         text = text.replace(f" {action} :", f" {action} stay :")
     text = text.replace(": o0", ": o0 o0").replace(": o1", ": o1 o0")
     team.with_suffix(".agent0").write_text(text)
-    with pytest.raises(FormatError, match="agent0: the file of one agent was expected, but this is for 2"):
+    with pytest.raises(FormatError, match="agent0: a file of one agent was expected, but this has 2"):
         load_model(team)
 
 

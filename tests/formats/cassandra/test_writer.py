@@ -33,7 +33,7 @@ def test_models_come_back(model, tmp_path_factory):
 def test_teams_come_back(model, tmp_path_factory):
     path = tmp_path_factory.mktemp("round") / "model.dpomdp"
     if len(model.observation_space.factors) != model.num_agents:
-        with pytest.raises(ModelError, match="observations for each agent"):
+        with pytest.raises(ModelError, match="one observation factor per agent"):
             dpomdp.write(model, path)
         return
     dpomdp.write(model, path)
@@ -101,7 +101,7 @@ def test_what_the_formats_do_not_have_is_refused(tmp_path):
     told = np.full((1, 2, 2, 2), 0.5)
     events = POMDP([np.eye(2)], told, np.zeros((2, 1)), discount=0.9, event_observations=True)
     for module, suffix in ((cassandra, "pomdp"), (dpomdp, "dpomdp")):
-        with pytest.raises(ModelError, match="the observations are events.* write .pgmx"):
+        with pytest.raises(ModelError, match="observations of events.* write .pgmx"):
             module.write(events, tmp_path / f"m.{suffix}")
     with pytest.raises(ModelError, match="needs observations"):
         dpomdp.write(MDP([np.eye(2)], np.zeros((2, 1)), discount=0.9), tmp_path / "m.dpomdp")
@@ -116,7 +116,7 @@ def test_rewards_of_outcomes_too_many_to_write_leave_the_expected_ones(tmp_path,
     monkeypatch.setattr("mdm.formats.cassandra.writer._LARGEST", 4)
     rewards = np.arange(8.0).reshape(1, 2, 2, 2)
     model = POMDP([np.eye(2)], [np.eye(2)], rewards, discount=0.9)
-    with pytest.warns(ModelWarning, match="too many to be written"):
+    with pytest.warns(ModelWarning, match="there are too many rewards of single outcomes"):
         cassandra.write(model, tmp_path / "m.pomdp")
     np.testing.assert_array_equal(load(tmp_path / "m.pomdp").rewards, model.rewards)
 

@@ -105,11 +105,11 @@ def test_a_tree_over_a_constant_is_its_branch(tmp_path):
     ("text", "words"),
     [
         (table(variables(("door", 0)), "1 2 3"), "3 numbers are given, but the table has 2 = 2"),
-        (table(variables(("door", 0)), "1 x"), "'x' is no number"),
-        (table(variables(("door", 0)), "1 1e999"), "1e999 is no finite number"),
+        (table(variables(("door", 0)), "1 x"), "'x' is not a number"),
+        (table(variables(("door", 0)), "1 1e999"), "1e999 is not a finite number"),
         (table(variables(("door", 0), ("door", 0)), "1 2 3 4"), "lists a variable twice"),
         (table(variables(("stranger", 0)), "1 2"), "depends on 'stranger' of time slice 0, which is neither state"),
-        ('<Potential type="Magic"/>', "of type 'Magic' is none of Table"),
+        ('<Potential type="Magic"/>', "of type 'Magic' is not supported"),
         (tree("guard", branch(["wait"], table("", "1"))), "the tree over 'guard' has no branch for close, shout"),
         (tree("guard", branch(["sleep"], table("", "1"))), "'guard' has no state 'sleep'; it has wait, close, shout"),
         (tree("guard", branch([], "<Reference>calm</Reference>")), "no branch with the label 'calm'; there are none"),
@@ -139,7 +139,7 @@ def test_references_name_the_time_slice_in_either_way(tmp_path, attributes, foun
 
 
 def test_a_time_slice_is_a_number(tmp_path):
-    with pytest.raises(FormatError, match="'soon' is no time slice"):
+    with pytest.raises(FormatError, match="'soon' is not a time slice"):
         reference(element(tmp_path, '<Variable name="a" timeSlice="soon"/>'))
 
 

@@ -96,7 +96,7 @@ def test_observations_that_are_not_one_for_each_agent(tmp_path):
         actions=TEAM.action_space,
         observation_names=SOUNDS,
     )
-    with pytest.raises(FormatError, match="are not one for each of its 2 agents"):
+    with pytest.raises(FormatError, match="one observation factor for each of its 2 agents"):
         policies.load_policy(DATA / "team.policy", model)
     with pytest.raises(ModelError, match="need a factor for each of its 2 agents"):
         policies.save_policy(policies.load_policy(DATA / "team.policy", TEAM), tmp_path / "x.npz", model)
@@ -116,11 +116,11 @@ OTHER = "Policy for agent 1 (index 0):\n() --> listen\n"
         (agent("() --> listen"), None, "1 agents, but the model has 2"),
         (agent("() --> dance") + OTHER, 2, "dance"),
         (agent("() --> listen", "(moo) --> listen") + OTHER, 3, "moo"),
-        (agent("() --> listen", "() --> listen") + OTHER, 3, "stands here twice"),
-        (agent("(hear-left) --> listen") + OTHER, 2, "has no line before it"),
+        (agent("() --> listen", "() --> listen") + OTHER, 3, "has a line already"),
+        (agent("(hear-left) --> listen") + OTHER, 2, "has no line before this one"),
         (agent() + OTHER, None, "agent 'first' has no line"),
         (OTHER, 1, "agent 0 was expected, not 1"),
-        ("JointPolicyPureVector:\n() --> listen\n", 2, "before the first"),
+        ("JointPolicyPureVector:\n() --> listen\n", 2, "precedes the first"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_line(tmp_path, text, line, words):
@@ -134,7 +134,7 @@ def test_what_is_wrong_is_said_with_its_line(tmp_path, text, line, words):
 def test_without_names_there_is_no_telling():
     mdp = MDP([np.eye(2)], np.zeros((2, 1)), discount=0.9)
     for model in (None, mdp):
-        with pytest.raises(FormatError, match="in names of actions and observations"):
+        with pytest.raises(FormatError, match="actions and observations by name"):
             policies.load_policy(DATA / "team.policy", model)
 
 
@@ -142,11 +142,11 @@ def test_what_cannot_be_written(tmp_path):
     leaf = FiniteStateController([0], [[None, None]], 3)
     loop = FiniteStateController([0], [[0, 0]], 3)
     small = FiniteStateController([0], [[None]], 3)
-    with pytest.raises(ModelError, match="give the model that has them"):
+    with pytest.raises(ModelError, match="give its POMDP"):
         policies.save_policy(JointController([leaf, leaf]), tmp_path / "x")
-    with pytest.raises(ModelError, match="'a,b' could not be read again"):
+    with pytest.raises(ModelError, match="'a,b' cannot be written"):
         policies.save_policy(JointController([leaf]), tmp_path / "x", single(["a,b", "b", "c"]))
-    with pytest.raises(ModelError, match="the controller of agent 1 is no tree"):
+    with pytest.raises(ModelError, match="the controller of agent 1 is not a tree"):
         policies.save_policy(JointController([leaf, loop]), tmp_path / "x", TEAM)
     with pytest.raises(ModelError, match="agent 0: the policy is for 3 actions and 1 observations"):
         policies.save_policy(JointController([small, leaf]), tmp_path / "x", TEAM)

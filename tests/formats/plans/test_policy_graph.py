@@ -33,7 +33,7 @@ def test_a_graph_of_observations_that_cannot_occur(tmp_path):
 def test_a_graph_beside_vectors_of_another_is_refused(tmp_path):
     (tmp_path / "tiger.pg").write_text((POLICIES / "tiger.pg").read_text())
     (tmp_path / "tiger.alpha").write_text("0\n1 2\n")
-    with pytest.raises(FormatError, match=r"tiger\.pg: the graph's 3 nodes are not those of tiger\.alpha"):
+    with pytest.raises(FormatError, match=r"tiger\.pg: the graph's 3 nodes do not match the 1 vectors of tiger\.alpha"):
         policies.load_policy(tmp_path / "tiger.pg")
 
 
@@ -41,14 +41,14 @@ def test_a_graph_beside_vectors_of_another_is_refused(tmp_path):
     ("text", "line", "words"),
     [
         ("0 0 1 0\n1 3 0 0\n", 2, "no action 3"),
-        ("0 0 1 0\n1 1 0 2\n", 2, "node 1 is followed by node 2, but the graph's 2 nodes"),
-        ("0 0 1 0\n1 1 0 99999999999999999999999\n", 2, "followed by node 9999"),
+        ("0 0 1 0\n1 1 0 2\n", 2, "node 1 has the successor 2, but the graph has nodes 0 to 1"),
+        ("0 0 1 0\n1 1 0 99999999999999999999999\n", 2, "has the successor 9999"),
         ("0 0 1 0\n\n1 1 0\n", 3, "node 1: a successor for each of 2 observations"),
         ("0 0 1 0\n1 1 0 0 0\n", 2, "but 3 are given"),
         ("0 0 1 0\n2 1 0 0\n", 2, "node 1 was expected, not 2"),
-        ("0 0 1 0\n1 X 0 0\n", 2, "node 1: 'X' is no index"),
-        ("0 0 y 0\n", 1, "node 0: 'y' is no index"),
-        ("0 0 -1 0\n", 1, "'-1' is no index"),
+        ("0 0 1 0\n1 X 0 0\n", 2, "node 1: 'X' is not an index"),
+        ("0 0 y 0\n", 1, "node 0: 'y' is not an index"),
+        ("0 0 -1 0\n", 1, "'-1' is not an index"),
         ("0 0 0\n", 1, "for each of 2 observations was expected"),
     ],
 )

@@ -85,9 +85,9 @@ def test_diagrams_with_shortcuts_and_templates(tmp_path):
     [
         (entries(("on", "1")), "1 words are given, but the function is over 2: lamp0 door0"),
         (entries(("dim s0", "1")), "dim"),
-        (entries(("- s0", "1")), "1 numbers are given, but the values with '-' have 2 combinations"),
-        (entries(("on s0", "much")), "'much' is no finite number"),
-        (entries(("on -", "uniform")), "'uniform' is for a distribution"),
+        (entries(("- s0", "1")), "1 numbers are given, but the variables with '-' have 2 combinations"),
+        (entries(("on s0", "much")), "'much' is not a finite number"),
+        (entries(("on -", "uniform")), "'uniform' needs a distribution"),
         (entries(("- -", "identity")), "'identity' needs two '-' for variables of one size"),
         ("<Entry><Instance>on s0</Instance></Entry>", "<Entry> needs a <ProbTable>"),
     ],
@@ -106,18 +106,18 @@ ITSELF = '<SubDAG type="template" idref="a"/>'
     [
         ("<DAG/>", "<DAG> needs one <Node>, <Terminal> or <SubDAG>, not 0"),
         ("<DAG><Leaf/></DAG>", "was expected, not <Leaf>"),
-        ("<DAG><Terminal>nan</Terminal></DAG>", "'nan' is no finite number"),
+        ("<DAG><Terminal>nan</Terminal></DAG>", "'nan' is not a finite number"),
         ('<DAG><Node var="moon"/></DAG>', "no variable 'moon' here"),
         (
             f'<DAG><Node var="act">{2 * WAIT}</Node></DAG>',
             "a second edge for 'wait'",
         ),
-        ('<DAG><SubDAG type="even" var="act"/></DAG>', "'even' is none of uniform"),
-        ('<DAG><SubDAG type="persistent" var="act"/></DAG>', "'act' is no state variable"),
+        ('<DAG><SubDAG type="even" var="act"/></DAG>', "type 'even': uniform"),
+        ('<DAG><SubDAG type="persistent" var="act"/></DAG>', "'act' is not a state variable"),
         ('<DAG><SubDAG type="template" idref="no"/></DAG>', "no template 'no'; there are none"),
         (
             f'<DAG>{ITSELF}</DAG><SubDAGTemplate id="a">{ITSELF}</SubDAGTemplate>',
-            "lead to each other more than 100 deep",
+            "refer to each other more than 100 deep",
         ),
     ],
 )
@@ -130,7 +130,7 @@ def test_wrong_diagrams_are_told(tmp_path, inside, words):
     ("parents", "kind", "words"),
     [
         ("sun", "TBL", "no variable 'sun' here; there are lamp0, lamp1, door0, act"),
-        ("act act", "TBL", "over one variable twice"),
+        ("act act", "TBL", "lists a variable twice"),
         ("act", "XX", "a function of type 'XX' is neither TBL nor DD"),
     ],
 )

@@ -33,7 +33,7 @@ def test_two_columns_without_blank_lines_are_a_table(tmp_path):
 
 
 def test_a_kind_that_plain_rows_are_not(tmp_path):
-    with pytest.raises(FormatError, match="a matrix, but kind='table'"):
+    with pytest.raises(FormatError, match="a matrix, not kind='table'"):
         policies.load_policy(POLICIES / "q_table.txt", kind="table")
 
 

@@ -13,8 +13,8 @@ from mdm.policies import QTable, StochasticPolicy
 @pytest.mark.parametrize(
     ("text", "kind", "words"),
     [
-        ("[2](0,1)", "q", "a vector, an action per state, but kind='q'"),
-        ("[2,2]((1,0),(0,1))", "table", "a matrix, but kind='table'"),
+        ("[2](0,1)", "q", "a vector of actions, not kind='q'"),
+        ("[2,2]((1,0),(0,1))", "table", "a matrix, not kind='table'"),
         ("[2,2]((0.5,0.5),(0.9,0.9))", None, "say kind='q'"),
     ],
 )
@@ -41,7 +41,7 @@ def test_a_matrix_is_what_the_model_s_sizes_say_and_else_its_numbers(tmp_path, t
     assert type(load_policy(written(tmp_path, text), model)) is kind
 
 
-@pytest.mark.parametrize(("action", "words"), [("3", "but the model's 3 count from 0"), ("-1", "an index from 0 on")])
+@pytest.mark.parametrize(("action", "words"), [("3", "but the model has actions 0 to 2"), ("-1", "an index from 0 on")])
 def test_an_action_that_is_none_is_told_with_its_state(tmp_path, action, words):
     with pytest.raises(FormatError, match=f"state 1 is {action}.*{words}"):
         load_policy(written(tmp_path, f"[2](0,{action})"), model_of())

@@ -21,11 +21,11 @@ def test_alpha_vectors():
     [
         ("0\n1 2\n\n1 2\n3 4\n", 4, "an action's index was expected, not '1 2'"),
         ("0\n1 2\n\n-1\n3 4\n", 4, "not '-1'"),
-        ("0\n1 2\n\n1\n", 4, "its vector is missing"),
+        ("0\n1 2\n\n1\n", 4, "without its vector"),
         ("0\n1 2\n\n1\n3\n", 5, "2 values were expected, but 1"),
         ("0\n1 x\n", 2, "'x'"),
         ("0\n1 1e999\n", 2, "not finite"),
-        ("3\n1 2\n", 1, "no action 3: the model's 3 count from 0"),
+        ("3\n1 2\n", 1, "no action 3: the model has actions 0 to 2"),
         ("0\n1 2 3\n", None, "3 states and 3 actions, but the model has 2 and 3"),
     ],
 )

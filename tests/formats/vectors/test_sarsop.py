@@ -134,23 +134,26 @@ BODY = '<Policy><AlphaVector vectorLength="{0}" numObsValue="{1}" numVectors="1"
         ("<Policy><AlphaVector/></Policy>", "needs the attribute 'vectorLength'"),
         ('<Policy><AlphaVector vectorLength="6"/><AlphaVector/></Policy>', "a second <AlphaVector>"),
         (BODY.format(6, 1, ""), "no alpha vectors"),
-        (BODY.format(6, 1, '<Vector action="0">1 2 3 4 5 6</Vector>' * 2), "numVectors says 1, but 2"),
+        (BODY.format(6, 1, '<Vector action="0">1 2 3 4 5 6</Vector>' * 2), "numVectors is 1, but 2"),
         (BODY.format("x", 1, ""), "vectorLength is 'x'"),
         (BODY.format(0, 1, ""), "from 1 to"),
         (BODY.format("9" * 30, 1, ""), "from 1 to"),
-        (BODY.format(9999999, 9999999, ""), "9999999 x 9999999 states are not possible"),
+        (BODY.format(9999999, 9999999, ""), "9999999 x 9999999 states exceed the limit"),
         (BODY.format(6, 2, ""), "12 states (2 observed x 6 hidden), but the model has 6"),
         (BODY.format(2, 3, ""), "numObsValue is 3, but the model's fully observed factors have 2 values"),
         (BODY.format(6, 1, "<Vector>1</Vector>"), "needs the attribute 'action'"),
         (BODY.format(6, 1, '<Vector action="3">1</Vector>'), "from 0 to 2"),
         (BODY.format(6, 1, '<Vector action="-1">1</Vector>'), "action is '-1'"),
         (BODY.format(6, 1, '<Vector action="0" obsValue="1">1</Vector>'), "obsValue is '1'"),
-        (BODY.format(6, 1, '<Vector action="0">1 2</Vector>'), "6 numbers, but 2 are given"),
-        (BODY.format(6, 1, '<Vector action="0">1 2 3 4 5 x</Vector>'), "'x' is no finite number"),
-        (BODY.format(6, 1, '<Vector action="0">1 2 3 4 5 nan</Vector>'), "'nan' is no finite number"),
-        (BODY.format(6, 1, '<SparseVector action="0">0 1 2</SparseVector>'), "their count is odd"),
-        (BODY.format(6, 1, '<SparseVector action="0"><Entry>6 1</Entry></SparseVector>'), "'6' is no index of the 6"),
-        (BODY.format(6, 1, '<SparseVector action="0"><Entry>-1 1</Entry></SparseVector>'), "'-1' is no index"),
+        (BODY.format(6, 1, '<Vector action="0">1 2</Vector>'), "vectorLength is 6, but 2 numbers"),
+        (BODY.format(6, 1, '<Vector action="0">1 2 3 4 5 x</Vector>'), "'x' is not a finite number"),
+        (BODY.format(6, 1, '<Vector action="0">1 2 3 4 5 nan</Vector>'), "'nan' is not a finite number"),
+        (BODY.format(6, 1, '<SparseVector action="0">0 1 2</SparseVector>'), "an odd number of words"),
+        (
+            BODY.format(6, 1, '<SparseVector action="0"><Entry>6 1</Entry></SparseVector>'),
+            "'6' is not an index from 0 to 5",
+        ),
+        (BODY.format(6, 1, '<SparseVector action="0"><Entry>-1 1</Entry></SparseVector>'), "'-1' is not an index"),
     ],
 )
 def test_what_is_wrong_is_said(tmp_path, text, words):
@@ -165,5 +168,5 @@ def test_what_is_wrong_is_said(tmp_path, text, words):
 def test_a_small_file_cannot_ask_for_much_memory(tmp_path):
     path = tmp_path / "x.policy"
     path.write_text(BODY.format(9_999_999, 1, '<SparseVector action="0"/>' * 9))
-    with pytest.raises(FormatError, match="sparse vectors of 9999999 numbers are not possible"):
+    with pytest.raises(FormatError, match="too many sparse vectors of 9999999 numbers"):
         policies.load_policy(path)

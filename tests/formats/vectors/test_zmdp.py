@@ -36,7 +36,7 @@ def test_planes_of_an_observed_state():
     assert isinstance(policy, MixedAlphaVectors)
     assert [pairs(vectors) for vectors in policy.sets] == [[(0, [24.5, 3])], [(1, [-81.5, 28.5])]]
     assert policies.load_policy(POLICIES / "observed.policy", model_of(6)).states.shape == (3, 2)
-    with pytest.raises(FormatError, match="observed value 1, but 2 hidden states leave 1"):
+    with pytest.raises(FormatError, match="observed value 1, but 2 hidden states leave only 1"):
         policies.load_policy(POLICIES / "observed.policy", model_of())
 
 
@@ -50,19 +50,19 @@ OBSERVED = 'policyType => "MaxPlanesLowerBoundWithObservedState"\n'
     ("text", "line", "words"),
     [
         (HEAD, None, "no planes"),
-        ('policyType => "Sawtooth"\naction => 0\n0, 1\n', 1, "is no type of policy"),
+        ('policyType => "Sawtooth"\naction => 0\n0, 1\n', 1, "is not a known policy type"),
         (HEAD + "action => 3\n0, 1\n", 2, "from 0 to 2"),
         (HEAD + "action => -1\n0, 1\n", 2, "'-1'"),
         (HEAD + "action => 0\n0, 1\n0, 2\n", 4, "two entries for state 0"),
-        (HEAD + "action => 0\n0, x\n", 3, "'x' is no finite number"),
-        (HEAD + "action => 0\n0, inf\n", 3, "no finite number"),
+        (HEAD + "action => 0\n0, x\n", 3, "'x' is not a finite number"),
+        (HEAD + "action => 0\n0, inf\n", 3, "not a finite number"),
         (HEAD + "action => 0\n0; 1\n", 3, "a state, a comma and a value"),
-        (HEAD + "0, 1\n", 2, "before the first plane's action"),
+        (HEAD + "0, 1\n", 2, "precedes the first plane's action"),
         (HEAD + "action => 0\nnumEntries => 2\n0, 1\n", 2, "numEntries is 2, but 1"),
         (HEAD + "action => 0\n", 2, "0 are given"),
         (HEAD + "numPlanes => 2\naction => 0\n0, 1\n", None, "numPlanes is 2, but 1"),
-        (HEAD + "action => 0\nbackups => 3\n0, 1\n", 3, "'backups' is nothing"),
-        (HEAD + "action => 0\n2, 1\n", None, "state 2, but the model's 2 count from 0"),
+        (HEAD + "action => 0\nbackups => 3\n0, 1\n", 3, "the key 'backups' is unknown"),
+        (HEAD + "action => 0\n2, 1\n", None, "state 2, but the model has states 0 to 1"),
         (OBSERVED + "action => 0\n0, 1\n", 2, "no observed state val"),
         (OBSERVED + "action => 0\nobserved state val => 0\n1, 1\n", 2, "each of 2 hidden states"),
     ],

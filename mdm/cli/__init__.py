@@ -1,4 +1,4 @@
-"""The `mdm` command: a module a sub-command, each with ``add_parser`` and ``run``."""
+"""The `mdm` command: one module per sub-command, each with ``add_parser`` and ``run``."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ VERBS = (
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a sub-command; return 0 (done), 1 (what was asked failed) or 2 (wrong usage)."""
+    """Run a sub-command; return 0 (success), 1 (failure) or 2 (wrong usage)."""
     parser = argparse.ArgumentParser(
         prog="mdm",
         description=(
@@ -68,7 +68,7 @@ def _run(parsed: argparse.Namespace) -> int:
             warnings.showwarning = _show_warning
             status = int(module.run(parsed))
             if sys.stdout is not None:
-                sys.stdout.flush()  # here, where what goes wrong is told
+                sys.stdout.flush()  # here, where errors are reported
             return status
     except KeyboardInterrupt:
         return 130
@@ -87,7 +87,7 @@ def _run(parsed: argparse.Namespace) -> int:
 
 
 def _flush() -> None:
-    """Write out what is still in a buffer, or let go of it: Python would try again at its exit, and complain."""
+    """Flush standard output, or discard it: otherwise Python tries again at exit and complains."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -99,7 +99,7 @@ def _sentence(error: Exception) -> str:
     from mdm.runtime import ActorFailure  # noqa: PLC0415 - `mdm --help` needs no numpy
 
     while isinstance(error, ActorFailure) and isinstance(error.__cause__, ActorFailure):
-        error = error.__cause__  # who failed first says more than who could not help
+        error = error.__cause__  # the first failure says more than those that follow from it
     if isinstance(error, Error):
         return str(error)
     if isinstance(error, MemoryError):

@@ -1,4 +1,4 @@
-"""``mdm check``: everything that is wrong or odd about a file, at once, without using it."""
+"""``mdm check``: all problems and oddities of a file at once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     """Add the verb and its arguments."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "check",
-        help="say everything that is wrong with an ensemble, model or policy file",
+        help="list all problems of an ensemble, model or policy file",
         description=(
             "Check a file without running anything: an ensemble's TOML file, a model or a policy. All problems are "
             "told at once; notes tell what is allowed, but odd: states that cannot be reached or left, observations "
@@ -37,10 +37,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Check the file; return the exit status."""
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
 
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         kind, problems, notes = _examine(arguments.file, arguments.model, arguments.normalize)
-    notes = [str(warning.message).removeprefix(f"{arguments.file}: ") for warning in told] + notes
+    notes = [str(warning.message).removeprefix(f"{arguments.file}: ") for warning in caught] + notes
     if arguments.json:
         print(as_json({"file": arguments.file, "holds": kind, "problems": problems, "notes": notes}))
     else:
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _examine(file: str, model: str | None, normalize: bool) -> tuple[str | None, list[str], list[str]]:
-    """Return what a file holds, what is wrong with it, and what is odd."""
+    """Return a file's kind of content, its problems, and notes on oddities."""
     from mdm.cli.document import Document  # noqa: PLC0415
     from mdm.cli.usage import UsageError  # noqa: PLC0415
     from mdm.config import load_system  # noqa: PLC0415
@@ -76,7 +76,7 @@ def _examine(file: str, model: str | None, normalize: bool) -> tuple[str | None,
     except FormatError as error:
         return None, [str(error)], []
     if model is not None:
-        raise UsageError("--model is to check a policy against; this file holds a model itself")
+        raise UsageError("--model is for policies; this file holds a model itself")
     return _examine_model(file, normalize)
 
 
@@ -85,13 +85,13 @@ def _holds_policy(file: str) -> bool:
     from mdm.errors import FormatError  # noqa: PLC0415
     from mdm.models import MDP  # noqa: PLC0415
 
-    told = is_policy(file)
-    if told is None:
+    known = is_policy(file)
+    if known is None:
         try:
             return not isinstance(load(file).content, MDP)
         except FormatError:
-            return False  # whose problems are told all at once
-    return told
+            return False  # `_examine_model` reports its problems, all at once
+    return known
 
 
 def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], list[str]]:
@@ -107,7 +107,9 @@ def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], l
             model = load_model(file)
             model.flatten()
             kind = f"a model ({model.kind})"
-            if all(problem.is_sum for problem in collected):  # else it is not the model that was meant
+            if all(
+                problem.is_sum for problem in collected
+            ):  # with worse problems, oddities would only follow from them
                 odd = diagnose(model)
         except (FormatError, ModelError) as error:
             collected.append(Problem(str(error), is_sum=False))
@@ -121,8 +123,8 @@ def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], l
 
 
 def _policy_notes(policy: Any) -> list[str]:
-    """Return what is odd about a policy."""
-    chosen = getattr(policy, "actions", None)  # those that stand in the policy, state by state or vector by vector
+    """Return notes on oddities of a policy."""
+    chosen = getattr(policy, "actions", None)  # the action of each state or vector
     if chosen is None or policy.input == "observation":
         return []
     never = sorted(set(range(policy.num_actions)) - set(map(int, chosen)))

@@ -1,4 +1,4 @@
-"""``mdm compare``: what several policies are worth in one model, side by side."""
+"""``mdm compare``: the values of several policies in one model."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     """Add the verb and its arguments."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "compare",
-        help="tell what several policies are worth, side by side",
+        help="compare the values of several policies",
         description=(
-            "Tell what several policies are worth at the start of one model. All meet the same luck in simulation, so "
-            "that their differences are known far better than their values; the differences to the first are told "
-            "with their 95 % confidence."
+            "Compare the values of several policies at the initial belief of a model. All are simulated with the same "
+            "random numbers, so that their differences are known far better than their values. Differences are from "
+            "the first policy, with their 95 % confidence."
         ),
         epilog="example: mdm compare tiger.pomdp tiger.vf tiger.npz --seed 1",
     )
     parser.add_argument("model", metavar="MODEL", help="a model")
-    parser.add_argument("policies", metavar="POLICY", nargs="+", help="policies for it; the first is the measure")
+    parser.add_argument("policies", metavar="POLICY", nargs="+", help="policies for it; the first is the reference")
     add_arguments(parser)
     return parser
 
@@ -39,15 +39,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Compare; return the exit status."""
     import numpy as np  # noqa: PLC0415 - `mdm --help` needs no numpy
 
+    from mdm.cli.inputs import load, load_for, visibility  # noqa: PLC0415
     from mdm.cli.report import as_json  # noqa: PLC0415
-    from mdm.cli.value import load, load_for, shown  # noqa: PLC0415
     from mdm.cli.verdict import judge  # noqa: PLC0415
 
     if arguments.seed is None:
         arguments.seed = int(np.random.SeedSequence().generate_state(1)[0])
     model = load(arguments.model, arguments.discount)
     pairs = [load_for(model, path, arguments) for path in arguments.policies]
-    if notes := {note for _, world in pairs if (note := shown(world)) is not None}:
+    if notes := {note for _, world in pairs if (note := visibility(world)) is not None}:
         print(f"mdm compare: {notes.pop()}", file=sys.stderr)
     verdicts = [judge(world, policy, arguments, simulated=True) for policy, world in pairs]
     differences = [_difference(verdict, verdicts[0]) for verdict in verdicts]
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
             )
         )
         return 0
-    table = [("policy", "claims", "is worth", "simulated", "", "to the first", "")]
+    table = [("policy", "claimed", "exact", "simulated", "", "difference", "")]
     for path, verdict, (difference, within) in zip(arguments.policies, verdicts, differences, strict=True):
         result = verdict.simulated
         assert result is not None
@@ -84,7 +84,7 @@ def _number(value: float | None) -> str:
 
 
 def _difference(verdict: Verdict, first: Verdict) -> tuple[float, float]:
-    """Return how much more a policy is worth than the first, and within what, episode by episode."""
+    """Return the difference of a policy's value from the first's, and its 95 % margin, from paired episodes."""
     if verdict.exact is not None and first.exact is not None:
         return verdict.exact[0] - first.exact[0], 0.0
     assert verdict.simulated is not None

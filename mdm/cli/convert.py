@@ -1,4 +1,4 @@
-"""``mdm convert``: a model or a policy from one format into another, and what is lost on the way."""
+"""``mdm convert``: conversion of models and policies between formats, with a report of what is lost."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         model = None if arguments.model is None else load_model(arguments.model)
         policy = load_policy(arguments.source, model)
         save_policy(policy, arguments.target, model)
-        if Path(arguments.target).is_file():  # a device or a pipe gives nothing back
+        if Path(arguments.target).is_file():  # devices and pipes cannot be read back
             load_policy(arguments.target, model)
         print(f"{arguments.target}: {Document(policy).kind}")
         return 0
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _changes(model: MDP, written: MDP) -> list[str]:
-    """Return what is no longer as it was."""
+    """Return the differences between a model and what was written of it."""
     from mdm.models import POMDP, FactoredMDP, FactoredPOMDP  # noqa: PLC0415
 
     found = []
@@ -83,7 +83,7 @@ def _changes(model: MDP, written: MDP) -> list[str]:
     ]
     if isinstance(model, POMDP) and isinstance(written, POMDP):
         before, after = model.observation_space.factors, written.observation_space.factors
-        pairs.append(("parts of observations", len(before), len(after)))
+        pairs.append(("observation factors", len(before), len(after)))
     found += [f"{before} {what} became {after}" for what, before, after in pairs if before != after]
     factored = FactoredMDP | FactoredPOMDP
     if isinstance(model, factored) and not isinstance(written, factored):
@@ -97,7 +97,7 @@ def _changes(model: MDP, written: MDP) -> list[str]:
 
 
 def _difference(model: MDP, written: MDP) -> float:
-    """Return by how much the numbers of two models differ; for rewards, relative to the largest."""
+    """Return the largest difference between two models' numbers; rewards are relative to the largest reward."""
     import numpy as np  # noqa: PLC0415
 
     from mdm.models import POMDP  # noqa: PLC0415

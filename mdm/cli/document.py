@@ -1,4 +1,4 @@
-"""What a file holds: ensembles, a model or a policy, found by its suffix and content."""
+"""The content of a file: ensembles, a model or a policy, recognised by suffix and content."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _POLICIES = frozenset({".vf", ".policy", ".policyx", ".alpha", ".pg"})
 
 
 class Document:
-    """A file's content, and how to tell of it.
+    """A file's content and its description.
 
     Attributes:
-        kind: What it is, in a word or two.
+        kind: The kind of content, in a few words.
         content: The system, model or policy.
     """
 
@@ -41,7 +41,7 @@ class Document:
         )
 
     def facts(self) -> dict[str, Any]:
-        """Return what there is to know, ready for JSON."""
+        """Return the facts about the content, ready for JSON."""
         content = self.content
         if isinstance(content, System):
             ensembles = [_ensemble(ensemble) for ensemble in content.top]
@@ -50,21 +50,21 @@ class Document:
 
 
 def load(path: str) -> Document:
-    """Load whatever a file holds.
+    """Load a file of any kind.
 
     Raises:
-        ConfigError: If an ensemble's file is wrong, with all its problems.
-        FormatError: If a model or policy is wrong.
+        ConfigError: If it is a TOML file with problems; lists all of them.
+        FormatError: If it is a malformed model or policy.
     """
     if suffixes(path) == ".toml":
         return Document(load_system(path))
-    told = is_policy(path)
-    if told is not None:
-        return Document(load_policy(path) if told else load_model(path))
+    known = is_policy(path)
+    if known is not None:
+        return Document(load_policy(path) if known else load_model(path))
     try:
         return Document(load_model(path))
     except FormatError as error:
-        if ":" in Source(path).text:  # as every model has, and no policy
+        if ":" in Source(path).text:  # every model has a colon, and no policy of unknown form
             raise
         try:
             return Document(load_policy(path))
@@ -73,18 +73,18 @@ def load(path: str) -> Document:
 
 
 def is_policy(path: str) -> bool | None:
-    """Return whether a file holds a policy (True) or a model (False), as its beginning or its name tells; else None.
+    """Return True for a policy, False for a model, None if neither beginning nor name decides.
 
     Raises:
-        FormatError: If it is a damaged archive.
+        FormatError: If the file is a damaged archive.
     """
     if is_archive(Path(path)):
         return not holds_model(path)
     suffix = suffixes(path)
-    told = False if suffix in SETS else holds_policy(beginning(path))
-    if told is None and (suffix in MODEL_SUFFIXES or suffix in _POLICIES):
+    known = False if suffix in SETS else holds_policy(beginning(path))
+    if known is None and (suffix in MODEL_SUFFIXES or suffix in _POLICIES):
         return suffix in _POLICIES
-    return told
+    return known
 
 
 def describe_policy(policy: Any) -> dict[str, Any]:
@@ -114,7 +114,7 @@ def describe_model(model: MDP) -> dict[str, Any]:
         else observations.names[model.false_negative],
         "discount": model.discount,
         "factored": factored,
-        # Of a factored model this would be known only after it is flattened.
+        # A factored model would have to be flattened to know this.
         "sparse": None if factored else model.is_sparse,
         "action_names": [list(factor.names) for factor in model.action_space.factors],
         "observation_names": [] if observations is None else [list(factor.names) for factor in observations.factors],

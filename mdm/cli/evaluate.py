@@ -1,4 +1,4 @@
-"""``mdm evaluate``: what a policy is worth in its model: exactly where that can be, by simulation where not."""
+"""``mdm evaluate``: the value of a policy in its model, exact if possible, else simulated."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     """Add the verb and its arguments."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "evaluate",
-        help="tell what a policy is worth, exactly or by simulation",
+        help="compute the value of a policy, exactly or by simulation",
         description=(
-            "Tell what a policy is worth at the start of its model. For tables and controllers it is the exact value; "
-            "for policies over beliefs what they claim themselves, and an estimate over simulated episodes with a "
-            "95 % confidence interval. Whether the two contradict each other is said."
+            "Compute the value of a policy at the initial belief of its model. Tables and controllers have an exact "
+            "value. For policies over beliefs, print the value that they claim and an estimate from simulated "
+            "episodes with a 95 % confidence interval, and whether the two contradict each other."
         ),
         epilog="example: mdm evaluate tiger.pomdp tiger.vf --seed 1",
     )
@@ -32,28 +32,28 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what says how policies are judged."""
+    """Add the options that evaluation and comparison share."""
     parser.add_argument(
         "--episodes",
         metavar="N",
         type=count,
-        help="simulate so many, even where the exact value is known (10000; 1000 where they go one by one)",
+        help="simulate N episodes, even if the exact value is known (10000; 1000 if they cannot run as a batch)",
     )
-    parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode; by default there is no end")
+    parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode (no limit)")
     parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
-    parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
+    parser.add_argument("--discount", metavar="G", type=float, help="overrides the model's")
     add_false_negative(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate; return the exit status."""
+    from mdm.cli.inputs import load, load_for, visibility  # noqa: PLC0415
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.cli.value import load, load_for, shown  # noqa: PLC0415
     from mdm.cli.verdict import judge  # noqa: PLC0415
 
     policy, world = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
-    if (note := shown(world)) is not None:
+    if (note := visibility(world)) is not None:
         print(f"mdm evaluate: {note}", file=sys.stderr)
     verdict = judge(world, policy, arguments)
     if arguments.json:

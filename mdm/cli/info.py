@@ -1,4 +1,4 @@
-"""``mdm info``: sizes and names of a model or policy, the tree and the wiring of a file's ensembles."""
+"""``mdm info``: sizes and names of a model or policy; tree and wiring of ensembles."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     """Add the verb and its arguments."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "info",
-        help="tell what a file holds",
+        help="describe the content of a file",
         description=(
-            "Tell the sizes and names of a model or policy; of a TOML file the tree of its ensembles, and which "
+            "Print the sizes and names of a model or policy, or the tree of a TOML file's ensembles and which "
             "predicate, event or function stands for each symbol."
         ),
         epilog="example: mdm info examples/patrol/rooms.pomdpx --json",
@@ -27,7 +27,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tell what the file holds; return the exit status."""
+    """Describe the file; return the exit status."""
     from mdm.cli.document import load  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.cli.report import as_json  # noqa: PLC0415
     from mdm.cli.wiring import lines  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""``mdm plot``: pictures of a solver's bounds, of a policy, and of a belief over an episode."""
+"""``mdm plot``: plots of a solver's bounds, of a policy, and of a belief over an episode."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
         "plot",
         help="draw bounds over time, a policy, or a belief over an episode",
-        description="Draw a picture (needs mdm[plot]); the suffix of its file says of which kind: .png, .svg or .pdf.",
+        description="Draw a picture (needs mdm[plot]); its file's suffix is .png, .svg or .pdf.",
         epilog="example: mdm plot policy tiger.pomdp tiger.vf -o tiger.png",
     )
     kinds = parser.add_subparsers(dest="picture", metavar="PICTURE", required=True)
@@ -25,10 +25,10 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         kinds,
         "bounds",
         "the bounds of solvers over time",
-        "Draw the bounds over time that mdm solve --history has written, of one run or several.",
+        "Draw the bounds over time of one or several runs, from the files of mdm solve --history.",
         "mdm plot bounds sarsop.json perseus.json -o bounds.png",
     )
-    bounds.add_argument("histories", metavar="HISTORY.json", nargs="+", help="what mdm solve --history wrote")
+    bounds.add_argument("histories", metavar="HISTORY.json", nargs="+", help="a file written by mdm solve --history")
     policy = _kind(
         kinds,
         "policy",
@@ -50,7 +50,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         kinds,
         "belief",
         "a belief over an episode",
-        "Draw how the belief goes in one simulated episode, with the true state, what is done and what is seen.",
+        "Draw the belief over one simulated episode, with true states, actions and observations.",
         "mdm plot belief tiger.pomdp tiger.vf -o belief.png --seed 1",
     )
     _add_inputs(belief)
@@ -73,7 +73,7 @@ def _kind(kinds: Any, name: str, summary: str, description: str, example: str) -
 def _add_inputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL", help="a model")
     parser.add_argument("policy", metavar="POLICY", help="a policy for it")
-    parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
+    parser.add_argument("--discount", metavar="G", type=float, help="overrides the model's")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -95,14 +95,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _of_policy(arguments: argparse.Namespace) -> Any:
-    from mdm.cli.value import load, load_for  # noqa: PLC0415
+    from mdm.cli.inputs import load, load_for  # noqa: PLC0415
     from mdm.errors import Error  # noqa: PLC0415
     from mdm.views.belief import belief_figure, doubt_figure  # noqa: PLC0415
     from mdm.views.grid import grid_figure  # noqa: PLC0415
 
     policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
     if policy.input == "observation":
-        raise Error(f"{arguments.policy}: a controller goes from node to node and has no action for a state or belief")
+        raise Error(f"{arguments.policy}: a finite-state controller has no action for a state or belief")
     if arguments.picture == "policy":
         given = [name for name in ("states", "axes", "columns") if getattr(arguments, name) is not None]
         if len(given) > 1:

@@ -1,4 +1,4 @@
-"""``mdm problem``: a standard problem as a model file, with the parameters of its function."""
+"""``mdm problem``: standard problems as model files, with the parameters of their functions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         help="write a standard problem of the field as a model",
         usage="mdm problem [--list] | NAME [--PARAMETER VALUE ...] -o FILE",
         description=(
-            "Write a standard problem as a model, in the format that the file's name asks for. Without a name, list "
+            "Write a standard problem as a model, in the format of the file's suffix. Without a name, list "
             "the problems and their parameters; `mdm problem NAME --help` explains one."
         ),
         epilog="example: mdm problem rock_sample --size 4 --rocks 3 -o rocks.pomdpx",
@@ -85,7 +85,7 @@ def _problem(name: str) -> Callable[..., MDP]:
 
 
 def _parser(function: Callable[..., MDP]) -> argparse.ArgumentParser:
-    """Return a parser of a problem's parameters, made from its signature and docstring."""
+    """Return a parser for a problem's parameters, made from its signature and docstring."""
     text, meanings = _documentation(function)
     parser = argparse.ArgumentParser(
         prog=f"mdm problem {function.__name__}",
@@ -121,7 +121,7 @@ def _list() -> None:
 
 
 def _documentation(function: Callable[..., MDP]) -> tuple[str, dict[str, str]]:
-    """Return what a docstring says of the problem before its sections, and of each argument."""
+    """Return the description of a problem and of each argument from its docstring."""
     text, _, sections = inspect.cleandoc(function.__doc__ or "").partition("\n\nArgs:\n")
     arguments = sections.partition("\n\n")[0]
     entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", arguments, re.MULTILINE)
@@ -133,19 +133,19 @@ def _option(name: str) -> str:
 
 
 def _shown(default: object) -> str:
-    """Return a default as it would be typed."""
+    """Return a default in the form in which a user types it."""
     if isinstance(default, str):
         return shlex.quote(textwrap.dedent(default).strip("\n").replace("\n", "/"))
     return shlex.quote(json.dumps(default))
 
 
 def _kind(annotation: Any) -> tuple[str, str]:
-    """Return how the values of a type are called in a usage, and in a sentence."""
+    """Return the name of a type's values in a usage line and in a sentence."""
     return _KINDS.get(annotation, ("JSON", "a list in JSON, of the right length and numbers,"))
 
 
 def _reader(annotation: Any) -> Callable[[str], Any]:
-    """Return what reads a value of a type: numbers and texts as they stand, everything else as JSON."""
+    """Return a parser for values of a type: numbers and texts directly, everything else as JSON."""
     import msgspec  # noqa: PLC0415
 
     def read(text: str) -> Any:

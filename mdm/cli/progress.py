@@ -1,4 +1,4 @@
-"""How far a solver has come, on standard error: one line that changes on a terminal, a few lines elsewhere."""
+"""Progress of a solver on standard error: one line that changes on a terminal, a few lines elsewhere."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _SELDOM = 60.0
 
 
 class ProgressLine:
-    """Shows progress as it comes.
+    """Prints progress.
 
-    On a terminal a line is written over ten times a second at most; elsewhere lines follow after 1, 2, 4, ... seconds
-    and then once a minute.
+    A terminal has one line that is updated at most ten times a second. Elsewhere lines are printed after 1, 2, 4, ...
+    seconds and then once a minute.
 
     Args:
-        stream: Where to write; by default standard error.
+        stream: The output; by default standard error.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -32,7 +32,7 @@ class ProgressLine:
         self._shown = False
 
     def __call__(self, progress: Progress) -> None:
-        """Show it, if it is time."""
+        """Print progress if it is due."""
         if progress.seconds < self._next or self._stream is None:
             return
         self._next = progress.seconds + (_OFTEN if self._live else min(max(progress.seconds, 1.0), _SELDOM))
@@ -42,14 +42,14 @@ class ProgressLine:
         self._shown = True
 
     def end(self) -> None:
-        """Wipe the line off a terminal; what came of it is told elsewhere."""
+        """Clear the line on a terminal."""
         if self._live and self._shown:
             self._stream.write("\r\x1b[K")
             self._stream.flush()
 
 
 def bound(value: float) -> str:
-    """Return a bound as text; one that nothing is known of is a question mark."""
+    """Return a bound as text; a question mark if it is infinite."""
     return f"{value:.6g}" if math.isfinite(value) else "?"
 
 

@@ -25,7 +25,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("file", metavar="FILE", help="the TOML file")
     parser.add_argument(
-        "--virtual", action="store_true", help="in virtual time: without waiting, until nothing is left to do"
+        "--virtual", action="store_true", help="in virtual time: without waiting, until nothing is pending"
     )
     parser.add_argument("--epochs", metavar="N", type=count, help="stop after N decisions of the first ensemble")
     parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
@@ -62,5 +62,5 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         run_program(main, virtual=arguments.virtual)
     except DeadlockError:
-        print("mdm run: nothing is left to do: no timer is set and no input can come", file=sys.stderr)
+        print("mdm run: ended, because no timer is pending and no input can come", file=sys.stderr)
     return 0

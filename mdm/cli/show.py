@@ -53,10 +53,10 @@ def run(arguments: argparse.Namespace) -> int:
 
         check_picture(arguments.picture, arguments.file)
     if is_policy(arguments.file):
-        raise Error(f"{arguments.file} holds a policy; mdm info tells of it")
+        raise Error(f"{arguments.file} holds a policy: use mdm info")
     model = load_model(arguments.file)
     if part == "O" and getattr(model, "event_observations", False) and arguments.before is None:
-        raise UsageError("the observations of this model are events: name the state before, with --from")
+        raise UsageError("the observations of this model are events: name the previous state with --from")
     if part == "network":
         return _network(model, arguments)
     title, names, values = _row(model, part, arguments.symbols, arguments.before)
@@ -93,7 +93,7 @@ def _row(model: MDP, part: str, symbols: Sequence[str], before: str | None) -> t
 
     states, actions = model.state_space, model.action_space
     if part == "start":
-        return "the first state", states.names, _list(model.initial_belief)
+        return "the initial belief", states.names, _list(model.initial_belief)
     action = _name(actions, symbols[0])
     if part == "T":
         title = f"T: from {_name(states, symbols[1])!r} by {action!r} to"
@@ -101,7 +101,7 @@ def _row(model: MDP, part: str, symbols: Sequence[str], before: str | None) -> t
     if part == "R":
         return _rewards(model, action, symbols)
     if not isinstance(model, POMDP):
-        raise Error("the model is an MDP: nothing is observed but the state itself")
+        raise Error("the model is an MDP: it has no observations")
     came = "" if before is None else f" from {_name(states, before)!r}"
     title = f"O: after {action!r}{came} has led to {_name(states, symbols[1])!r}"
     return title, model.observation_space.names, _list(model.observation(*symbols, state=before))
@@ -144,7 +144,7 @@ def _network(model: MDP, arguments: argparse.Namespace) -> int:
         print(as_json([{"variable": name, "values": size, "depends_on": on} for name, size, on in lines]))
         return 0
     if not isinstance(model, FactoredMDP | FactoredPOMDP):
-        print("(the model is not factored: each of its parts depends on all that it may)")
+        print("(the model is not factored: its variables have all possible parents)")
     for name, size, on in lines:
         values = f" ({size} values)" if size else ""
         print(f"{name}{values}" + (f" <- {', '.join(on)}" if on else ""))
@@ -154,7 +154,7 @@ def _network(model: MDP, arguments: argparse.Namespace) -> int:
 
 
 def _dependencies(network: Any) -> list[tuple[str, int, list[str]]]:
-    """Return each variable's name, its number of values (0 for a reward), and what it depends on."""
+    """Return each variable's name, its number of values (0 for a reward), and its parents."""
     from mdm.models import Node  # noqa: PLC0415
 
     lines: list[tuple[str, int, list[str]]] = [(f.name, len(f), []) for f in network.actions.factors]

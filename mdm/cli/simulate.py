@@ -17,7 +17,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     """Add the verb and its arguments."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "simulate",
-        help="tell what a policy is worth in its model",
+        help="simulate a policy in its model and print the mean return",
         description=(
             "Run episodes of an ensemble in a world that its own model drives, in virtual time, and report the mean "
             "discounted return with its standard error. Functions of the file are not called."
@@ -30,7 +30,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
     parser.add_argument("--episodes", metavar="N", type=count, default=100, help="how many episodes (100)")
     parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
-    parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
+    parser.add_argument("--discount", metavar="G", type=float, help="overrides the model's")
     add_false_negative(parser)
     parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode")
     parser.add_argument("--json", action="store_true", help="one JSON object")
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     if (arguments.file is None) == (arguments.model is None or arguments.policy is None):
         raise Error("give a TOML file, or both --model and --policy")
     if arguments.file is not None and (arguments.discount is not None or arguments.false_negative is not None):
-        raise Error("--discount and --false-negative are for --model; a TOML file says these itself")
+        raise Error("--discount and --false-negative are for --model; a TOML file has its own")
     options = _from_file(arguments) if arguments.file is not None else _from_model(arguments)
     result = simulate(**options, episodes=arguments.episodes, seed=arguments.seed)
     if arguments.json:
@@ -61,10 +61,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
-    from mdm.cli.value import load, load_for, shown  # noqa: PLC0415
+    from mdm.cli.inputs import load, load_for, visibility  # noqa: PLC0415
 
     policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
-    if sentence := shown(model):
+    if sentence := visibility(model):
         print(f"mdm simulate: {sentence}", file=sys.stderr)
     return {
         "model": model,
@@ -84,7 +84,7 @@ def _from_file(arguments: argparse.Namespace) -> dict[str, Any]:
     control = system.ensembles[name].control
     controller = control.controller
     if controller.model is None:
-        raise Error(f"{arguments.file}: ensemble {name!r} has no model that could be its world")
+        raise Error(f"{arguments.file}: ensemble {name!r} has no model to simulate")
     if controller.policy.num_actions != len(controller.model.action_space):
         raise Error(
             f"{arguments.file}: ensemble {name!r} runs one agent's part of a policy: give the team's --model and "

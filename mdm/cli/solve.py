@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 __all__ = ["add_parser", "run"]
 
 _OPTIONS = ("horizon", "seed")
-"""What only some solvers take."""
+"""Options of some solvers only."""
 
 
 def add_parser(verbs: Any) -> argparse.ArgumentParser:
     """Add the verb and its arguments."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "solve",
-        help="make a policy for a model, certified by bounds",
+        help="compute a policy for a model, certified by bounds",
         description=(
-            "Solve a model and tell between which bounds the value of its start lies: the policy is worth the lower "
-            "one at least, and no policy more than the upper. It stops when the bounds are close, a limit is reached "
-            "or Ctrl-C is pressed, and then keeps the best policy that it has."
+            "Solve a model and print bounds on its value at the initial belief: the policy's value is at least the "
+            "lower one, and no policy's exceeds the upper. It stops when the bounds are close, a limit is reached or "
+            "Ctrl-C is pressed, and keeps the best policy so far."
         ),
         epilog="example: mdm solve tiger.pomdp -o tiger.npz --gap 0.01",
     )
@@ -40,17 +40,17 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         help="the policy's file; its suffix chooses the format: .npz keeps any policy, .vf, .alpha and .policy alpha "
         "vectors, .policy tables, .pg controllers",
     )
-    parser.add_argument("--solver", metavar="NAME", help="by default what suits the model; 'help' lists them")
+    parser.add_argument("--solver", metavar="NAME", help="by default chosen for the model; 'help' lists them")
     parser.add_argument(
-        "--gap", metavar="G", type=limit, default=1e-3, help="stop when the bounds are so close (0.001)"
+        "--gap", metavar="G", type=limit, default=1e-3, help="stop when the bounds are this close (0.001)"
     )
-    parser.add_argument("--time", metavar="S", type=limit, help="stop after so many seconds")
-    parser.add_argument("--memory", metavar="MB", type=limit, help="stop at so much memory (80 %% of the machine's)")
-    parser.add_argument("--iterations", metavar="N", type=count, help="stop after so many sweeps, trials or rounds")
-    parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
+    parser.add_argument("--time", metavar="S", type=limit, help="stop after S seconds")
+    parser.add_argument("--memory", metavar="MB", type=limit, help="stop at this much memory (80 %% of the machine's)")
+    parser.add_argument("--iterations", metavar="N", type=count, help="stop after N sweeps, trials or rounds")
+    parser.add_argument("--discount", metavar="G", type=float, help="overrides the model's")
     parser.add_argument("--horizon", metavar="H", type=count, help="decisions, for solvers of finite horizons")
     add_false_negative(parser)
-    parser.add_argument("--seed", metavar="S", type=seed, help="for solvers that draw")
+    parser.add_argument("--seed", metavar="S", type=seed, help="for randomised solvers")
     parser.add_argument("--history", metavar="FILE.json", help="write the bounds over time, for mdm plot bounds")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
@@ -58,9 +58,9 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 
 def run(arguments: argparse.Namespace) -> int:
     """Solve the model; return the exit status."""
+    from mdm.cli.inputs import load, revealed, visibility, with_false_negatives  # noqa: PLC0415
     from mdm.cli.progress import ProgressLine  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.cli.report import as_json  # noqa: PLC0415
-    from mdm.cli.value import load, revealed, shown, with_false_negatives  # noqa: PLC0415
     from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
     from mdm.formats.target import check_place, write_text  # noqa: PLC0415
     from mdm.policies import mismatch  # noqa: PLC0415
@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     options = _options(arguments, solver)
     if arguments.output is not None:
         check_policy_file(_kind(solver, world, arguments), arguments.output)
-    if (note := shown(world)) is not None:
+    if (note := visibility(world)) is not None:
         print(f"mdm solve: {note}", file=sys.stderr)
     line = ProgressLine()
     try:
@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
     finally:
         line.end()
     if arguments.output is not None:
-        fits = mismatch(solution.policy, model) is None  # but what goes by observations that tell of the state, too
+        fits = mismatch(solution.policy, model) is None  # not if observations include the observed state
         save_policy(solution.policy, arguments.output, model if fits else world)
     facts = _facts(solution, arguments)
     if arguments.history is not None:
@@ -111,20 +111,20 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _options(arguments: argparse.Namespace, solver: str) -> dict[str, Any]:
-    """Return what the solver takes of what only some take."""
+    """Return the given options that only some solvers have, after checking that this one has them."""
     from mdm.solvers.solve import options_of  # noqa: PLC0415 - `mdm --help` needs none of it
 
     if solver == "jesp" and arguments.horizon is None:
-        raise UsageError("jesp plans a number of decisions: give it (--horizon)")
+        raise UsageError("jesp plans for a finite horizon: give --horizon")
     given = {name: value for name in _OPTIONS if (value := getattr(arguments, name)) is not None}
     for name in given:
         if name not in options_of(solver):
-            raise UsageError(f"{solver} takes no --{name.replace('_', '-')}")
+            raise UsageError(f"{solver} has no option --{name.replace('_', '-')}")
     return given
 
 
 def _kind(solver: str, model: MDP, arguments: argparse.Namespace) -> type:
-    """Return of what class a solver's policies are."""
+    """Return the class of a solver's policies."""
     from mdm.models.factored.mixed import MixedPOMDP  # noqa: PLC0415
     from mdm.policies import (  # noqa: PLC0415
         AlphaVectors,
@@ -166,17 +166,17 @@ def _print(solution: Solution, facts: dict[str, Any], arguments: argparse.Namesp
     from mdm.cli.progress import bound  # noqa: PLC0415
 
     why = {
-        "gap": f"the bounds are no further apart than {arguments.gap:g}",
-        "time": "the time was up",
-        "iterations": "it had made its iterations",
-        "memory": "it had filled its memory",
-        "interrupted": "it was interrupted",
-        "converged": "it would find nothing better",
+        "gap": f"the gap is at most {arguments.gap:g}",
+        "time": "time limit",
+        "iterations": "iteration limit",
+        "memory": "memory limit",
+        "interrupted": "interrupted",
+        "converged": "converged",
         "exact": "the result is exact",
     }[solution.reason]
     lower, upper = bound(solution.lower), bound(solution.upper)
     known = f"{lower} to {upper}"
-    known += f" (gap {solution.gap:.3g})" if "?" not in {lower, upper} else " (? where nothing is proven)"
+    known += f" (gap {solution.gap:.3g})" if "?" not in {lower, upper} else " (? for an unknown bound)"
     print(f"{'value at the start':20}{known}")
     print(f"{'policy':20}{facts['form']}, size {facts['size']}")
     print(f"{'solver':20}{solution.solver}, {solution.iterations} iterations in {solution.seconds:.3g} s")

@@ -1,4 +1,4 @@
-"""Stimuli: what `mdm trace` reads, a JSON object a line."""
+"""Stimuli, the input of `mdm trace`: one JSON object per line."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ class _Line(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class Stimulus:
-    """What happens at one instant, checked against the system that it is for.
+    """The inputs of one instant, checked against the system.
 
     Args:
-        line: What was read.
+        line: The decoded line.
         when: Nanoseconds of virtual time.
         system: The system.
 
     Raises:
-        Error: If a name or number in it stands for nothing.
+        Error: If a name or index is unknown.
     """
 
     def __init__(self, line: _Line, when: int, system: System) -> None:
@@ -57,7 +57,7 @@ class Stimulus:
             system.predicates.check_input(name, "event")
 
     def apply(self, system: System) -> None:
-        """Let it happen."""
+        """Give the inputs to the system."""
         line, ensemble = self._line, system.ensembles[self._name]
         if line.control is not None:
             getattr(ensemble, line.control)()
@@ -79,7 +79,7 @@ class Stimulus:
 def _state(ensemble: Ensemble, given: Any) -> tuple[int, tuple[int, ...]]:
     controller = ensemble.controller
     if controller.takes != "state":
-        raise Error("the policy decides on what is observed: give an observation or a belief, not a state")
+        raise Error("the policy decides on observations or beliefs: give one of these, not a state")
     index = controller.symbols.state_index(given)
     return index, (index,) if controller.model is None else controller.model.state_space.unravel(index)
 
@@ -94,12 +94,12 @@ def _check_belief(ensemble: Ensemble, given: list[float]) -> None:
     if ensemble.controller.takes == "state":
         raise Error("the policy decides on states: give a state, not a belief")
     if size is None:
-        raise Error("the policy goes by observations, and its nodes have no known values: give no belief")
+        raise Error("the policy is a controller whose nodes have no values: give no belief")
     distribution(given, what="the belief", size=size)
 
 
 def read_stimuli(stream: IO[bytes], system: System) -> tuple[list[Stimulus], str | None]:
-    """Return the stimuli up to the first wrong line, and what is wrong with that line."""
+    """Return the stimuli up to the first wrong line, and that line's error."""
     decoder = msgspec.json.Decoder(_Line)
     stimuli: list[Stimulus] = []
     when = 0

@@ -1,6 +1,6 @@
-"""``mdm trace``: from stimuli on standard input to decisions on standard output, in virtual time.
+"""``mdm trace``: stimuli on standard input, decisions on standard output, in virtual time.
 
-The same input gives the same bytes. Ways to use it: to see what a policy does, to compare two, to test a model.
+Equal input gives equal bytes. Use it to inspect or compare policies and to test models.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     """Add the verb and its arguments."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "trace",
-        help="print the decisions that a sequence of stimuli leads to",
+        help="print the decisions for a sequence of stimuli",
         description=(
             "Read JSON lines from standard input, one stimulus a line, and print one JSON line a decision. A stimulus "
             'has any of "time" (seconds), "observation", "state", "belief", "predicates" ({"name": true}), "events" '
@@ -50,20 +50,20 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--model", metavar="M", help="a model, in place of a TOML file")
     parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
     parser.add_argument("--drive", metavar="event|RATE", help="decide on events (default), or RATE times a second")
-    parser.add_argument("--discount", metavar="G", type=float, help="in place of the model's")
+    parser.add_argument("--discount", metavar="G", type=float, help="overrides the model's")
     add_false_negative(parser)
     parser.add_argument("--horizon", metavar="H", type=count, help="decisions in an episode")
     parser.add_argument(
         "--on-impossible",
         choices=("predict", "keep", "reset"),
-        help="what becomes of the belief at an observation of probability 0 (predict)",
+        help="reaction to an observation of probability 0 (predict)",
     )
     parser.add_argument(
         "--on-no-observation",
         metavar="predict|repeat|NAME",
-        help="what a tick without an observation means (predict)",
+        help="meaning of a tick without an observation (predict)",
     )
-    parser.add_argument("--seed", metavar="S", type=seed, help="for the draws of a stochastic policy")
+    parser.add_argument("--seed", metavar="S", type=seed, help="for a stochastic policy")
     return parser
 
 
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     system = _system(arguments)
     if sys.stdin is None:
-        raise Error("there is no standard input to read stimuli from")
+        raise Error("there is no standard input")
     stimuli, problem = read_stimuli(sys.stdin.buffer, system)
 
     async def main() -> None:
@@ -109,7 +109,7 @@ def _system(arguments: argparse.Namespace) -> System:
     if arguments.file is not None:
         for name in _OPTIONS:
             if getattr(arguments, name) is not None:
-                raise UsageError(f"--{name.replace('_', '-')} is for --policy; a TOML file says all of this itself")
+                raise UsageError(f"--{name.replace('_', '-')} is for --policy; a TOML file has its own options")
         return load_system(Path(arguments.file), callbacks=False)
     if arguments.policy is None:
         raise UsageError("give a TOML file, or --policy and, where it needs one, --model")
@@ -137,7 +137,7 @@ def _system(arguments: argparse.Namespace) -> System:
 
 
 async def _feed(runtime: Runtime, system: System, stimuli: list[Stimulus]) -> None:
-    """Apply each stimulus at its time; a tick of that instant comes after it."""
+    """Apply each stimulus at its time, before any tick of the same instant."""
     for stimulus in stimuli:
         wait = stimulus.when - runtime.clock.now()
         if wait > 0:
@@ -163,6 +163,6 @@ def _printer(runtime: Runtime, *, several: bool) -> Any:
         try:
             print(as_json(line))
         except OSError as error:
-            runtime.abort(error)  # an error in here would be a fault among faults
+            runtime.abort(error)  # raising would only make another fault
 
     return show

@@ -1,4 +1,4 @@
-"""Wrong usage, found only after the arguments were parsed."""
+"""Usage errors and argument types that sub-commands share."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ __all__ = ["UsageError", "add_false_negative", "count", "limit", "seed"]
 
 
 class UsageError(Error):
-    """The arguments do not go together; the command shows its usage and exits with 2."""
+    """The arguments are inconsistent; the command prints its usage and exits with 2."""
 
 
 def add_false_negative(parser: argparse.ArgumentParser) -> None:
-    """Add the option that names the false negative of a model."""
+    """Add the option ``--false-negative``."""
     parser.add_argument(
         "--false-negative",
         metavar="O",
@@ -23,7 +23,7 @@ def add_false_negative(parser: argparse.ArgumentParser) -> None:
 
 
 def count(text: str) -> int:
-    """Return an argument as a whole number of 1 or more."""
+    """Parse an argument as a whole number of 1 or more."""
     try:
         number = int(text)
     except ValueError:
@@ -34,7 +34,7 @@ def count(text: str) -> int:
 
 
 def seed(text: str) -> int:
-    """Return an argument as a whole number of 0 or more."""
+    """Parse an argument as a whole number of 0 or more."""
     try:
         number = int(text)
     except ValueError:
@@ -45,7 +45,7 @@ def seed(text: str) -> int:
 
 
 def limit(text: str) -> float:
-    """Return an argument as a number of 0 or more, which may be infinite."""
+    """Parse an argument as a number of 0 or more, possibly infinite."""
     try:
         number = float(text)
     except ValueError:

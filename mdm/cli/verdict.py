@@ -1,4 +1,4 @@
-"""What is found out about one policy: its claim, its exact value, its simulated worth."""
+"""The value of one policy: claimed, exact and simulated."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from mdm.cli.document import describe_policy
-from mdm.cli.value import claim
+from mdm.models.factored.mixed import MixedPOMDP
 from mdm.simulation import Evaluation, evaluate
 from mdm.solvers import exact_values
 
@@ -17,22 +17,23 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from mdm.models import MDP
+    from mdm.models.matrices import Vector
 
-__all__ = ["Verdict", "judge"]
+__all__ = ["Verdict", "claimed_value", "judge"]
 
 _ROUNDING = 1e-6
 
 
 class Verdict(msgspec.Struct, frozen=True):
-    """What a policy is worth.
+    """A policy's claimed, exact and simulated values at the initial belief.
 
     Attributes:
-        form: What kind of policy it is.
-        size: Its vectors, nodes or states, in words.
-        claimed: What it says of itself.
-        exact: The exact value of the start, and the least and the greatest over the states.
-        simulated: The simulation.
-        comparable: Whether the claim is about the same: no other end.
+        form: The kind of policy.
+        size: Its number of vectors, nodes or states, in words.
+        claimed: The value that the policy itself states.
+        exact: The exact value, and its minimum and maximum over the states.
+        simulated: The result of simulation.
+        comparable: Whether the claim is for the same horizon.
     """
 
     form: str
@@ -44,7 +45,7 @@ class Verdict(msgspec.Struct, frozen=True):
 
     @property
     def contradicts(self) -> int:
-        """1 where the claim is more than what was found, -1 where it is less, 0 where neither can be said."""
+        """1 if the claim is too high, -1 if it is too low, 0 if it is not contradicted."""
         if self.claimed is None or not self.comparable:
             return 0
         if self.exact is not None:
@@ -56,7 +57,7 @@ class Verdict(msgspec.Struct, frozen=True):
         return int(self.claimed > high + margin) - int(self.claimed < low - margin)
 
     def facts(self) -> dict[str, Any]:
-        """Return what there is to know, ready for JSON."""
+        """Return the values, ready for JSON."""
         facts: dict[str, Any] = {"form": self.form, "claim": self.claimed, "exact": None, "mean": None}
         if self.exact is not None:
             facts |= dict(zip(("exact", "exact_min", "exact_max"), self.exact, strict=True))
@@ -75,35 +76,35 @@ class Verdict(msgspec.Struct, frozen=True):
         return facts
 
     def lines(self) -> Iterator[tuple[str, str]]:
-        """Yield what there is to know, line by line."""
+        """Yield titles and texts for printing."""
         yield "policy", f"{self.form}, {self.size}"
         if self.claimed is not None:
-            yield "claims", f"{self.claimed:.6g} at the start"
+            yield "claimed value", f"{self.claimed:.6g} at the start"
         if self.exact is not None:
             yield (
-                "is worth",
+                "exact value",
                 f"{self.exact[0]:.6g} at the start, {self.exact[1]:.6g} to {self.exact[2]:.6g} over the states",
             )
         result = self.simulated
         if result is not None:
             low, high = result.interval
-            yield "simulated", f"{result.mean:.6g}, by 95 % between {low:.6g} and {high:.6g}"
+            yield "simulated value", f"{result.mean:.6g}, with 95 % confidence between {low:.6g} and {high:.6g}"
             each = f"{result.episodes} episodes of at most {result.steps} steps, seed {result.seed}"
             yield "", f"{each}, {result.steps_a_second:.3g} steps a second"
         if self.contradicts > 0:
-            yield "contradiction", "it is worth less than it claims, as where a claim is an upper bound (QMDP's are)"
+            yield "contradiction", "the value is less than claimed, as with an upper bound (such as QMDP's)"
         elif self.contradicts < 0:
-            yield "contradiction", "it is worth more than it claims, as where a claim is a lower bound"
+            yield "contradiction", "the value is more than claimed, as with a lower bound"
 
 
 def judge(model: MDP, policy: Any, arguments: argparse.Namespace, *, simulated: bool = False) -> Verdict:
-    """Find out what a policy is worth.
+    """Evaluate a policy.
 
     Args:
-        model: The model, as the policy is to see it.
+        model: The model, as the policy sees it.
         policy: The policy.
-        arguments: What the sub-command was given.
-        simulated: Simulate it even where the exact value is known.
+        arguments: The sub-command's arguments.
+        simulated: Simulate even if the exact value is known.
     """
     values = exact_values(model, policy, steps=arguments.steps)
     exact = None
@@ -115,7 +116,26 @@ def judge(model: MDP, policy: Any, arguments: argparse.Namespace, *, simulated: 
     facts = describe_policy(policy)
     size = next((f"{_number(facts[what])} {what}" for what in ("vectors", "nodes", "states") if what in facts), "")
     comparable = arguments.steps is None
-    return Verdict(facts["form"], size, claim(model, policy), exact, result, comparable)
+    return Verdict(facts["form"], size, claimed_value(model, policy), exact, result, comparable)
+
+
+def claimed_value(model: MDP, policy: Any) -> float | None:
+    """Return the value that a policy states for the initial belief; None if it states none."""
+    start = model.initial_belief
+    if policy.input != "belief":
+        value: float | None = policy.value_at(start)
+        return value
+    return float(sum(weight * policy.value(belief) for weight, belief in _first_beliefs(model, start)))
+
+
+def _first_beliefs(model: MDP, start: Vector) -> list[tuple[float, Vector]]:
+    """Return the possible beliefs after observing the initial state, with their probabilities."""
+    if not isinstance(model, MixedPOMDP):
+        return [(1.0, start)]
+    states = np.flatnonzero(start)
+    _, first = np.unique(model.seen_in[states], return_index=True)
+    beliefs = [model.belief_at_start(int(state)) for state in states[first]]
+    return [(float(start[belief > 0].sum()), belief) for belief in beliefs]
 
 
 def _number(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""The wiring of a file's ensembles: what stands for each symbol, and what each predicate and event is made of."""
+"""The wiring of ensembles: the source or target of each symbol, and the definitions of predicates and events."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ __all__ = ["definitions", "lines", "wiring"]
 
 
 def wiring(ensemble: Ensemble) -> dict[str, Any]:
-    """Return what stands for the states, observations and actions of one ensemble, ready for JSON.
+    """Return the sources of states and observations and the targets of actions, ready for JSON.
 
-    Factors are None where code publishes the ensemble's states or observations itself.
+    Factors are None if code publishes the ensemble's states or observations itself.
     """
     return {
         "states": _factors(ensemble.state),
@@ -25,7 +25,7 @@ def wiring(ensemble: Ensemble) -> dict[str, Any]:
 
 
 def definitions(system: System) -> dict[str, str]:
-    """Return what decides each predicate and event that is declared or used."""
+    """Return the definition of each predicate and event that is declared or used."""
     names = dict.fromkeys((*system.predicates.names, *system.predicates.used))
     return {name: system.predicates.definition(name) for name in names if system.predicates.knows(name) is not None}
 

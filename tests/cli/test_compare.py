@@ -22,7 +22,7 @@ def test_policies_meet_the_same_luck(mdm, tmp_path, facts, shifted):
     assert rows[2]["mean"] == pytest.approx(-20, abs=1e-3)
     status, output, _ = mdm(*arguments)
     assert status == 0
-    assert output[0].split() == ["policy", "claims", "is", "worth", "simulated", "to", "the", "first"]
+    assert output[0].split() == ["policy", "claimed", "exact", "simulated", "difference"]
     assert [line.split()[0] for line in output[1:4]] == [str(path) for path in arguments[2:5]]
     assert "seed 5" in output[-1]
     assert "seed" in mdm("compare", TIGER, TIGER_VECTORS, "--episodes", "2")[1][-1]

@@ -34,7 +34,7 @@ def test_virtual_time_ends_in_order_when_nothing_is_left_to_do(tmp_path):
     assert first.returncode == 0
     assert first.stdout == "go\nended\nsafe\n"
     *records, said = first.stderr.splitlines()
-    assert said == "mdm run: nothing is left to do: no timer is set and no input can come"
+    assert said == "mdm run: ended, because no timer is pending and no input can come"
     stopped = [record["actor"] for record in map(json.loads, records) if record["event"] == "stopped"]
     assert stopped == ["robot/state", "robot/control", "robot/action", "robot", "predicates"]
     assert (first.stdout, first.stderr) == (second.stdout, second.stderr)

@@ -19,7 +19,7 @@ from places import MODELS, TIGER
         ),
         (["R", "open-left"], ["R: for 'open-left' in", "  -100  tiger-left", "    10  tiger-right"]),
         (["R", "listen", "tiger-left"], ["R: for 'listen' in 'tiger-left'", "  -1"]),
-        (["start"], ["the first state", "  0.5  tiger-left", "  0.5  tiger-right"]),
+        (["start"], ["the initial belief", "  0.5  tiger-left", "  0.5  tiger-right"]),
     ],
 )
 def test_show_rows_by_names(mdm, arguments, expected):

@@ -35,4 +35,4 @@ def test_simulate_of_events_with_false_negatives(mdm):
     assert json.loads(output[0])["mean"] < 0
     status, _, errors = mdm("simulate", EXAMPLES / "tiger.toml", "--discount", "0.5")
     assert status == 1
-    assert "a TOML file says these itself" in errors
+    assert "a TOML file has its own" in errors

@@ -70,7 +70,7 @@ def test_a_certificate_is_printed_and_the_policy_kept(mdm, tmp_path):
     status, output, _ = mdm("solve", TIGER, "--gap", "0.5")
     text = "\n".join(output)
     assert status == 0
-    assert "the bounds are no further apart than 0.5" in text
+    assert "the gap is at most 0.5" in text
     assert "nowhere: give -o, such as -o tiger.npz" in text
 
 
@@ -78,7 +78,7 @@ def test_ctrl_c_keeps_the_best_so_far(mdm, tmp_path, slow):
     policy = tmp_path / "tiger.vf"
     status, output, _ = mdm("solve", TIGER, "--solver", "slow", "-o", policy)
     assert status == 0
-    assert any("it was interrupted" in line for line in output)
+    assert any("interrupted" in line for line in output)
     assert load_policy(policy).value([0.5, 0.5]) == -0.25
     status, output, _ = mdm("solve", TIGER, "--solver", "slow", "--iterations", "2", "--seed", "7", "--json")
     assert (json.loads(output[0])["reason"], slow) == ("iterations", [None, 7])
@@ -129,7 +129,7 @@ def test_false_negatives_choose_a_solver_that_plans_for_them(mdm, tmp_path):
     ("arguments", "words"),
     [
         (["--solver", "magic"], "there are value-iteration"),
-        (["--solver", "sarsop", "--horizon", "3"], "takes no --horizon"),
+        (["--solver", "sarsop", "--horizon", "3"], "has no option --horizon"),
         (["--iterations", "0"], "1 or more"),
         (["--gap", "-1"], "--gap: a number of 0 or more"),
         (["--memory", "nan"], "--memory: a number of 0 or more"),

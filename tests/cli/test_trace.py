@@ -80,7 +80,7 @@ def test_trace_of_predicates_events_and_states(mdm, tmp_path):
         ('{"observaton": 1}', "observaton"),
         ('{"observation": 5}', "no symbol 5"),
         ('{"observation": "hear-lft"}', "did you mean 'hear-left'"),
-        ('{"state": 0}', "decides on what is observed"),
+        ('{"state": 0}', "decides on observations or beliefs"),
         ('{"time": 0.5}', "time goes back from 1 to 0.5"),
         ('{"time": -1}', "from 0 on"),
         ('{"control": "jump"}', "jump"),
@@ -295,8 +295,8 @@ def test_simulate_of_a_joint_policy_ends_with_its_plan(mdm, plan):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ('{"state": 0}', "decides on what is observed: give an observation or a belief, not a state"),
-        ('{"belief": [0.5, 0.5]}', "its nodes have no known values: give no belief"),
+        ('{"state": 0}', "decides on observations or beliefs: give one of these, not a state"),
+        ('{"belief": [0.5, 0.5]}', "whose nodes have no values: give no belief"),
         ('{"observation": 4}', "no symbol 4"),
     ],
 )

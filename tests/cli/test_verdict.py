@@ -1,4 +1,4 @@
-"""What is found out about a policy: its exact value, its simulated one, and whether they contradict its claim."""
+"""The value of a policy: claimed, exact and simulated, and contradictions between them."""
 
 from __future__ import annotations
 
@@ -7,14 +7,25 @@ from argparse import Namespace
 import numpy as np
 import pytest
 
-from mdm.cli.verdict import Verdict, judge
-from mdm.models import MDP
-from mdm.policies import QTable
+from mdm.cli.inputs import revealed
+from mdm.cli.verdict import Verdict, claimed_value, judge
+from mdm.models import MDP, MixedPOMDP
+from mdm.policies import (
+    AlphaVectors,
+    DeterministicPolicy,
+    FiniteStateController,
+    MixedAlphaVectors,
+    QTable,
+    StagedPolicy,
+    StochasticPolicy,
+)
+from mdm.problems import rock_sample
 from mdm.simulation import Evaluation
 
 CHAIN = MDP(
     [[[0, 1, 0], [0, 0, 1], [0, 0, 1]]], [[0.0], [5], [1]], discount=0.5, initial_belief=[1, 0, 0], actions=["go"]
 )
+HALVES = MDP([np.eye(2)], np.zeros((2, 1)), discount=0.9, initial_belief=[0.25, 0.75])
 VALUES = [3.0, 6.0, 2.0]  # 1 / (1 - 0.5) at the end, and backwards
 
 
@@ -61,8 +72,8 @@ def test_a_claim_is_judged_and_told(first, words):
     verdict = judge(CHAIN, QTable([[first], [6], [2]]), arguments())
     assert verdict.facts()["claim_is"] == words
     lines = dict(verdict.lines())
-    assert lines["claims"] == f"{first:g} at the start"
-    assert lines["is worth"] == "3 at the start, 2 to 6 over the states"
+    assert lines["claimed value"] == f"{first:g} at the start"
+    assert lines["exact value"] == "3 at the start, 2 to 6 over the states"
     assert ("contradiction" in lines) == (words != "not contradicted")
 
 
@@ -73,3 +84,27 @@ def test_another_end_or_episodes_are_heeded():
     assert verdict.simulated.mean == pytest.approx(2.5)
     assert verdict.contradicts == 0  # the claim is about episodes without an end
     assert judge(CHAIN, QTable([[3.0], [6], [2]]), arguments(), simulated=True).simulated is not None
+
+
+@pytest.mark.parametrize(
+    ("policy", "value"),
+    [
+        (DeterministicPolicy([0, 0]), None),
+        (StochasticPolicy([[1.0, 1.0]]), None),
+        (QTable([[4.0, 0], [8, 12]]), 0.25 * 4 + 0.75 * 12),
+        (StagedPolicy([[[4.0, 0], [8, 12]], [[100, 100]] * 2]), 0.25 * 4 + 0.75 * 12),
+        (AlphaVectors([[4, 0], [0, 8]], [0, 0]), 6),
+        (FiniteStateController([0], [[0]]), None),
+        (FiniteStateController([0, 0], [[0], [1]], values=[[4, 0], [0, 8]]), 6),
+    ],
+)
+def test_a_claim_is_the_value_of_the_initial_belief(policy, value):
+    assert claimed_value(HALVES, policy) == value
+
+
+def test_where_some_of_the_state_is_seen_the_claim_is_an_average_over_what_is_seen_first():
+    model = revealed(rock_sample(2, 1))
+    assert isinstance(model, MixedPOMDP)
+    seen = int(model.seen_in[model.initial_belief.argmax()])
+    vectors = MixedAlphaVectors([[1.0, 3.0]], [0], [seen], len(model.action_space), states=model.layout)
+    assert claimed_value(model, vectors) == pytest.approx(2.0)  # the only rock is good or bad, by half

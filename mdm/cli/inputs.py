@@ -1,0 +1,57 @@
+"""Loading of a model and a policy for it, shared by the sub-commands that solve, evaluate and simulate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mdm.formats import load_model, load_policy
+from mdm.models import POMDP
+from mdm.models.factored.mixed import MixedPOMDP
+from mdm.policies import mismatch
+
+if TYPE_CHECKING:
+    import argparse
+
+    from mdm.models import MDP
+
+__all__ = ["load", "load_for", "revealed", "visibility", "with_false_negatives"]
+
+
+def load(path: str, discount: float | None) -> MDP:
+    """Load a model, with another discount if one is given."""
+    model = load_model(path)
+    return model if discount is None else model.with_discount(discount)
+
+
+def revealed(model: MDP) -> MDP:
+    """Return a model whose observations include its fully observed state factors."""
+    return model.revealed() if isinstance(model, POMDP) and not model.event_observations else model
+
+
+def visibility(model: MDP) -> str | None:
+    """Return a sentence that names the fully observed state factors; None if there are none."""
+    if not isinstance(model, MixedPOMDP):
+        return None
+    names = [model.state_space.factors[place].name for place in model.observed]
+    return f"the agent sees {', '.join(names)} at the start and at every step, as the model declares"
+
+
+def load_for(model: MDP, path: str, arguments: argparse.Namespace) -> tuple[Any, MDP]:
+    """Load a policy; return it with the model as the policy sees it, including the given false negative.
+
+    A controller made for the model's own observations gets only these, without the fully observed factors.
+    """
+    seen, seed = revealed(model), arguments.seed
+    if seen is not model:
+        policy: Any = load_policy(path, seed=seed)
+        if policy.input == "observation":
+            if mismatch(policy, seen) is None:
+                return policy, with_false_negatives(seen, arguments)
+            seen = model
+    return load_policy(path, model, seed=seed), with_false_negatives(seen, arguments)
+
+
+def with_false_negatives(model: MDP, arguments: argparse.Namespace) -> MDP:
+    """Return a model with the command's false negative, if one was given."""
+    symbol = arguments.false_negative
+    return model if symbol is None else model.with_false_negatives(symbol)

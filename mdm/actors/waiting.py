@@ -66,7 +66,9 @@ class Waiting:
         self._subscriptions.clear()
 
     def _wanted(self) -> tuple[str, ...]:
-        return self.unknown() or (f"a state on {self._ensemble.path}/state",)
+        if self._ensemble.state is None:
+            return (f"a state on {self._ensemble.path}/state",)
+        return self.unknown()  # nothing, where all is known by now and the state is about to come
 
     def _on_state(self, state: State) -> None:
         if state.index is not None:
@@ -80,6 +82,6 @@ class Waiting:
     def _tell(self) -> None:
         self._timer = None
         self.names = self._wanted()
-        if self._waits and self.names != self._told:
+        if self._waits and self.names and self.names != self._told:
             self._told = self.names
             self._ensemble.report("waiting", f"cannot decide: unknown is {', '.join(self.names)}")

@@ -1,7 +1,7 @@
 """The controller: one decision process as plain data and plain calls, without actors, clock or channels.
 
-It holds what a policy chooses by (a state, a belief, the nodes of a plan), moves it by what is done and observed, and
-decides. The same calls give the same steps. A control layer drives one; so do simulations and traces.
+It holds the information state of a policy (a state, a belief, the nodes of a plan), updates it by actions and
+observations, and decides. The same calls give the same steps. Control layers, simulations and traces all use it.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ class Step(msgspec.Struct, frozen=True, gc=False):
         epoch: Its number in the episode, from 0.
         action: The (joint) action's index.
         action_name: Its name.
-        reward: The expected immediate reward; None where it is not known.
-        probability: P(observation | information, action) of what was observed before; None where nothing was asked
-            of the model (at the start, and for states). It is 0 for an impossible observation.
+        reward: The expected immediate reward; None if it is not known.
+        probability: P(observation | information, action) of the observation before; 0 if it was impossible, None at
+            the start and for policies over states.
     """
 
     epoch: int
@@ -57,32 +57,33 @@ class Step(msgspec.Struct, frozen=True, gc=False):
 
 
 class Controller:
-    """One decision process: a policy, what it knows, and the count of its decisions.
+    """One decision process: a policy, its information state, and the count of its decisions.
 
     Args:
-        policy: A policy; the path of its file; a list with an action for each state; an array of Q-values.
-        model: An MDP or POMDP, or the path of its file: needed by policies over beliefs, for rewards and for names.
-        agent: Whose part of a joint plan it runs, by index or name, on that agent's observations alone; by default the
-            whole team's, on joint ones.
+        policy: A policy; the path of its file; a list of actions, one per state; an array of Q-values.
+        model: An MDP or POMDP, or the path of its file. Policies over beliefs need it; others take names and
+            rewards from it.
+        agent: The agent, by index or name, whose part of a joint plan is run on its own observations; by default the
+            whole team, on joint observations.
         options: See `ControllerOptions`.
 
     Raises:
-        ConfigError: If sizes or names do not fit each other, or an option means nothing here.
+        ConfigError: If sizes or names do not fit each other, or an option does not apply to the policy.
 
     Attributes:
         policy: The policy.
-        model: The model; None where there is none.
-        information: What the policy chooses by.
-        takes: What it is told: ``state`` or ``observation``.
-        symbols: Its states, observations and actions, by index and name.
-        horizon: Decisions in an episode; None without end.
+        model: The model, or None.
+        information: The information state.
+        takes: The kind of input: ``state`` or ``observation``.
+        symbols: The states, observations and actions, by index and name.
+        horizon: Decisions per episode, or None.
         epoch: Decisions made in this episode.
-        impossible: How many observations were impossible.
-        problem: What was impossible about the last observation, in words; None where nothing was.
-        last_action: What was decided last in this episode; None before.
-        decided_by: The information that the last decision was made by; None before, and for a table.
-        can_end: Whether its plan may end before the horizon.
-        given: Whether a belief from outside has not been decided on yet: it counts in place of what is observed.
+        impossible: The number of impossible observations.
+        problem: Why the last observation was impossible, in words; else None.
+        last_action: The last decision of this episode, or None.
+        decided_by: The information state of the last decision; None before it, and for a table.
+        can_end: Whether the policy has a plan, which may end before the horizon.
+        given: Whether the next decision is on a belief from outside, whatever is observed.
 
     Example::
 
@@ -116,12 +117,12 @@ class Controller:
             if not hasattr(self.policy, "seed"):
                 raise ConfigError("a seed is for policies that draw their actions, which this one does not", key="seed")
             self.policy.seed(seed)
-        # What a plan knows at its start it takes from the team's model; an agent's own part knows nothing of it.
+        # A team's plan begins by the model's initial belief; the part of one agent does not.
         self.information = self._informed(None if agent is not None else self.model, options.get("tracker"))
         tracked = getattr(self.policy, "input", "belief") == "belief" and options.get("tracker") is None
         if false_negative is not None and not tracked:
             raise ConfigError(
-                "false negatives are taken into account where the belief is tracked, by the model's own tracker",
+                "false negatives need a policy over beliefs, and the model's own belief tracker",
                 key="false_negative",
             )
         self.takes: Literal["state", "observation"] = getattr(self.information, "takes", "observation")
@@ -144,14 +145,14 @@ class Controller:
         self.decided_by: Any = None
         self._probability: float | None = None
         self.given = False
-        # What every decision asks for, looked up once.
+        # Looked up once, for every decision.
         self._choose = self.policy.action
         self._num_actions = self.policy.num_actions
         self._name = self.symbols.action_name
         self._action_names = self.symbols.known_names
         table = getattr(self.policy, "table", None)
         self._table: Sequence[int] | None = table if type(self.information) is KnownState else None
-        """The action of each state, where that is all there is to a decision."""
+        """The action per state, if a decision is a look-up."""
         self._last_epoch = sys.maxsize if self.horizon is None else self.horizon
         self.can_end = hasattr(self.information, "ended")
         try:
@@ -167,36 +168,34 @@ class Controller:
         """Begin an episode, and decide.
 
         Args:
-            at: Where: a state for a policy over states, which needs one; a belief for others, by default the initial
-                one.
+            at: The first state, for a policy over states; for others a belief, by default the initial one.
 
         Raises:
-            ModelError: If there is no such state, or it is no belief.
+            ModelError: If there is no such state, or the belief is invalid.
         """
         self.reset()
         if self.takes == "state":
             if at is None:
-                raise ModelError("a policy over states decides when it sees one: give the state to start at")
+                raise ModelError("a policy over states needs one: give the state to start at")
             return self.see(at)  # type: ignore[arg-type]
         if at is not None:
             self.information.reset(self.symbols.belief_of(at))
         return self.decide()
 
     def observe(self, observation: Any = None) -> Step:
-        """Take what was observed after the last action, and decide.
+        """Update by the observation after the last action, and decide.
 
-        After the last decision of an episode, a new one begins, and the observation does not count: no action of the
-        new episode has caused it.
+        After the last decision of an episode a new episode begins, and the observation is ignored.
 
         Args:
-            observation: By name or index; a component per agent, None where one is missing; or None where time has
-                passed and nothing was observed.
+            observation: By name or index; or a component per agent, with None for a missing one; or None for a time
+                step without an observation.
 
         Raises:
             ModelError: If there is no such observation, or the policy decides on states.
         """
         if self.takes == "state" and observation is not None:
-            raise ModelError("the policy decides on states, not on observations: tell it the state with see()")
+            raise ModelError("the policy decides on states, not on observations: use see(state)")
         if self.over:
             self.reset()
         else:
@@ -204,7 +203,7 @@ class Controller:
         return self.decide()
 
     def see(self, state: Symbol) -> Step:
-        """Take the state that is seen, and decide.
+        """Set the observed state, and decide.
 
         Args:
             state: By name or index.
@@ -222,7 +221,7 @@ class Controller:
             name = self._action_names.get(action) or self._name(action)
             return Step(epoch, action, name, None if rewards is None else rewards[action].item(state))
         if self.takes != "state":
-            raise ModelError("the policy decides on what is observed, not on states: tell it with observe()")
+            raise ModelError("the policy decides on observations, not on states: use observe(observation)")
         state = self.symbols.state_index(state)
         if self.epoch >= self._last_epoch:
             self.reset()
@@ -230,10 +229,10 @@ class Controller:
         return self.decide()
 
     def believe(self, belief: npt.ArrayLike) -> None:
-        """Replace the information by a belief from outside; `decide` then decides on it.
+        """Replace the information state by a belief; the next decision is on it.
 
         Raises:
-            ModelError: If it is no belief over the states; the information stays as it was.
+            ModelError: If it is not a belief over the states; the information state is unchanged.
         """
         checked, over = self.symbols.belief_of(belief), self.over
         self.information.reset(checked)
@@ -244,35 +243,35 @@ class Controller:
         self._probability = None
 
     def advance(self, observation: Any = None) -> float | None:
-        """Move the information by what was observed after the last action, without deciding.
+        """Update the information state by the observation after the last action, without a decision.
 
         Returns:
-            The probability of the observation; None before the first decision of an episode, when nothing counts.
+            The probability of the observation; None if it is ignored, as before the first decision of an episode.
 
         Raises:
-            ModelError: If there is no such observation; nothing has changed.
+            ModelError: If there is no such observation; the information state is unchanged.
         """
         action, self.problem = self.last_action, None
-        if self.given:  # a belief from outside counts in place of what is observed
+        if self.given:  # the belief from outside replaces the observation
             return None
         if action is None and self.takes == "observation":
             self._probability = None
             return None
         probability = self.information.update(action, observation)  # type: ignore[arg-type]
         self._probability = probability
-        if not probability > 0:  # nor is it, where a tracker of the user's says NaN
+        if not probability > 0:  # true also for NaN, which a user's tracker may return
             self._probability = 0.0
             self._impossible(observation)
         return self._probability
 
     def decide(self, action: int | None = None) -> Step:
-        """Choose an action by the information as it is, and count it.
+        """Decide on the present information state, and count the decision.
 
         Args:
-            action: What was chosen elsewhere, such as by a search that takes its time; by default the policy chooses.
+            action: The action, if it was chosen elsewhere, as by a search in another process.
 
         Raises:
-            ModelError: If the policy chooses no action of its own, or cannot choose.
+            ModelError: If the policy returns something else than an action, or cannot choose.
         """
         current = self.information.current
         if action is None:
@@ -288,7 +287,7 @@ class Controller:
         self.decided_by = current
         if self._rewards is None:
             reward = None
-        elif current.__class__ is np.ndarray:  # as of every tracked belief that is no support
+        elif current.__class__ is np.ndarray:  # a belief that is not given by its support
             reward = self._rewards[action].dot(current).item()
         else:
             reward = self._expected(self._rewards[action])  # type: ignore[misc]
@@ -296,10 +295,10 @@ class Controller:
         return Step(epoch, action, self._action_names.get(action) or self._name(action), reward, probability)
 
     def reset(self, *, keep: bool = False) -> None:
-        """Begin an episode: epoch 0, from the initial belief, without deciding.
+        """Begin an episode at epoch 0 from the initial belief, without a decision.
 
         Args:
-            keep: Keep the information as it is; of a plan that is over, nothing can be kept.
+            keep: Keep the information state, unless its plan is over.
         """
         ended = self.can_end and self.information.ended  # type: ignore[attr-defined]
         if self.takes == "observation" and (not keep or ended):
@@ -313,10 +312,10 @@ class Controller:
         self.given = False
 
     def begin_from(self, belief: Any) -> None:
-        """Set the belief that episodes begin from; the present one goes on as it is.
+        """Set the initial belief of further episodes.
 
         Raises:
-            ModelError: If it is no belief over the states.
+            ModelError: If it is not a belief over the states.
         """
         checked = self.symbols.belief_of(belief)
         held = snapshot(self.information)
@@ -326,10 +325,10 @@ class Controller:
 
     @property
     def over(self) -> bool:
-        """Whether the episode has had its last decision: by the horizon, or by the end of a plan."""
+        """Whether the episode is over, by the horizon or the end of a plan."""
         if self.epoch >= self._last_epoch:
             return True
-        if not self.can_end or self.given or not self.epoch:  # a belief from outside leads to a node not decided on
+        if not self.can_end or self.given or not self.epoch:  # no decision was made at the node of a given belief
             return False
         return bool(self.information.ended)  # type: ignore[attr-defined]
 
@@ -337,7 +336,7 @@ class Controller:
 
     @property
     def belief(self) -> Vector | None:
-        """The present belief (S numbers, read-only); None where none is tracked."""
+        """The present belief (S numbers, read-only); None if none is tracked."""
         if self.takes == "state":
             return None
         belief: Any = getattr(self.information, "belief", Ellipsis)
@@ -346,24 +345,24 @@ class Controller:
 
     @property
     def nodes(self) -> tuple[int, ...] | None:
-        """The present node of each controller of a plan; None for policies of other kinds."""
+        """The present node of each controller of a plan; None for other policies."""
         if not self.can_end:
             return None
         nodes: tuple[int, ...] = self.information.current
         return nodes
 
     def digest(self) -> str:
-        """Return a text that is the same for controllers that will decide the same, and differs for others.
+        """Return a hash of everything that determines further decisions.
 
-        It is a hash of the model, the policy, the options that count and the information, bit by bit, the same in
-        every process that tracks beliefs in the same way (with numba, or without). A policy of your own counts by
-        the name of its class, unless it has ``packed()``.
+        It covers every bit of the model, policy, options and information state. Processes agree on it if numba is
+        installed in all or none of them. A policy of your own is represented by ``packed()``, or by the name of its
+        class.
         """
         return of_parts([self.snapshot()])
 
     @property
     def configuration(self) -> str:
-        """The digest of what does not change: model, policy and options."""
+        """The digest of the constant part: model, policy and options."""
         if self._configuration is None:
             packed = getattr(self.policy, "packed", lambda: None)()
             policy: list[Any] = [type(self.policy).__name__, self._num_actions]
@@ -379,7 +378,7 @@ class Controller:
     _configuration: str | None = None
 
     def snapshot(self) -> bytes:
-        """Return what it takes to go on from here: with `restore`, the same calls then give the same steps."""
+        """Return the state of the process. After `restore`, the same calls give the same steps."""
         held = [
             self.configuration,
             self.epoch,
@@ -392,15 +391,15 @@ class Controller:
         return msgspec.msgpack.encode(held)
 
     def restore(self, snapshot: bytes) -> None:
-        """Go on from a snapshot of a controller with the same `configuration`.
+        """Restore a snapshot of a controller with the same `configuration`.
 
         Raises:
-            ModelError: If it is none, or of another configuration; nothing has changed.
+            ModelError: If it is invalid or of another configuration; the controller is unchanged.
         """
         try:
             configuration, epoch, action, given, probability, initial, information = msgspec.msgpack.decode(snapshot)
         except (msgspec.MsgspecError, TypeError, ValueError) as error:
-            raise ModelError(f"this is no snapshot of a controller: {error}") from None
+            raise ModelError(f"this is not a snapshot of a controller: {error}") from None
         if configuration != self.configuration:
             raise ModelError("the snapshot is of a controller with another model, policy or options")
         restore(self.information, information)
@@ -414,7 +413,7 @@ class Controller:
         if tracker is None:
             return self.policy.information(model)
         if getattr(self.policy, "input", "belief") != "belief":
-            raise ConfigError("a tracker is for policies over beliefs, which this one is not", key="tracker")
+            raise ConfigError("a tracker needs a policy over beliefs, which this one is not", key="tracker")
         missing = [name for name in ("current", "reset", "update") if not hasattr(tracker, name)]
         if missing:
             raise ConfigError(
@@ -436,7 +435,7 @@ class Controller:
         return given
 
     def _expectation(self) -> Callable[[Vector], float] | None:
-        """Return what takes the expectation of a function of the state; None where states are not known."""
+        """Return the expectation of functions of the state; None if the information state has no states."""
         known: Callable[[Vector], float] | None = getattr(self.information, "expected", None)
         if known is None and self._own_tracker:
             return lambda values: float(values.dot(self.information.current))
@@ -446,7 +445,7 @@ class Controller:
         """Return R as a row of S numbers for each action."""
         if self._expected is None:
             if given is not None:
-                raise ConfigError("a plan knows of no state: give no rewards", key="rewards")
+                raise ConfigError("a plan has no belief to expect rewards by: give no rewards", key="rewards")
             return None
         if given is None and self.model is None:
             return None
@@ -488,7 +487,7 @@ class Controller:
         raise ModelError(f"the policy chose {action!r}, but an action's index is needed")
 
     def _check_belief(self, belief: Any) -> None:
-        """Refuse what a tracker of the user's may say and no policy should act on."""
+        """Refuse an invalid belief of a user's tracker."""
         array = np.asarray(belief, dtype=np.float64)
         if not (np.isfinite(array).all() and (array >= 0).all() and abs(array.sum() - 1) < 1e-6):
             raise ModelError(
@@ -499,7 +498,7 @@ class Controller:
 def _with_false_negatives(model: MDP | None, symbol: Symbol) -> POMDP:
     if not isinstance(model, POMDP):
         raise ConfigError(
-            "false negatives are taken into account where the belief is tracked, by a POMDP: there is none",
+            "false negatives need a POMDP to track the belief, but there is none",
             key="false_negative",
         )
     try:

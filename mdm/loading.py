@@ -1,4 +1,4 @@
-"""What a user gives for a model or a policy: the thing itself, the path of its file, or plain numbers."""
+"""The forms in which users give models and policies: objects, paths of files, or plain numbers."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ __all__ = ["model_of", "policy_of"]
 
 
 def model_of(given: GivenModel) -> MDP:
-    """Return a model, from its file where a path is given.
+    """Return a model, given itself or by the path of its file.
 
     Raises:
         ConfigError: If it is neither.
-        FormatError: If the file is no model.
+        FormatError: If the file is not a model.
     """
     if isinstance(given, MDP):
         return given
@@ -44,14 +44,14 @@ def model_of(given: GivenModel) -> MDP:
 
 
 def policy_of(given: GivenPolicy, model: MDP | None = None) -> Policy:
-    """Return a policy: from its file where a path is given, a table where numbers are.
+    """Return a policy, given itself, by the path of its file, or by numbers.
 
-    Numbers are an action for each state, or a Q-table, states x actions.
+    Numbers are a list of actions, one per state, or a Q-table, states x actions.
 
     Raises:
-        ConfigError: If it is nothing of these.
-        FormatError: If the file is no policy, or is for another model.
-        ModelError: If the numbers are no table.
+        ConfigError: If it is none of these.
+        FormatError: If the file is not a policy, or is for another model.
+        ModelError: If the numbers are not a valid table.
     """
     if isinstance(given, str | os.PathLike):
         from mdm.formats import load_policy  # noqa: PLC0415 - the formats are loaded for those who have files
@@ -80,14 +80,14 @@ def policy_of(given: GivenPolicy, model: MDP | None = None) -> Policy:
             key="policy",
         )
     raise ConfigError(
-        f"a policy is an object of mdm.policies, the path of a file, a list with an action's index for each state, or "
-        f"an array of values, states x actions, not {_told(given)}",
+        f"a policy is an object of mdm.policies, the path of a file, a list of action indices, one per state, or an "
+        f"array of values, states x actions, not {_told(given)}",
         key="policy",
     )
 
 
 def _told(given: object) -> str:
     if isinstance(given, type):
-        return f"the class {given.__name__}: make one of it"
+        return f"the class {given.__name__}: give an instance of it"
     text = repr(given)
     return text if len(text) <= 60 else f"{text[:57]}..."

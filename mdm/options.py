@@ -1,4 +1,4 @@
-"""The options of a decision process: one typed dictionary, which ensembles, files and commands pass on."""
+"""The options of a decision process: one typed dictionary for ensembles, files and commands."""
 
 from __future__ import annotations
 
@@ -21,20 +21,19 @@ OnImpossible = Literal["predict", "keep", "reset", "safe_action"]
 
 
 class ControllerOptions(TypedDict, total=False):
-    """What configures a controller, and so a control layer, an ensemble and a simulation.
+    """The options of a controller, and so of control layers, ensembles and simulations.
 
     Attributes:
-        horizon: Decisions in an episode; what comes after them starts a new one. By default, and at most, those that
-            the policy has stages for.
-        on_impossible: What becomes of the information at an observation of probability 0: ``predict`` (the default:
-            time passes, nothing seen), ``keep`` it, ``reset`` it, or ``safe_action`` (as ``predict``; a control layer
-            runs the safe action besides).
-        rewards: R(s, a), an S x A array, where no model has it.
-        initial_belief: In place of the model's: S numbers, or the name or index of a state that is certain.
-        tracker: An information state of your own in place of the policy's; see `mdm.beliefs.Information`.
-        false_negative: The observation, by name or index, that stands for an event that nobody noticed; see
-            `POMDP.with_false_negatives`.
-        seed: For policies that draw: the same seed makes the same decisions.
+        horizon: Decisions per episode, at most (and by default) the number of the policy's stages. The next input then
+            begins a new episode.
+        on_impossible: The treatment of an observation of probability 0: ``predict`` (the default) updates without an
+            observation, ``keep`` keeps the information state, ``reset`` resets it, and ``safe_action`` predicts, while
+            a control layer also runs the safe action.
+        rewards: R(s, a), an S x A array; by default the model's.
+        initial_belief: The initial belief: S numbers, or the name or index of a certain state; by default the model's.
+        tracker: An information state of your own; see `mdm.beliefs.Information`.
+        false_negative: The observation, by name or index, of an undetected event; see `POMDP.with_false_negatives`.
+        seed: The seed of a stochastic policy: equal seeds give equal decisions.
     """
 
     horizon: int | None
@@ -47,10 +46,10 @@ class ControllerOptions(TypedDict, total=False):
 
 
 def check_options(options: Iterable[str], known: type) -> None:
-    """Refuse options that there are not.
+    """Refuse unknown options.
 
     Raises:
-        ConfigError: With the names closest to it.
+        ConfigError: If there is one; the message suggests similar names.
     """
     names: tuple[str, ...] = tuple(known.__annotations__)
     for option in options:

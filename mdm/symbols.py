@@ -1,4 +1,4 @@
-"""The symbols that a decision process speaks in: states, observations and actions by index, name or components."""
+"""The symbols of a decision process: states, observations and actions by index, name or components."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ __all__ = ["Symbols", "agent_index"]
 
 
 class Symbols:
-    """What a policy's symbols are called: for a whole team, or for the one agent whose part of a plan is run.
+    """The symbols of a policy, for the whole team or for one agent's part of a plan.
 
     Args:
         policy: The policy.
-        model: The model that names them; None where nothing does.
+        model: The model with their names, or None.
         agent: The agent, by index or name; None for the whole team.
 
     Raises:
-        ConfigError: If there is no such agent, or the policy has no part that is an agent's own.
+        ConfigError: If there is no such agent, or the policy has no part for a single agent.
 
     Attributes:
-        policy: The policy, or the agent's own part of it.
-        action_space, observation_space: The symbols; None where nothing names or counts them.
-        takes: What the policy is told: ``state`` or ``observation``.
-        num_states: S; None where states are not known.
+        policy: The policy, or the agent's part of it.
+        action_space, observation_space: The symbols; None if they are unknown.
+        takes: The input of the policy: ``state`` or ``observation``.
+        num_states: S; None if it is unknown.
     """
 
     takes: Literal["state", "observation"] = "observation"
@@ -48,10 +48,10 @@ class Symbols:
         self._take_part(agent)
         self.num_states: int | None = getattr(self.policy, "num_states", None)
         self.known_names: dict[int, str] = {}
-        """Names of actions that were asked for; joint names are made once."""
+        """The cache of action names."""
 
     def _take_part(self, agent: int | str | None) -> None:
-        """Take the symbols of the whole team, or the part of the one agent whose plan is run."""
+        """Set the symbols of the whole team, or of one agent's part."""
         policy = self.policy
         plans = getattr(policy, "controllers", None)
         if plans is not None and self.observation_space is None:
@@ -62,7 +62,7 @@ class Symbols:
             return
         if plans is None:
             raise ConfigError(
-                "the policy decides for the whole team: only a controller per agent can be run by one agent alone",
+                "the policy decides for the whole team: a single agent can run its part of a controller per agent only",
                 key="local",
             )
         if not hasattr(policy, "num_agents"):
@@ -84,16 +84,16 @@ class Symbols:
             return self._states.index(state)
         count = self.num_states
         if isinstance(state, str):
-            raise ModelError(f"without a model states have no names: give the index of {state!r}")
+            raise ModelError(f"states have no names without a model: give the index of {state!r}")
         index = int(state)  # type: ignore[arg-type]
         if count is not None and not 0 <= index < count:
             raise ModelError(f"there is no state {index}; the policy is for {count} states, which count from 0")
         return index
 
     def observed(self, observation: Any) -> tuple[int | None, tuple[int | None, ...]]:
-        """Return an observation, given by index, name or components, as its index and its components' indices.
+        """Return the index of an observation, given by index, name or components, and the indices of its components.
 
-        The index is None where a component is missing.
+        The index is None if a component is missing.
 
         Raises:
             ModelError: If there is no such observation, or the policy decides on states.
@@ -102,7 +102,7 @@ class Symbols:
             raise ModelError("the policy decides on states, not on observations: give a state")
         space = self.observation_space
         if space is None:
-            raise ModelError("there is no model that has observations")
+            raise ModelError("observations need a model: there is none, or it is an MDP")
         if isinstance(observation, list | tuple) and None in observation:
             if len(observation) != len(space.factors):
                 raise ModelError(f"an observation has {len(space.factors)} components, not {len(observation)}")
@@ -112,13 +112,13 @@ class Symbols:
         return index, space.unravel(index)
 
     def belief_of(self, given: Any) -> Vector:
-        """Return a belief: an array is one; a state's name or index is certainty of it.
+        """Return a belief, given as an array or by the name or index of a certain state.
 
         Raises:
-            ModelError: If there is no such state, or no beliefs are of use here.
+            ModelError: If there is no such state, or the policy takes no beliefs.
         """
         if self.takes == "state":
-            raise ModelError("the policy decides on states that it sees: it takes no belief")
+            raise ModelError("the policy is over states: it takes no belief")
         if isinstance(given, str | int | np.integer):
             if self.num_states is None:
                 raise ModelError("the nodes of the plan have no values: give no belief")
@@ -129,7 +129,7 @@ class Symbols:
         return belief  # type: ignore[no-any-return]
 
     def action_name(self, action: int) -> str:
-        """Return an action's name; its index where it has none. Joint names are made once."""
+        """Return the name of an action; its index if it has none."""
         name = self.known_names.get(action)
         if name is None:
             name = self.known_names[action] = (
@@ -138,7 +138,7 @@ class Symbols:
         return name
 
     def observation_name(self, observation: Any) -> str:
-        """Return an observation's name, in quotes; the index or components where it has none."""
+        """Return the name of an observation, in quotes; its index or components if it has none."""
         space = self.observation_space
         if space is None or not isinstance(observation, int) or not 0 <= observation < len(space):
             return repr(observation)
@@ -146,16 +146,16 @@ class Symbols:
 
 
 def agent_index(agent: int | str, names: Sequence[str], count: int) -> int:
-    """Return which of a team's agents one is, given by index or by name.
+    """Return the index of an agent, given by index or name.
 
     Raises:
         ConfigError: If there is no such agent.
     """
     if isinstance(agent, str):
         if agent not in names:
-            known = f"the agents are {', '.join(names)}" if names else "without a model agents go by their index"
+            known = f"the agents are {', '.join(names)}" if names else "without a model agents have indices only"
             raise ConfigError(f"there is no agent {agent!r}; {known}", key="agent")
         return list(names).index(agent)
     if not 0 <= agent < count:
-        raise ConfigError(f"there is no agent {agent}; the model has {count}, from 0 on", key="agent")
+        raise ConfigError(f"there is no agent {agent}; the model has {count}, which count from 0", key="agent")
     return agent

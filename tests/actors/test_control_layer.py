@@ -426,7 +426,7 @@ def test_messages_are_published_action_first():
         ({"on_impossible": "panic"}, "'panic'"),
         ({"on_impossible": "safe_action"}, "there is none"),
         ({"on_no_observation": "hear-lft"}, "'hear-lft'"),
-        ({"model": None}, "a policy over beliefs needs the POMDP"),
+        ({"model": None}, "a policy over beliefs needs a POMDP"),
         ({"model": MDP([np.eye(2)] * 3, np.zeros((2, 3)), discount=0.9)}, "has no observations"),
         ({"policy": AlphaVectors([[0.0] * 3], [0], 3)}, "for 3 states and 3 actions, but the model has 2 and 3"),
         ({"policy": AlphaVectors([[0.0] * 2], [0], 4)}, "for 2 states and 4 actions, but the model has 2 and 3"),

@@ -325,9 +325,9 @@ def test_a_whole_team_is_run_under_the_scope_of_each_agent():
     [
         ({"policy": PLAN, "local": True}, "one controller for the whole team, not one for each agent"),
         ({"policy": TEAM, "local": True, "agent": 2}, "there is no agent 2; the model has 2"),
-        ({"policy": TEAM, "local": True, "agent": "a"}, "without a model agents go by their index"),
-        ({"policy": PLAN, "rewards": [[0, 0, 0]]}, "a plan knows of no state: give no rewards"),
-        ({"policy": PLAN, "false_negative": 0}, "false negatives are taken into account where"),
+        ({"policy": TEAM, "local": True, "agent": "a"}, "without a model agents have indices only"),
+        ({"policy": PLAN, "rewards": [[0, 0, 0]]}, "a plan has no belief to expect rewards by"),
+        ({"policy": PLAN, "false_negative": 0}, "false negatives need a POMDP"),
         ({"policy": PLAN, "on_no_observation": "x"}, "on_no_observation is 'predict', 'repeat' or"),
         ({"policy": ROUND, "actions": {"a": nothing}}, "the policy has 2 actions, but 1 are bound"),
     ],
@@ -349,7 +349,7 @@ def test_controllers_are_compared_with_their_model():
 
 
 def test_a_table_has_no_part_that_is_one_agents_own():
-    with pytest.raises(ConfigError, match="only a controller per agent can be run by one agent alone"):
+    with pytest.raises(ConfigError, match="a single agent can run its part of a controller per agent only"):
         Ensemble("robot", policy=DeterministicPolicy([0], 1), actions={0: nothing}, local=True)
 
 

@@ -26,7 +26,11 @@ def can_compile() -> bool:
 
 
 def compiled(function: _Function) -> _Function:
-    """Compile a function of numbers and arrays at its first call; without numba, return it unchanged."""
+    """Compile a function of numbers and arrays at its first call; without numba, return it unchanged.
+
+    Each type of an argument is compiled by itself, and to numba a number in a caller's code is a type of its own. So
+    kernels hand indices to each other as ``int(np.int64(...))``, of one width.
+    """
     if not can_compile():
         return function
     import numba  # noqa: PLC0415 - see above

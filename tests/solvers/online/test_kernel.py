@@ -15,5 +15,6 @@ def test_each_function_is_compiled_once():
     """A second type of an argument would double what its first user waits for."""
     TreeSearch(tiger(), expansions=50, particles=1).search([0.5, 0.5])
     functions = {name: each.signatures for name, each in vars(kernel).items() if hasattr(each, "signatures")}
-    assert {name: len(signatures) for name, signatures in functions.items()} == dict.fromkeys(functions, 1)
-    assert "grow" in functions
+    # What was found on disk has compiled no other: this shows where kernels are compiled anew.
+    assert {name: len(found) for name, found in functions.items() if len(found) > 1} == {}
+    assert len(functions["grow"]) == 1

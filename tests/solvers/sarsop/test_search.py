@@ -15,5 +15,6 @@ def test_each_step_is_compiled_once():
     """A second type of an argument would double what its first user waits for."""
     solve(tiger(), "sarsop", gap=1.0)
     steps = {name: step.signatures for name, step in vars(search).items() if hasattr(step, "signatures")}
-    assert {name: len(signatures) for name, signatures in steps.items()} == dict.fromkeys(steps, 1)
-    assert "explore" in steps
+    # What was found on disk has compiled no other: this shows where kernels are compiled anew.
+    assert {name: len(found) for name, found in steps.items() if len(found) > 1} == {}
+    assert len(steps["explore"]) == 1

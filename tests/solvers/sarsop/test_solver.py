@@ -13,17 +13,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from places import EXAMPLES, each
 from random_models import dense, distributions
+from sarsop_models import mixed
 
 from mdm import ConfigError, ModelError, ModelWarning, load_model, load_policy
-from mdm.models import POMDP, Factor, FactoredPOMDP, MixedPOMDP, Space
-from mdm.models.factored.factoring import as_network
-from mdm.policies import MixedAlphaVectors
-from mdm.problems import tag
+from mdm.models import POMDP, MixedPOMDP
 from mdm.solvers import Limits, solve
 from mdm.solvers.sarsop import sarsop, solver
-from mdm.solvers.sarsop.graph import NODES, hashed
-from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, prune_points, prune_vectors
-from mdm.solvers.sarsop.solver import _Search
 
 TIGER = EXAMPLES / "tiger.pomdp"
 
@@ -129,97 +124,6 @@ def test_what_exact_value_iteration_found_lies_between_the_bounds(corpus, name):
     slack = 2e-3 * max(1.0, abs(value))  # the exact solver stops at a change of 1e-9 to 1e-3
     assert found.lower <= value + slack
     assert found.upper >= value - slack
-
-
-def mixed(seed):
-    """Return a model whose first factor is seen."""
-    random = np.random.default_rng(seed)
-    states = Space([Factor("seen", 2), Factor("hidden", 3)])
-    initial = np.zeros(6)
-    initial[3:] = distributions(random, 3)
-    model = POMDP(
-        distributions(random, 2, 6, 6),
-        distributions(random, 2, 6, 2),
-        random.normal(size=(6, 2)),
-        discount=0.6,
-        states=states,
-        initial_belief=initial,
-    )
-    return MixedPOMDP(FactoredPOMDP(as_network(model), discount=0.6), [0])
-
-
-@settings(max_examples=20)
-@given(st.integers(0, 2**32 - 1))
-def test_mixed_observability_changes_the_layout_and_no_value(seed):
-    model = mixed(seed)
-    plain = POMDP(
-        [model.transition_matrix(a) for a in range(2)],
-        [model.observation_matrix(a).toarray() for a in range(2)],
-        model.rewards,
-        discount=model.discount,
-        initial_belief=model.initial_belief,
-        sparse=False,
-    )
-    ours = sarsop(model, limits=Limits(gap=1e-4, time=5))
-    theirs = sarsop(plain, limits=Limits(gap=1e-4, time=5))
-    assert isinstance(ours.policy, MixedAlphaVectors)
-    assert ours.lower <= theirs.upper + 1e-9
-    assert theirs.lower <= ours.upper + 1e-9
-    assert ours.policy.value(model.initial_belief) == pytest.approx(ours.lower, abs=1e-9)
-
-
-def test_factors_that_are_seen_make_tag_easier():
-    """The bounds of C++ SARSOP after 10 s: -5.959 and -2.30; of the flat model after 60 s -6.20 and -1.95."""
-    found = sarsop(tag(), limits=Limits(iterations=3000))
-    assert isinstance(found.policy, MixedAlphaVectors)
-    assert -10 < found.lower < -5.5 < found.upper < 0
-
-
-def searched():
-    search = _Search(load_model(TIGER).with_discount(0.95))
-    limits = Limits(gap=1e-4)
-    while search.bounds()[1] - search.bounds()[0] > 1e-4:
-        search.run(limits)
-    return search
-
-
-def test_pruning_leaves_the_bounds_as_they_are():
-    search = searched()
-    graph, layout, roots = search._graph, search._layout, search._roots
-    before, many = search.bounds(), search.size
-    prune_vectors(graph, layout, needed_vectors(graph, layout, roots, 1e-9))
-    prune_points(graph)
-    lower, upper = search.bounds()
-    assert search.size < many
-    assert (lower, upper) == pytest.approx(before, abs=1e-8)
-    assert search.policy().value([0.5, 0.5]) == pytest.approx(before[0], abs=1e-8)
-
-
-def test_what_only_bad_actions_lead_to_is_forgotten_and_can_be_found_again():
-    search = searched()
-    before, many = search.bounds(), int(search._graph.counts[NODES])
-    search._roots = forget_nodes(search._graph, search._roots)
-    assert search._graph.counts[NODES] < many
-    assert search.bounds() == pytest.approx(before)
-    codes = search._graph.code[: search._graph.counts[NODES]]
-    table = search._graph.table
-    assert sorted(table[table >= 0]) == list(range(len(codes)))
-    search.run(Limits(gap=1e-6))
-    search.run(Limits(gap=1e-6))
-    lower, upper = search.bounds()
-    assert lower >= before[0] - 1e-9
-    assert upper <= before[1] + 1e-9
-
-
-@given(st.lists(st.integers(0, 2**42 - 1), max_size=60))
-def test_a_table_has_each_code_within_a_row_of_full_slots(codes):
-    codes = np.array(codes, dtype=np.int64)
-    table = hashed(codes, 2 * len(codes))
-    for node, code in enumerate(codes):
-        slot = code & (len(table) - 1)
-        while table[slot] != node:
-            assert table[slot] >= 0
-            slot = (slot + 1) & (len(table) - 1)
 
 
 def test_ctrl_c_leaves_the_best_so_far():

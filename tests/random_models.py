@@ -216,3 +216,9 @@ def assert_same(model, other, *, within=1e-12, named=True, finer=False):
                 assert abs(model.reward(a, s, t, o) - other.reward(a, s, t, o)) <= 1e-11 * (
                     1 + abs(model.reward(a, s, t, o))
                 )
+
+
+def random_mdp(seed, states=4, actions=2):
+    random = np.random.default_rng(seed)
+    transitions = random.dirichlet(np.ones(states) * 0.5, size=(actions, states))
+    return MDP(transitions, random.normal(size=(states, actions)), discount=0.8), random.integers(actions, size=states)

@@ -5,20 +5,18 @@ from __future__ import annotations
 import figures
 import numpy as np
 import pytest
+from belief_steps import assert_step, corridor, loaded, needs_numba
 from hypothesis import assume, given, settings, strategies as st
 from random_models import dense, flat_models
 
-from mdm.beliefs import BeliefTracker, Support, choice as belief_choice
+from mdm.beliefs import choice as belief_choice
 from mdm.beliefs.adaptive import AdaptiveFilter
 from mdm.beliefs.choice import chosen_filter
 from mdm.beliefs.compressed import CompressedFilter, GroupedFilter
 from mdm.beliefs.dense import CompiledFoldedFilter, FoldedFilter, LikelyFilter
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
 from mdm.models import POMDP
-from mdm.models.compilation import can_compile
 from mdm.models.dynamics import Dynamics
-
-needs_numba = pytest.mark.skipif(not can_compile(), reason="numba is not there, or MDM_COMPILE is 0")
 
 FILTERS = {
     "folded": FoldedFilter,
@@ -45,13 +43,6 @@ def params(*groups):
     return [*plain.items(), *(pytest.param(*each, marks=needs_numba, id=each[0]) for each in fast.items())]
 
 
-def loaded(filter_, belief):
-    belief = np.asarray(belief)
-    (states,) = belief.nonzero()
-    filter_.load(Support(states, belief[states]))
-    return filter_
-
-
 def joint_array(model):
     """Return P(s', o | s, a) as an A x O x S x S' array."""
     return np.array(
@@ -60,23 +51,6 @@ def joint_array(model):
             for a in range(len(model.action_space))
         ]
     )
-
-
-def assert_step(filter_, expected, probability):
-    """Compare with the next belief, not normalised; return it normalised, or None where it is impossible."""
-    total = expected.sum()
-    assert probability == pytest.approx(total, abs=1e-12)
-    if not total > 0:
-        return None
-    belief = expected / total
-    np.testing.assert_allclose(filter_.dense(), belief, atol=1e-12)
-    states, probabilities = filter_.support()
-    again = np.zeros(len(belief))
-    again[states] = probabilities
-    np.testing.assert_allclose(again, belief, atol=1e-12)
-    assert (probabilities > 0).all()
-    assert len(np.unique(states)) == len(states)
-    return belief
 
 
 @pytest.mark.parametrize(("name", "make"), params(FILTERS, COMPILED))
@@ -142,69 +116,6 @@ def test_false_negatives_are_solved_for(name, make, model, data):
             loaded(filter_, belief)  # on from one belief: what is not quite the same must not add up
         else:
             loaded(filter_, belief)
-
-
-def corridor(size, observations=3):
-    """A walk in a ring by 1, 2 or 3 places, whose last observation tells that the state is one of four."""
-    random = np.random.default_rng(size)
-    rows = np.repeat(np.arange(size), 3)
-    columns = (rows + np.tile([1, 2, 3], size)) % size
-    weights = random.random(3 * size) + 0.1
-    transition = np.zeros((size, size))
-    transition[rows, columns] = weights
-    transition /= transition.sum(axis=1, keepdims=True)
-    told = random.random((size, observations)) + 0.1
-    told[:, -1] = 0
-    told[:4, -1] = 5
-    told /= told.sum(axis=1, keepdims=True)
-    return POMDP([transition], [told], np.zeros((size, 1)), discount=0.9, initial_belief=np.eye(size)[0], sparse=True)
-
-
-@pytest.mark.parametrize("fast", [False, pytest.param(True, marks=needs_numba)])
-def test_the_support_grows_and_shrinks_and_grows_again(fast, monkeypatch):
-    monkeypatch.setattr(belief_choice, "_GATHERED", (0, 8))
-    size = 240
-    model = corridor(size)
-    filter_ = chosen_filter(model, fast=fast)
-    transition, told = dense(model.transition_matrix(0)), dense(model.observation_matrix(0))
-    belief = model.initial_belief
-    loaded(filter_, belief)
-    kinds = []
-    for step in range(120):
-        observation = 2 if step % 60 == 59 else step % 2
-        if observation == 2:
-            # a belief in which the four states have a part, whatever the walk
-            belief = (belief + np.eye(size)[:8].sum(axis=0) / 8) / 2
-            loaded(filter_, belief)
-        belief = assert_step(filter_, belief @ transition * told[:, observation], filter_.step(0, observation))
-        kinds.append(filter_.is_sparse)
-        if kinds[-1]:
-            assert np.count_nonzero(belief) <= size // 8
-        else:
-            assert np.count_nonzero(belief) >= size // 16
-    assert kinds[0]
-    assert not kinds[58]
-    assert kinds[59]
-    assert not kinds[-2]
-    assert kinds[-1]
-
-
-@pytest.mark.parametrize("fast", [False, pytest.param(True, marks=needs_numba)])
-def test_a_belief_between_the_two_bounds_is_held_as_it_was(fast):
-    told = np.zeros((64, 3))
-    told[:3, 0] = told[3:9, 1] = told[9:, 2] = 1
-    dynamics = Dynamics(POMDP([np.eye(64)], [told], np.zeros((64, 1)), discount=0.9, sparse=True))
-    narrow, wide = (CompiledSupportFilter, GroupedFilter) if fast else (SupportFilter, CompressedFilter)
-    filter_ = AdaptiveFilter(narrow(dynamics), wide(dynamics), 8, 4)
-    for states, observation, sparse_before, sparse in (
-        (8, 1, True, True),  # 5 states are left
-        (9, 1, False, False),  # 6 states are left
-        (9, 0, False, True),  # 3 states are left
-    ):
-        filter_.load(Support(np.arange(states), np.full(states, 1 / states)))
-        assert filter_.is_sparse == sparse_before
-        filter_.step(0, observation)
-        assert filter_.is_sparse == sparse
 
 
 @pytest.mark.parametrize(("name", "make"), params(FILTERS, COMPILED))
@@ -310,56 +221,3 @@ def test_false_negatives_of_a_real_model_are_solved_for(fast, folded, monkeypatc
             np.testing.assert_allclose(filter_.dense(), before, atol=1e-9)
             compared += observation != 0
     assert compared >= 20
-
-
-def dense_model(size, filled):
-    random = np.random.default_rng(0)
-    transition = random.random((1, size, size)) * (random.random((1, size, size)) < filled)
-    transition[:, :, 0] += 0.01
-    told = random.random((1, size, 2)) + 0.1
-    return POMDP(
-        transition / transition.sum(axis=2, keepdims=True),
-        told / told.sum(axis=2, keepdims=True),
-        np.zeros((size, 1)),
-        discount=0.9,
-    )
-
-
-@pytest.mark.parametrize(
-    ("size", "filled", "folded", "plain", "compiled"),
-    [
-        (20, 0.1, 4_000_000, FoldedFilter, CompiledFoldedFilter),
-        (150, 0.5, 4_000_000, FoldedFilter, CompiledFoldedFilter),
-        (150, 0.5, 0, LikelyFilter, LikelyFilter),
-        (150, 0.01, 4_000_000, CompressedFilter, AdaptiveFilter),
-    ],
-)
-def test_the_filter_suits_the_model(size, filled, folded, plain, compiled, monkeypatch):
-    monkeypatch.setattr(belief_choice, "_FOLDED", folded)
-    model = dense_model(size, filled)
-    assert type(chosen_filter(model, fast=False)) is plain
-    if can_compile():
-        assert type(chosen_filter(model, fast=True)) is compiled
-
-
-def test_a_million_states_are_tracked_by_their_support():
-    """Memory is that of the model and little more, and an update touches what the belief does."""
-    from scipy.sparse import csr_array
-
-    size = 1_000_000
-    states = np.arange(size)
-    rows, columns = np.repeat(states, 2), np.stack([states, (states + 1) % size], axis=1).ravel()
-    moves = csr_array((np.tile([0.25, 0.75], size), (rows, columns)), shape=(size, size))
-    told = csr_array((np.ones(size), (states, states % 7)), shape=(size, 7))
-    start = np.zeros(size)
-    start[5] = 1
-    tracker = BeliefTracker(
-        POMDP([moves], [told], np.zeros((size, 1)), discount=0.9, initial_belief=start, sparse=True)
-    )
-    assert tracker.is_sparse
-    assert tracker.update(0, 6) == pytest.approx(0.75)
-    assert tracker.update(0, None) == pytest.approx(1)
-    found = dict(zip(*(part.tolist() for part in tracker.support), strict=True))
-    assert found == pytest.approx({6: 0.25, 7: 0.75})
-    assert tracker.belief[6:8].tolist() == pytest.approx([0.25, 0.75])
-    assert tracker.is_sparse

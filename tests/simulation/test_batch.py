@@ -10,6 +10,7 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from places import EXAMPLES
 from random_models import dense, distributions, factored_models, flat_models
+from recursion import FEW, SEEDS, assert_within, by_recursion, vectors_for
 
 from mdm import ConfigError, ModelWarning, evaluate, load_model, load_policy, simulate
 from mdm.models import MDP, POMDP, Factor, Space
@@ -21,53 +22,10 @@ from mdm.policies import (
     MixedAlphaVectors,
     QTable,
     StagedPolicy,
-    StatePolicy,
     StochasticPolicy,
 )
 from mdm.simulation.episodes import Limits, one_by_one
 from mdm.solvers import exact_values
-
-SEEDS = st.integers(0, 2**32 - 1)
-FEW = settings(max_examples=25, derandomize=True)
-
-
-def vectors_for(model, random):
-    """Return a policy that has nothing to do with the model's values."""
-    count = len(model.action_space)
-    return AlphaVectors(random.normal(size=(count + 2, len(model.state_space))), [*range(count), 0, count - 1], count)
-
-
-def by_recursion(model, policy, steps, false_negative=None, belief=None):
-    """Return what a policy is worth: over all that may be detected, with the true weights beside the agent's belief."""
-    size = len(model.state_space)
-    identity = np.eye(size)
-
-    def joint(action, observation):
-        return dense(model.joint_matrix(action, observation))
-
-    def worth(weights, belief, left):
-        action = policy.action(belief)
-        if left == 1:
-            return weights @ model.rewards[:, action]
-        detected = [o for o in range(len(model.observation_space)) if o != false_negative]
-        missed = dense(model.transition_matrix(action)) - sum(joint(action, o) for o in detected)
-        lasting = np.linalg.solve((identity - model.discount * missed).T, weights)
-        total = lasting @ model.rewards[:, action]
-        before = belief
-        if false_negative is not None:
-            before = np.linalg.solve((identity - joint(action, false_negative)).T, belief)
-        for o in detected:
-            after = before @ joint(action, o)
-            if after.sum() > 1e-12:
-                total += worth(model.discount * lasting @ joint(action, o), after / after.sum(), left - 1)
-        return total
-
-    first = model.initial_belief if belief is None else belief
-    return worth(first, first, steps)
-
-
-def assert_within(result, exact):
-    assert abs(result.mean - exact) < 5 * result.standard_error + 1e-9 * (1 + abs(exact))
 
 
 @FEW
@@ -142,47 +100,6 @@ def test_tables_are_worth_what_recursion_says(model, seed):
         values = sum(weights[a] * after[a] for a in range(count))
     result = evaluate(model, StochasticPolicy(weights), episodes=3000, steps=4, seed=seed)
     assert_within(result, model.initial_belief @ values)
-
-
-@FEW
-@given(flat_models(kinds=("POMDP",), finer=False), SEEDS)
-def test_episodes_one_by_one_are_worth_the_same(model, seed):
-    model = model.with_discount(min(model.discount, 0.9))
-    policy = vectors_for(model, np.random.default_rng(seed))
-
-    class Own:  # no more than what the protocol of a policy asks for
-        num_actions, information, action = policy.num_actions, policy.information, policy.action
-
-    result = evaluate(model, Own(), episodes=300, steps=3, seed=seed)
-    assert_within(result, by_recursion(model, policy, 3))
-    assert np.array_equal(result.returns[:50], evaluate(model, Own(), episodes=50, steps=3, seed=seed).returns)
-
-
-def test_one_by_one_with_false_negatives_and_by_state():
-    random = np.random.default_rng(4)
-    told = np.moveaxis(random.dirichlet(np.ones(3), size=(2, 3, 3)), -1, 1)
-    model = POMDP(
-        random.dirichlet(np.ones(3), size=(2, 3)),
-        told,
-        random.normal(size=(3, 2)),
-        discount=0.8,
-        event_observations=True,
-    )
-    policy = vectors_for(model, random)
-    exact = by_recursion(model, policy, 4, false_negative=1)
-    returns, moves = one_by_one(model.with_false_negatives(1), policy, Limits(4, np.inf), episodes=3000, seed=1)
-    assert abs(returns.mean() - exact) < 5 * returns.std() / np.sqrt(3000)
-    assert moves > 4 * 3000
-
-    class Own(StatePolicy):
-        num_states, num_actions = 3, 2
-
-        def action(self, state):
-            return state % 2
-
-    table = DeterministicPolicy([0, 1, 0])
-    ours, theirs = (evaluate(model, each, episodes=3000, seed=1) for each in (Own(), table))
-    assert abs(ours.mean - theirs.mean) < 5 * (ours.standard_error + theirs.standard_error)
 
 
 def test_tiger_is_worth_its_published_optimum_and_the_loop_agrees():

@@ -1,4 +1,4 @@
-"""State and observation layers: index maps, violations, missing components, checks against models."""
+"""Joint states, violations, and checks against models."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ from hypothesis import given, strategies as st
 from mdm import (
     ActorFailure,
     ConfigError,
-    ObservationFactor,
-    ObservationLayer,
     PredicateManager,
     StateFactor,
     StateLayer,
 )
-from mdm.messages import Observation, State
+from mdm.messages import State
 from mdm.models import Factor, Space
 from mdm.testing import probe, run_virtual
 
@@ -127,15 +125,6 @@ def test_one_true_among_unknown_ones_is_enough():
 SPACE = Space([Factor("room", ["a", "b", "c"]), Factor("person", ["no", "yes"])])
 
 
-def declared():
-    manager = PredicateManager()
-    for name in ("InA", "InB", "InC", "Person"):
-        manager.sensor(name)
-    for name in ("Up", "Down", "Hot", "Cold"):
-        manager.event(name)
-    return manager
-
-
 @pytest.mark.parametrize(
     ("factors", "message"),
     [
@@ -150,23 +139,21 @@ def declared():
         ([StateFactor("place", ["InA", "InB", "InC"])], "no state factor 'place'; it has room, person"),
     ],
 )
-def test_state_factors_are_checked_against_the_model(factors, message):
+def test_state_factors_are_checked_against_the_model(factors, message, declared):
     async def main(runtime):
-        manager = declared()
-        await runtime.start(manager)
+        await runtime.start(declared)
         with pytest.raises(ConfigError, match=message):
-            await runtime.start(StateLayer(factors, manager, space=SPACE))
+            await runtime.start(StateLayer(factors, declared, space=SPACE))
 
     run_virtual(main)
 
 
-def test_a_layer_may_cover_some_of_the_model_s_factors():
+def test_a_layer_may_cover_some_of_the_model_s_factors(declared):
     async def main(runtime):
-        manager = declared()
-        await runtime.start(manager)
-        await runtime.start(StateLayer([StateFactor("person", ["Person"])], manager, space=SPACE))
+        await runtime.start(declared)
+        await runtime.start(StateLayer([StateFactor("person", ["Person"])], declared, space=SPACE))
         states = probe(runtime.channel("state/state", State, retain=True))
-        manager.sense("Person", True)
+        declared.sense("Person", True)
         assert states[-1].index == 1
 
     run_virtual(main)
@@ -179,89 +166,8 @@ def test_a_layer_may_cover_some_of_the_model_s_factors():
         (lambda: StateFactor("f", "A"), "list of predicates"),
         (lambda: StateFactor("f", ["A", "A"]), "twice"),
         (lambda: StateFactor("f", ["A"], on_violation="last"), "'last'"),
-        (lambda: ObservationFactor("f", ["A"]), "at least two events"),
-        (lambda: ObservationFactor("f", ["A", "A"]), "twice"),
-        (lambda: ObservationFactor("f", ["A", "B"], idle="C"), "'C' of observation factor 'f' is none of A, B"),
-        (lambda: ObservationFactor("f", ["A", "B"], idle="A", hold=True), "not both"),
     ],
 )
 def test_wrong_factors(make, message):
     with pytest.raises(ConfigError, match=message):
         make()
-
-
-@given(st.data())
-def test_joint_observations(data):
-    kinds = data.draw(st.lists(st.sampled_from(["missing", "idle", "hold"]), min_size=1, max_size=3))
-    sizes = [data.draw(st.integers(2, 3)) for _ in kinds]
-
-    async def main(runtime):
-        manager = PredicateManager()
-        factors = []
-        for index, (kind, size) in enumerate(zip(kinds, sizes, strict=True)):
-            events = [f"E{index}_{symbol}" for symbol in range(size)]
-            for name in events:
-                manager.event(name)
-            idle = events[0] if kind == "idle" else None
-            factors.append(ObservationFactor(f"o{index}", events, idle=idle, hold=kind == "hold"))
-        await runtime.start(manager)
-        await runtime.start(ObservationLayer(factors, manager))
-        seen = probe(runtime.channel("observation/observation", Observation))
-        rest = [0 if kind == "idle" else None for kind in kinds]
-        for _ in range(data.draw(st.integers(1, 8))):
-            new = {i: data.draw(st.integers(0, sizes[i] - 1)) for i in range(len(kinds)) if data.draw(st.booleans())}
-            count = len(seen)
-            if new:
-                manager.occur(*(f"E{index}_{symbol}" for index, symbol in new.items()))
-            assert len(seen) - count == bool(new)
-            if new:
-                values = tuple(new.get(index, rest[index]) for index in range(len(kinds)))
-                index = None if None in values else int(np.ravel_multi_index(values, sizes))
-                mask = tuple(index in new for index in range(len(kinds)))
-                assert (seen[-1].index, seen[-1].values, seen[-1].mask) == (index, values, mask)
-                for component, symbol in new.items():
-                    if kinds[component] == "hold":
-                        rest[component] = symbol
-
-    run_virtual(main)
-
-
-def test_two_symbols_at_once_are_a_conflict():
-    async def main(runtime):
-        manager = declared()
-        await runtime.start(manager)
-        layer = ObservationLayer([ObservationFactor("d", ["Up", "Down"])], manager)
-        await runtime.start(layer)
-        seen, faults = probe(runtime.channel("observation/observation", Observation)), probe(runtime.faults)
-        manager.occur("Down", "Up")
-        assert seen[-1].index == 0
-        assert layer.conflicts == 1
-        assert "Up and Down occurred at once" in faults[-1].detail
-
-    run_virtual(main)
-
-
-@pytest.mark.parametrize(
-    ("factors", "message"),
-    [
-        ([ObservationFactor("d", ["Up", "Dawn"])], "'Dawn', which is no declared event; did you mean 'Down'"),
-        (
-            [ObservationFactor("d", ["Up", "Down"]), ObservationFactor("e", ["Hot", "Up"])],
-            "'Up' belongs to .* 'd' and 'e'",
-        ),
-        ([ObservationFactor("d", ["Up", "Down"])], "1 observation factors .* do not make up the model's 6"),
-        (
-            [ObservationFactor("d", ["Up", "Down"]), ObservationFactor("t", ["Hot", "Cold"])],
-            "'t' has 2 symbols, .* has 3",
-        ),
-    ],
-)
-def test_observation_factors_are_checked(factors, message):
-    async def main(runtime):
-        manager = declared()
-        await runtime.start(manager)
-        space = Space([Factor("agent0", 2), Factor("agent1", 3)])
-        with pytest.raises(ConfigError, match=message):
-            await runtime.start(ObservationLayer(factors, manager, space=space))
-
-    run_virtual(main)

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from places import EXAMPLES
+from random_models import random_mdp
 
 from mdm import (
     ConfigError,
     Ensemble,
     FixedRate,
-    PredicateManager,
-    StateFactor,
     World,
     evaluate,
     load_model,
@@ -22,20 +21,14 @@ from mdm import (
     simulate,
 )
 from mdm.messages import Action
-from mdm.models import MDP, POMDP, Factor, FactoredPOMDP, MixedPOMDP, Space
+from mdm.models import POMDP, Factor, FactoredPOMDP, MixedPOMDP, Space
 from mdm.models.factored.factoring import as_network
-from mdm.policies import AlphaVectors, DeterministicPolicy, FiniteStateController, JointController, MixedAlphaVectors
+from mdm.policies import DeterministicPolicy, FiniteStateController, JointController, MixedAlphaVectors
 from mdm.problems import dec_tiger, tiger
 from mdm.simulation import Sampler
 from mdm.simulation.simulate import steps_for
 from mdm.solvers import solve
-from mdm.testing import capture_decisions, probe, run_virtual
-
-
-def random_mdp(seed, states=4, actions=2):
-    random = np.random.default_rng(seed)
-    transitions = random.dirichlet(np.ones(states) * 0.5, size=(actions, states))
-    return MDP(transitions, random.normal(size=(states, actions)), discount=0.8), random.integers(actions, size=states)
+from mdm.testing import probe, run_virtual
 
 
 @settings(max_examples=5)
@@ -61,53 +54,6 @@ def test_tiger_is_worth_its_published_optimum(drive):
     assert first.mean != other.mean
 
 
-def test_draws_follow_the_model():
-    model, _ = random_mdp(3)
-    for sparse in (False, True):
-        again = MDP([model.transition_matrix(a) for a in range(2)], model.rewards, discount=0.8, sparse=sparse)
-        sampler = Sampler(again, seed=1)
-        counts = np.bincount([sampler.next_state(2, 1) for _ in range(20_000)], minlength=4)
-        np.testing.assert_allclose(counts / 20_000, model.transition_matrix(1)[2], atol=0.02)
-
-
-def test_a_world_sets_predicates_and_takes_its_time():
-    model, _ = random_mdp(1, states=4)
-
-    async def main(runtime):
-        manager = PredicateManager()
-        for name in ("A", "B"):
-            manager.sensor(name)
-        from mdm.models import Factor, Space
-
-        named = MDP(
-            [model.transition_matrix(a) for a in range(2)],
-            model.rewards,
-            discount=0.8,
-            states=Space([Factor("a", 2), Factor("b", 2)]),
-        )
-        robot = Ensemble(
-            "robot",
-            policy=DeterministicPolicy([0, 1, 0, 1]),
-            model=named,
-            actions={0: lambda: None, 1: lambda: None},
-            predicates=manager,
-            states=[StateFactor("a", ["A"]), StateFactor("b", ["B"])],
-        )
-        world = World(robot, seed=4, period=0.5)
-        await runtime.start(manager)
-        await runtime.start(world)
-        with capture_decisions(runtime) as decisions:
-            await runtime.start(robot)
-            for _ in range(20):
-                await runtime.clock.sleep(0.5)
-                values = manager.values()
-                assert decisions[-1].state == 2 * values["A"] + values["B"]
-        assert [decision.time for decision in decisions] == [index * 500_000_000 for index in range(len(decisions))]
-        assert len(decisions) >= 20
-
-    run_virtual(main)
-
-
 def test_steps_and_mistakes():
     assert 0.95 ** steps_for(0.95) <= 1e-4 < 0.95 ** (steps_for(0.95) - 1)
     model, actions = random_mdp(0)
@@ -119,31 +65,6 @@ def test_steps_and_mistakes():
         simulate(model, policy, episodes=0)
     with pytest.raises(ConfigError, match="has none"):
         World(Ensemble("robot", policy=policy, actions={0: print, 1: print}))
-
-
-def test_an_episode_in_which_nothing_is_observed_any_more_ends_with_a_fault():
-    """Every step is a false negative."""
-    told = np.zeros((1, 2, 2, 2))
-    told[0, 0] = 1
-    model = POMDP([np.eye(2)], told, [[1.0], [1.0]], discount=0.5, event_observations=True)
-    model, policy = model.with_false_negatives(0), AlphaVectors([[0.0, 0.0]], [0], 1)
-    result = simulate(model, policy, episodes=3, seed=1, steps=5)
-    assert result.returns == pytest.approx((2.0, 2.0, 2.0))  # 1 + 0.5 + 0.25 + ..., with no second decision
-
-    async def main(runtime):
-        ensemble = Ensemble("robot", policy=policy, model=model, actions={"0": lambda: None})
-        faults = []
-        runtime.faults.subscribe(faults.append)
-        await runtime.start(World(ensemble, seed=1))
-        with capture_decisions(runtime) as decisions:
-            await runtime.start(ensemble)
-            await runtime.clock.sleep(3.5)
-        return faults, decisions
-
-    faults, decisions = run_virtual(main)
-    assert {fault.kind for fault in faults} == {"no_observation"}
-    assert "no observation in 10000 time steps, in state" in faults[0].detail
-    assert [decision.cause for decision in decisions] == ["start", "reset", "reset", "reset"]
 
 
 @pytest.mark.parametrize("drive", [None, FixedRate(10)])

@@ -325,11 +325,11 @@ class Ensemble(Layer):
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Check everything, and start the predicate manager where nobody else did."""
+        """Check everything, and use the predicate manager: where nobody else has, the runtime starts it."""
         for problem in self.problems():
             raise problem
-        if self.predicates is not None and self.predicates.parent is None:
-            self.add(self.predicates, first=True)
+        if self.predicates is not None:
+            self.share(self.predicates)
         self.subscribe(self.channel("control", Control), self._on_control)
         self.safety.open()
 

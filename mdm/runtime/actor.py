@@ -77,6 +77,8 @@ class Actor:
         self.grace = grace
         self.__parent: Actor | None = None
         self.__children: list[Actor] = []
+        self.__place = ""
+        self.__shared: list[Actor] = []
         self.__life: Life = "created"
         self.__runtime: Runtime | None = None
         self.__subscriptions: list[Subscription[Any]] = []
@@ -133,7 +135,7 @@ class Actor:
     @own
     def path(self) -> str:
         """Names from the root down, joined by ``/``."""
-        above = "" if self.__parent is None else self.__parent.path
+        above = self.__place or ("" if self.__parent is None else self.__parent.path)
         return f"{above}/{self.name}" if above else self.name
 
     @own
@@ -174,14 +176,29 @@ class Actor:
                 raise Error(_hidden(type(child), name))
         if child.parent is not None:
             raise Error(f"actor {child.name!r} is already a child of {child.parent.path!r}")
-        if any(sibling.name == child.name for sibling in self.children):
+        if any((sibling.name, sibling.__place) == (child.name, child.__place) for sibling in self.children):  # noqa: SLF001
             raise Error(f"actor {self.path!r} has two children named {child.name!r}")
         child.__parent = self
         self.__children.insert(0 if first else len(self.__children), child)
 
-    async def start_child(self, child: Actor) -> None:
-        """Add a child to an actor that already runs, and wait until it has started."""
-        self.add(child)
+    def share(self, actor: Actor) -> None:
+        """Have an actor that nobody has started live in the runtime, ahead of this one's children and until it ends.
+
+        Several may use one: it lives as long as one of them does, and its failure is theirs. Call this in `on_start`.
+        """
+        self.__shared.append(actor)
+        actor.__place = self.runtime.sharing.reserve(actor, self)  # so that its path is known from now on
+
+    async def start_child(self, child: Actor, *, first: bool = False, at: str = "") -> None:
+        """Add a child to an actor that already runs, and wait until it has started.
+
+        Args:
+            child: What is added.
+            first: Ahead of the others: it stops after them.
+            at: The path that its own begins with, in place of its parent's.
+        """
+        child.__place = at
+        self.add(child, first=first)
         try:
             await self.__start(child)
         except BaseException:
@@ -195,6 +212,7 @@ class Actor:
         if child in self.children:
             self.__children.remove(child)
             child.__parent = None
+            child.__place = ""
 
     @own
     def subscriptions(self) -> tuple[Subscription[Any], ...]:
@@ -336,10 +354,14 @@ class Actor:
         self.__release()
         if self.parent is None:
             self.runtime.abort(error)
-        else:
-            failure = ActorFailure(f"actor {self.path!r} failed: {error}")
-            failure.__cause__ = error
-            self.parent.fail(failure)
+            return
+        failure = ActorFailure(f"actor {self.path!r} failed: {error}")
+        failure.__cause__ = error
+        users = self.runtime.sharing.users(self)
+        if users and self.__requested is not None:
+            self.__requested.set()  # nobody above it stops it before its users have
+        for above in users or (self.parent,):
+            above.fail(failure)
 
     def __ask(self, request: Request) -> None:
         if self.__request == "none":
@@ -423,9 +445,7 @@ class Actor:
             try:
                 try:
                     await self.__begin()
-                    for child in tuple(self.children):
-                        if not self.__asked("stop"):
-                            await self.__start(child)
+                    await self.__start_others()
                 except (Exception, *LEAVING) as error:
                     failed = error
                 if failed is None:
@@ -441,7 +461,10 @@ class Actor:
                     failed = None
                 await self.__end()
             finally:
-                await self.__let_go()
+                try:
+                    await self.__let_go()
+                finally:
+                    await self.__give_back()
             # A further start adds anew what on_start adds.
             for child in self.children:
                 if child not in permanent:
@@ -466,6 +489,13 @@ class Actor:
             await done.wait()
         if errors:
             raise errors[0]
+
+    async def __start_others(self) -> None:
+        for actor in self.__shared:
+            await self.runtime.sharing.lend(actor)
+        for child in tuple(self.children):
+            if not self.__asked("stop"):
+                await self.__start(child)
 
     def __run_on(self, _: None) -> None:
         if self.__asked("none"):
@@ -497,6 +527,11 @@ class Actor:
                 self.on_stop()
             except BaseException as error:
                 self.__trouble(error)
+
+    async def __give_back(self) -> None:
+        shared, self.__shared = self.__shared, []
+        for actor in shared:
+            await self.runtime.sharing.give_back(actor, self)
 
     def __trouble(self, error: BaseException) -> None:
         """Tell what went wrong at its end, which goes on all the same."""

@@ -19,6 +19,7 @@ from mdm.runtime.clock import Clock, WallClock, check_seconds
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.handler import check_plain
 from mdm.runtime.log import Log
+from mdm.runtime.sharing import Sharing
 from mdm.runtime.signals import Signals
 from mdm.runtime.statistics import (
     ActorStatistics,
@@ -108,6 +109,7 @@ class Runtime:
         self.abandoned: list[Work] = []
         self._channels: dict[str, Channel[Any]] = {}
         self.root = Actor("")
+        self.sharing = Sharing(self.root)
         self.faults = self.channel("faults", Fault)
         self.lives = self.channel("lives", StateChange)
         self.decisions = self.channel("decisions", Decision)

@@ -103,7 +103,7 @@ def known_states(dynamics: Dynamics, gap: float) -> Iterator[tuple[Vector, bool]
         gap: The last are so near. With a discount of 1 these are exact, and those before are no bounds.
 
     Raises:
-        ModelError: If the discount is 1, and values grow or fall without end.
+        ModelError: If the discount is 1, and the values have no bound.
     """
     if dynamics.discount == 1:
         for step in steps(dynamics):

@@ -47,7 +47,7 @@ def fast_informed_bound(model: POMDP, *, limits: Limits | None = None) -> Soluti
         discount of 1 they are a bound only once QMDP's are exact; before, ``upper`` is inf.
 
     Raises:
-        ModelError: If the discount is 1, and values grow or fall without end; or the model has false negatives.
+        ModelError: If the discount is 1, and the values have no bound; or the model has false negatives.
     """
     check_no_false_negatives(model, "the fast informed bound")
     with Limits() if limits is None else limits as run:

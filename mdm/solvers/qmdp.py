@@ -39,7 +39,7 @@ def qmdp(model: MDP, *, limits: Limits | None = None) -> Solution:
         discount of 1 they are a bound only when they are exact; before, ``upper`` is inf.
 
     Raises:
-        ModelError: If the discount is 1, and values grow or fall without end; or the model has false negatives.
+        ModelError: If the discount is 1, and the values have no bound; or the model has false negatives.
     """
     check_no_false_negatives(model, "QMDP")
     with Limits() if limits is None else limits as run:

@@ -21,7 +21,7 @@ __all__ = ["backup", "kernels", "sweep"]
 
 
 def kernels(dynamics: Dynamics) -> Any:
-    """Return the module of compiled sweeps, or None where there are none for a model."""
+    """Return the module of compiled sweeps; None for a dense model, and without numba."""
     if dynamics.is_dense or not can_compile():
         return None
     from mdm.solvers.mdp import sweeps  # noqa: PLC0415 - imports numba

@@ -1,13 +1,13 @@
-"""Policy iteration, exact and modified: evaluate a policy, make it greedy to its values, until that changes nothing.
+"""Policy iteration, exact and modified: evaluate a policy, make it greedy to its values, repeat until it is stable.
 
 `policy_iteration` (R. A. Howard, *Dynamic Programming and Markov Processes*, 1960) solves (I - discount P) V = R for
 each policy, by dense or sparse LU: of up to S^3 operations, on a grid's sparse factors about S^1.5. It takes some ten
-steps where rewards are near, whatever the discount, and as many as the way is long where they are far. Best for small
-models, discounts near 1, and a discount of 1, where it is the one solver that proves its result.
+steps where rewards are near, whatever the discount, and as many as the path to them is long where they are far. Best
+for small models, for discounts near 1, and for a discount of 1, where no other solver proves its result.
 
 `modified_policy_iteration` (M. L. Puterman and M. C. Shin, *Modified policy iteration algorithms for discounted Markov
-decision problems*, Management Science 24, 1978) evaluates by a few sweeps over the transitions of the policy alone, A
-times cheaper than those of value iteration: the solver for large models.
+decision problems*, Management Science 24, 1978) evaluates a policy by a few sweeps over its own transitions, which
+are A times cheaper than those of value iteration: the solver for large models.
 """
 
 from __future__ import annotations
@@ -43,28 +43,28 @@ _EACH = 15
 
 
 def policy_iteration(model: MDP, *, limits: Limits | None = None) -> Solution:
-    """Return the optimal values of a model's states, as a `QTable`; a POMDP's state is taken to be seen.
+    """Return the optimal values of a model's states, as a `QTable`; those of a POMDP's known states.
 
     Args:
         model: The model; factored ones are flattened.
         limits: When to stop; its iterations are policies. With a gap of 0 the result is exact.
 
     Raises:
-        ModelError: If the discount is 1, and values grow or fall without end.
+        ModelError: If the discount is 1, and the values have no bound.
     """
     with Limits() if limits is None else limits as run:
         return improve_policies(Dynamics(model), model.initial_belief, run, "policy-iteration")
 
 
 def modified_policy_iteration(model: MDP, *, limits: Limits | None = None) -> Solution:
-    """Return the optimal values of a model's states, as a `QTable`; a POMDP's state is taken to be seen.
+    """Return the optimal values of a model's states, as a `QTable`; those of a POMDP's known states.
 
     Args:
         model: The model; factored ones are flattened.
         limits: When to stop; its iterations are rounds of sweeps, for one policy each.
 
     Raises:
-        ModelError: If the discount is 1, and values grow or fall without end.
+        ModelError: If the discount is 1, and the values have no bound.
     """
     name = "modified-policy-iteration"
     with Limits() if limits is None else limits as run:
@@ -76,14 +76,14 @@ def modified_policy_iteration(model: MDP, *, limits: Limits | None = None) -> So
 
 
 class Step(NamedTuple):
-    """A policy's exact values, and what is made of it.
+    """A policy's exact values, and the next policy.
 
     Attributes:
         values: S.
         table: The values of actions, S x A.
         policy: The next policy: with other actions where these are better.
-        upper: The optimal values are at most so much more.
-        stable: Whether no action is better than the policy's own, so that the values are optimal.
+        upper: The optimal values exceed these by at most so much.
+        stable: Whether the values are optimal: no action is better than the policy's own.
     """
 
     values: Vector
@@ -96,8 +96,8 @@ class Step(NamedTuple):
 def steps(dynamics: Dynamics) -> Iterator[Step]:
     """Yield policies, each better than the last, until one is stable.
 
-    The first is greedy to the rewards, or with a discount of 1 one that comes to rest. An action gives way only to one
-    that is better: so with a discount of 1 a policy that never rests can only come of rewards without end.
+    The first is greedy to the rewards; with a discount of 1 it is one that comes to rest. Only a better action replaces
+    an action: so with a discount of 1, a policy that never rests proves that rewards have no end.
     """
     endless = dynamics.discount == 1
     policy = first_policy(dynamics) if endless else dynamics.rewards.argmax(axis=1)
@@ -129,9 +129,9 @@ def improve_policies(dynamics: Dynamics, belief: Vector, limits: Limits, solver:
 
 
 def _going_on(step: Step) -> Vector:
-    """Return values of actions that choose the policy's own.
+    """Return values of actions by which the policy's own actions are chosen.
 
-    Others may have the same value and only wait, for ever: those before them are lowered by their last bit.
+    Other actions of the same value may wait for ever: those with a lower index are lowered by their last bit.
     """
     own = np.take_along_axis(step.table, step.policy[:, None], axis=1)
     before = np.arange(step.table.shape[1]) < step.policy[:, None]
@@ -142,7 +142,7 @@ def evaluate(dynamics: Dynamics, policy: Actions) -> Vector:
     """Return the value of each state under a policy: the solution of (I - discount P) V = R.
 
     Raises:
-        ModelError: If the discount is 1, and the policy earns or pays without end.
+        ModelError: If the discount is 1, and the policy's rewards have no end.
     """
     matrix, rewards = dynamics.under(policy)
     values = np.zeros(dynamics.num_states)

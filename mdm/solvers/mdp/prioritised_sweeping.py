@@ -1,13 +1,13 @@
-"""Prioritised sweeping: back up the states first whose values are most wrong, and hand on to those before them.
+"""Prioritised sweeping: back up the states with the largest errors first, then their predecessors.
 
-A state's priority is how much its value may change; a backup raises that of the states before it by the discounted
-chance of the transition times the change (A. W. Moore and C. G. Atkeson, *Prioritized sweeping*, Machine Learning 13,
-1993). A falling threshold takes the place of a queue, which would cost more than the backups it saves (P. Dai and E. A.
-Hansen, *Prioritizing Bellman backups without a priority queue*, ICAPS 2007). Rounds end with a backup of all states,
-which bounds the values (see `mdm.solvers.mdp.rounds`).
+A state's priority bounds the change of its value. A backup raises the priorities of its predecessors to the discounted
+probability of the transition times the change (A. W. Moore and C. G. Atkeson, *Prioritized sweeping*, Machine Learning
+13, 1993). A falling threshold takes the place of a queue, which would cost more than the backups it saves (P. Dai and
+E. A. Hansen, *Prioritizing Bellman backups without a priority queue*, ICAPS 2007). Rounds end with a backup of all
+states, which bounds the values (see `mdm.solvers.mdp.rounds`).
 
-It needs the transitions a second time, by the states that they lead to. Choose it where little is earned in few places
-and values spread from there, as in mazes; where all values change in each sweep, modified policy iteration is faster.
+It holds the transitions a second time, by their next states. Choose it where rewards are in few places and values
+spread from there, as in mazes. Where all values change in each sweep, modified policy iteration is faster.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ _SETTLED = 0.01
 
 
 def prioritised_sweeping(model: MDP, *, limits: Limits | None = None) -> Solution:
-    """Return the optimal values of a model's states, as a `QTable`; a POMDP's state is taken to be seen.
+    """Return the optimal values of a model's states, as a `QTable`; those of a POMDP's known states.
 
     Args:
         model: The model; factored ones are flattened.
-        limits: When to stop; its iterations are rounds, of as many backups as some sweeps have.
+        limits: When to stop; its iterations are rounds, each of as many backups as a few sweeps.
 
     Raises:
-        ModelError: If the discount is 1, and values grow or fall without end.
+        ModelError: If the discount is 1, and the values have no bound.
     """
     with Limits() if limits is None else limits as run:
         dynamics = Dynamics(model)
@@ -53,7 +53,7 @@ def prioritised_sweeping(model: MDP, *, limits: Limits | None = None) -> Solutio
         most = dynamics.num_states * sweeps_of(dynamics)
 
         def improve(values: Vector, last: Round) -> None:
-            # V at the lower end of its bounds, which a backup raises by what it changed beyond the least.
+            # V at the lower end of its bounds: there a backup raises each value by its change above the least.
             priorities = last.backed - last.values
             values[:] = last.values + last.below / dynamics.discount
             priorities -= priorities.min()

@@ -1,4 +1,4 @@
-"""Rounds of sweeps and one backup that bounds the optimal values: what value iteration and its kin have in common.
+"""Rounds of value iteration and its kin: some sweeps, then one backup that bounds the optimal values.
 
 With d = T V - V over all states, T the backup, the optimal values lie within
 
@@ -6,13 +6,12 @@ With d = T V - V over all states, T the backup, the optimal values lie within
 
 and a policy that is greedy to V has at least the lower end as its value (J. B. MacQueen, *A modified dynamic
 programming method for Markovian decision problems*, Journal of Mathematical Analysis and Applications 14, 1966; E. L.
-Porteus, *Some bounds for discounted sequential decision processes*, Management Science 18, 1971). The bounds are as far
-apart in every state. Any V will do: sweeps of any kind may come between. V moves on from the lower end of its bounds,
-where T V >= V, so that it rises in all sweeps, also in those of a policy that is not the best.
+Porteus, *Some bounds for discounted sequential decision processes*, Management Science 18, 1971). The bounds are
+equally far apart in every state. They hold for any V: sweeps of any kind may come between. V goes on from the lower end
+of its bounds, where T V >= V, so that it rises in all sweeps, also in those of a policy that is not optimal.
 
-Sweeps in place leave errors that differ from state to state by as much as they changed, which keeps the bounds apart
-where the discount is near 1; backups of all states at once even them out. A few of these before the last make a round
-worth hundreds without.
+Sweeps in place leave errors that differ from state to state, which keeps the bounds apart where the discount is near 1.
+Backups of all states at once even them out: a few of these at the end of a round save hundreds of rounds.
 """
 
 from __future__ import annotations
@@ -37,24 +36,24 @@ if TYPE_CHECKING:
 __all__ = ["Round", "bounded", "rounding", "rounds", "sweeping", "sweeps_of"]
 
 _PASS = 200_000
-"""Entries that the sweeps of a round go over at least, so that its report costs little beside them."""
+"""The sweeps of a round read at least so many entries, so that a report costs little beside them."""
 _SWEEPS = 3, 64
 """The least and the most sweeps of a round."""
 _LEVELLING = 16
-"""The most backups of a round that even errors out."""
+"""The most backups of all states at once in a round."""
 _SETTLED = 0.3
-"""Sweeps end when they change values by less than this share of what is unknown of them, in one step."""
+"""Sweeps end when they change values by less than this share of the gap between their bounds."""
 
 
 class Round(NamedTuple):
-    """Values and what a backup proves by them.
+    """Values, and the bounds that a backup of them proves.
 
     Attributes:
         values: V, about the values of the states.
         backed: T V.
         policy: The greedy policy of V.
-        below: The optimal value of each state is at least T V and this.
-        above: It is at most T V and this.
+        below: The optimal values are at least T V + below.
+        above: They are at most T V + above.
     """
 
     values: Vector
@@ -80,7 +79,7 @@ def rounds(dynamics: Dynamics, improve: Callable[[Vector, Round], None]) -> Iter
     values = np.zeros(dynamics.num_states)
     while True:
         backed, policy = backup(dynamics, values)
-        with np.errstate(all="ignore"):  # what overflows is refused by who watches the bounds
+        with np.errstate(all="ignore"):  # the limits refuse bounds that overflow
             change = backed - values
             now = Round(values, backed, policy, ahead * float(change.min()), ahead * float(change.max()))
         yield now
@@ -106,7 +105,7 @@ def bounded(
 
 
 def rounding(dynamics: Dynamics, now: Round) -> float:
-    """Return how near the bounds come: what sums of floats are off, over all steps to come."""
+    """Return how near the bounds can come: the rounding errors of a sum, over all steps to come."""
     terms = 16 + dynamics.entries / dynamics.rewards.size
     return float(terms * np.finfo(float).eps * np.abs(now.backed).max() / (1 - dynamics.discount))
 
@@ -129,6 +128,6 @@ def sweeping(dynamics: Dynamics, gap: float, each: int) -> Callable[[Vector, Rou
 
 
 def sweeps_of(dynamics: Dynamics) -> int:
-    """Return how many sweeps for the best actions a round has: more of them in small models."""
+    """Return the number of sweeps for the best actions in a round: more in small models."""
     least, most = _SWEEPS
     return min(max(_PASS // dynamics.entries, least), most)

@@ -33,7 +33,7 @@ def backup(
     backed: Vector,
     policy: Indices,
 ) -> None:
-    """Write what the best action makes of each state's value, and that action; all from the old values."""
+    """Write each state's value after a backup, and its best action; all from the old values."""
     size, count = rewards.shape
     for state in range(size):
         best, chosen = 0.0, -1
@@ -62,7 +62,7 @@ def sweep(
 ) -> None:
     """Back states up, in place; see `mdm.solvers.mdp.backups.sweep`.
 
-    What a sweep for the best actions finds is copied: those after it read a matrix of their own, A times smaller.
+    The rows of the best actions are copied: the sweeps that follow them read a matrix that is A times smaller.
     """
     size, count = rewards.shape
     firsts = np.zeros(size + 1, dtype=np.uintp)  # room for the longest row of each state
@@ -95,7 +95,7 @@ def _choose(
     policy: Indices,
     turn: int,
 ) -> float:
-    """Back each state up with its best action, and return by how much the values changed, at most."""
+    """Back each state up with its best action; return the greatest change."""
     size, count = rewards.shape
     change = 0.0
     for place in range(size):
@@ -182,9 +182,9 @@ def prioritised_sweeps(
         transitions: T.
         rewards: See above.
         discount: See above.
-        values: What the states are value.
-        priorities: By how much each state's value may be wrong.
-        before: For each s' the states before it, with the probabilities of the transitions.
+        values: The values of the states.
+        priorities: The error that each state's value may have.
+        before: The predecessors of each state, with the probabilities of the transitions.
         threshold: The first threshold.
         floor: Stop when the threshold falls to it.
         most: The most backups.

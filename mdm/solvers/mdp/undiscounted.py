@@ -1,9 +1,9 @@
-"""A discount of 1: whether a model comes to rest, and a policy that brings it there.
+"""Models with a discount of 1: whether they come to rest, and a policy that brings them there.
 
-A state *rests* where some action earns nothing and leads to nothing but states that rest. The total reward of a model
-is finite if from every state some policy comes to rest (a stochastic shortest path: D. P. Bertsekas and J. N.
+A state *rests* where some action has no reward and leads to resting states alone. The total reward of a model
+is finite if some policy comes to rest from every state (a stochastic shortest path: D. P. Bertsekas and J. N.
 Tsitsiklis, *An analysis of stochastic shortest path problems*, Mathematics of Operations Research 16, 1991), and no
-policy earns for ever, which policy iteration notices by a policy that never rests.
+policy has rewards for ever. Policy iteration notices the latter by a policy that never rests.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ def resting(matrix: Matrix, rewards: Vector, dynamics: Dynamics) -> Mask:
     """Return the states from which a policy earns nothing more, given its transitions and rewards.
 
     Raises:
-        ModelError: If it never comes there from some state: policy iteration takes to such a policy only where it earns
-            for ever.
+        ModelError: If it never comes there from some state. Policy iteration takes up such a policy only where its
+            rewards have no end.
     """
     states, columns = _entries(matrix)
     active, _ = _leading_to(states, columns, rewards != 0)
@@ -69,7 +69,7 @@ def resting(matrix: Matrix, rewards: Vector, dynamics: Dynamics) -> Mask:
 
 
 def _rest(dynamics: Dynamics) -> tuple[npt.NDArray[np.intp], Mask]:
-    """Return an action that rests for each state that has one, and which do."""
+    """Return an action by which each resting state rests, and which states these are."""
     free = dynamics.rewards == 0
     rest = free.any(axis=1)
     while True:
@@ -81,7 +81,7 @@ def _rest(dynamics: Dynamics) -> tuple[npt.NDArray[np.intp], Mask]:
 
 
 def _entries(matrix: Matrix) -> tuple[Any, Any]:
-    """Return rows and columns of what is not zero."""
+    """Return the rows and columns of the non-zeros."""
     if not is_compressed(matrix):
         rows, columns = np.nonzero(matrix)
         return rows, columns

@@ -8,8 +8,8 @@ iteration needs fewer passes where there are many actions; policy iteration suit
 Finite horizon H: H backups from the last stage to the first (R. Bellman, *Dynamic Programming*, 1957), exact; the
 policy holds S A numbers a stage.
 
-With a discount of 1 and no horizon a backup proves nothing of the optimal values: policy iteration solves the model in
-its place, if it comes to rest at all.
+With a discount of 1 and no horizon a backup does not bound the optimal values: policy iteration then solves the model,
+if it comes to rest at all.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ _NAME = "value-iteration"
 
 
 def value_iteration(model: MDP, *, limits: Limits | None = None, horizon: int | None = None) -> Solution:
-    """Return the optimal values of a model's states, as a `QTable`; a POMDP's state is taken to be seen.
+    """Return the optimal values of a model's states, as a `QTable`; those of a POMDP's known states.
 
     Args:
         model: The model; factored ones are flattened.
         limits: When to stop; its iterations are rounds of a few sweeps, or stages where there is a horizon.
-        horizon: How many decisions there are. The policy is a `StagedPolicy`, with a Q-table for each; stages that were
-            not reached when the solver had to stop take that of the earliest that was.
+        horizon: How many decisions there are. The policy is a `StagedPolicy`, with a Q-table for each. Where the
+            solver has to stop early, the stages that it did not reach get the table of the last one that it did.
 
     Raises:
-        ModelError: If the discount is 1, there is no horizon, and values grow or fall without end.
+        ModelError: If the discount is 1, there is no horizon, and the values have no bound.
         ConfigError: If the horizon is not positive.
     """
     if horizon is not None and horizon < 1:

@@ -1,7 +1,7 @@
-"""Backups of a block of beliefs, and the randomised choice of those that improve all of them.
+"""Backups of blocks of beliefs, and the randomised choice of beliefs to back up.
 
 The value function of the next step is a matrix of vectors. A backup at b takes, for each action and observation, the
-vector that is best at what b becomes, and of the actions the best (J. Pineau, G. Gordon and S. Thrun, *Point-based
+best vector at the belief that follows, and then the best action (J. Pineau, G. Gordon and S. Thrun, *Point-based
 value iteration: an anytime algorithm for POMDPs*, IJCAI 2003, equations 7 to 9).
 """
 
@@ -25,11 +25,11 @@ __all__ = ["Choice", "Vectors", "best", "choose", "improve", "needed"]
 
 _ROUNDING = 1e-12
 _BLOCK = 64
-"""So many points are backed up together, at most."""
+"""The most points that are backed up together."""
 
 
 class Vectors(NamedTuple):
-    """Alpha vectors (N x S), their actions, and at which points they were made."""
+    """Alpha vectors (N x S), their actions, and the points at which they were made."""
 
     values: Vector
     actions: Indices
@@ -85,7 +85,7 @@ def improve(
 ) -> tuple[Vectors, float]:
     """Return vectors that are as good at all points and better at some, and the greatest improvement.
 
-    Points are backed up in random order, as long as there are any that the new vectors have not improved (M. T. J.
+    Points that the new vectors have not improved yet are backed up in random order (M. T. J.
     Spaan and N. Vlassis, *Perseus: randomized point-based value iteration for POMDPs*, JAIR 24, 2005, table 1): one
     point, then two, then four, up to a block of them at once.
 
@@ -95,7 +95,7 @@ def improve(
         backup: Makes a vector, and its action, for each of some points.
         random: Orders the points.
         limits: Ends it early; the old vectors are kept then beside the new ones.
-        every: Back up all points, those that were improved along with others, too.
+        every: Back up all points, also those that other backups improved.
     """
     old_scores = points @ np.ascontiguousarray(old.values.T)
     owners = old_scores.argmax(axis=1)
@@ -131,7 +131,7 @@ def improve(
 
 
 def needed(vectors: Vectors, points: Matrix) -> Vectors:
-    """Return those that are the best of their action at some point."""
+    """Return the vectors that are the best of their action at some point."""
     scores = points @ np.ascontiguousarray(vectors.values.T)
     found: set[int] = set()
     for action in np.unique(vectors.actions):

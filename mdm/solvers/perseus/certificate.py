@@ -1,14 +1,14 @@
 """The values of vectors as plans: the certificate of a policy.
 
-Rounds leave out vectors that no point needs any more, though others were made of them; the greatest vector at a belief
-then promises more than choosing by the vectors earns. Here the vectors become the nodes of a controller whose edges
-lead to vectors that are still there: each observation to the best one at what the vector's own belief becomes. What the
-controller earns is the solution of linear equations (E. A. Hansen, *Solving POMDPs by searching in policy space*, UAI
-1998, section 3), approached by sweeps and then lowered until no vector is above what its backup says. So a backup
-improves them at every belief, and whoever chooses by them earns at least what they say.
+Rounds drop vectors that no point needs any more, though other vectors were made of them. The greatest vector at a
+belief then promises more than the policy earns. Here the vectors become the nodes of a controller over the remaining
+vectors: each observation leads to the best vector at the belief that follows the node's own. The controller's values
+solve linear equations (E. A. Hansen, *Solving POMDPs by searching in policy space*, UAI 1998, section 3). They are
+approached by sweeps, and then lowered until no vector exceeds its backup. So a backup improves them at every belief,
+and the policy that chooses by them earns no less.
 
 Where there are false negatives this holds for the controller, which goes along its edges. An agent that chooses by the
-vectors at the belief of a tracker may earn a little less: a tracker's belief does not discount what took long.
+vectors at a tracker's belief may earn a little less: that belief does not discount long waits.
 
 A sweep costs P(s', o | s, a) times the vectors of each action.
 """
@@ -31,18 +31,18 @@ __all__ = ["certified"]
 _SWEEPS = 1000
 _BLOCK = 64
 _LATE = 0.5, 0.05
-"""How long the last sweeps may take when the time is up: so many seconds, and such a share of the time before."""
+"""The last sweeps may take so many seconds, and such a share of the time before, when the time is up."""
 
 
 def certified(dynamics: JointDynamics, points: Matrix, vectors: Vectors, precision: float, limits: Limits) -> Vectors:
-    """Return the vectors as values that choosing by them earns, at least.
+    """Return the vectors, lowered to what a policy that chooses by them earns at least.
 
     Args:
         dynamics: The model.
         points: n x S.
         vectors: The vectors.
         precision: By how much they may be too low.
-        limits: Ends the sweeps, a little after its time is up; the vectors are then the lower for it.
+        limits: Ends the sweeps, a little after the time is up; the vectors are then lower.
     """
     groups = []
     for action in np.unique(vectors.actions).tolist():

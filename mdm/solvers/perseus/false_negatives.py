@@ -1,15 +1,14 @@
 """Value functions for models with false negatives: vectors are kept for each action.
 
-After a false negative the agent goes on with what it does, since it does not know of it. In a backup for action a, the
-false negative may be followed by vectors of action a alone; they are therefore improved for each action by itself, so
-that none is ever without one, at all beliefs: Q(b, a) in place of V(b). This is how MADP plans for false negatives
+After a false negative the agent goes on with its action, since it does not know of it. So in a backup for action a only
+vectors of action a may follow the false negative. Vectors are therefore improved for each action by itself, Q(b, a) in
+place of V(b), so that each action has one at every belief. This is how MADP plans for false negatives
 (J. V. Messias, M. T. J. Spaan and P. U. Lima, *Asynchronous execution in multiagent POMDPs: reasoning over
 partially-observable events*, MSDM 2013). It costs A times as many backups.
 
-What follows the false negative may be another vector of the same action, one whose later choices suit the belief after
-one more missed event. So the value is that of an agent who knows, when it detects the next event, how many it
-missed, as one with a clock may. The certificate tells what an agent without that knowledge earns: there each vector is
-followed by itself.
+Another vector of the same action may follow the false negative, with later choices that suit the belief after one more
+missed event. This is the value of an agent that knows, at the next detection, how many events it missed, as an agent
+with a clock may. The certificate is for an agent without that knowledge: there each vector is followed by itself.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ class Constrained:
         dynamics: The model.
         points: The beliefs, n x S.
         start: A vector for each action, at least.
-        false_negative: Its place among the dynamics's observations.
+        false_negative: Its place among the observations of the dynamics.
     """
 
     def __init__(self, dynamics: JointDynamics, points: Matrix, start: Vectors, false_negative: int) -> None:

@@ -1,7 +1,7 @@
 """The joint dynamics: one matrix of P(s', o | s, a) for each action.
 
-A row holds all that may follow a state, a column for each pair of o and s' that ever go together, so that one product
-takes a block of beliefs to what they become after each observation, and one product makes vectors of those that follow.
+It has a row for each s, and a column for each pair of o and s' that is possible. One product moves a block of beliefs
+along all observations; one product with the vectors that follow makes the vectors of a backup.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ __all__ = ["JointDynamics", "Only"]
 Only: TypeAlias = tuple[int, Indices]
 
 _SMALL = 20_000
-"""Up to so many numbers are kept dense whatever they are."""
+"""Up to so many numbers are kept dense in any case."""
 _DENSE = 0.2
 """From this part of non-zeros on dense products are faster."""
 _WIDE = 300
 _NARROW = 0.3
-"""For more states than the first, beliefs are sparse that give weight to a smaller part of them than the second."""
+"""With more states than the first, beliefs are sparse if their supports are less than this share of the states."""
 _TOGETHER = 8_000_000
-"""So many numbers are gathered at once, at most, to make vectors of."""
+"""The most numbers that are gathered at once for a backup."""
 
 
 class JointDynamics:
-    """P(s', o | s, a) and R of a model, as Perseus multiplies by them.
+    """P(s', o | s, a) and R of a model, for products.
 
     Where the model has false negatives, or events without an observation, the action goes on after these.
 
@@ -100,18 +100,18 @@ class JointDynamics:
         return any(resolvent is not None for resolvent in self._resolvents)
 
     def points(self, beliefs: Vector) -> Matrix:
-        """Return beliefs (n x S) as products like them: CSR where that is less to do, else dense."""
+        """Return beliefs (n x S) in the faster form for products, CSR or dense."""
         if self._compressed and self.size > _WIDE and np.count_nonzero(beliefs) < _NARROW * beliefs.size:
             return csr(beliefs)
         return np.ascontiguousarray(beliefs)
 
     def during(self, action: int, points: Matrix) -> Matrix:
-        """Return points weighed by all the steps that may come, discounted, before something is detected."""
+        """Return points times the discounted steps that may come before a detection."""
         resolvent = self._resolvents[action]
         return points if resolvent is None else resolvent.weights(points)
 
     def after(self, action: int, belief: Vector) -> tuple[Indices, Indices, Vector]:
-        """Return what a belief may become: places of observations, states, and their joint probabilities."""
+        """Return the joint probabilities of what follows a belief, with their observations' places and states."""
         row = (csr(belief[None]) if self._compressed else belief[None]) @ self.ahead[action]
         weights = row.toarray()[0] if is_compressed(row) else row[0]
         return self._symbols[action], self._successors[action], weights
@@ -134,9 +134,9 @@ class JointDynamics:
         return csr(parts, (len(first), self.size), copy=False), keys[first]
 
     def follow(self, action: int, points: Matrix, vectors: Vector, only: Only | None = None) -> tuple[Vector, Indices]:
-        """Return the best vectors after each observation: what they are values at points together, n, and which, n x O.
+        """Return the value of the best vectors after each observation (n numbers), and which these are (n x O).
 
-        What cannot be observed is followed by the vector that is best for the uniform belief.
+        An impossible observation is followed by the best vector at the uniform belief.
 
         Args:
             action: The action.
@@ -205,6 +205,6 @@ class JointDynamics:
         return np.ascontiguousarray(self.earned(action, earned).T)
 
     def earned(self, action: int, values: Vector) -> Vector:
-        """Return what an action earns until something is detected and, with it, then: of what it earns in a step."""
+        """Return the values of an action up to and after the next detection, of those of a single step."""
         resolvent = self._resolvents[action]
         return values if resolvent is None else resolvent.values(values)

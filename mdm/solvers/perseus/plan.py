@@ -1,9 +1,9 @@
 """Plans of a few decisions, as graphs: point-based backups from the last decision to the first.
 
-A vector of each stage is a node: its action, and for each observation the vector of the next stage that follows. What
-the graph earns is computed along with it, and exact; a false negative leaves it at its node. Each stage backs up all
-points and keeps what is different (J. Pineau, G. Gordon and S. Thrun, *Point-based value iteration: an anytime
-algorithm for POMDPs*, IJCAI 2003), at most one node for each.
+A vector of a stage is a node: an action, and for each observation a vector of the next stage. The graph's values are
+exact; a false negative stays at its node. Each stage backs up all points and keeps the different results (J. Pineau, G.
+Gordon and S. Thrun, *Point-based value iteration: an anytime algorithm for POMDPs*, IJCAI 2003), at most one node for
+each.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _BLOCK = 64
 
 
 class _Stage(NamedTuple):
-    """Vectors with so many decisions to go, and for each its action and what follows: N x S, N, N x O."""
+    """Vectors of a stage (N x S), their actions (N), and the vectors of the next stage that follow them (N x O)."""
 
     values: Vector
     actions: Indices
@@ -52,7 +52,7 @@ def plan(
 ) -> Solution:
     """Return a plan of so many decisions, as a controller. See `mdm.solvers.perseus.perseus`.
 
-    Where it has to stop early, what is missing is planned for the initial belief alone.
+    Where it has to stop early, the missing stages are planned for the initial belief alone.
     """
     dynamics = JointDynamics(Dynamics(model), model.false_negative)
     upper = upper_bound(dynamics, first, limits, horizon)
@@ -73,7 +73,7 @@ def plan(
 
 
 def _stage(dynamics: JointDynamics, points: Matrix, values: Vector) -> _Stage:
-    """Back up points; return what is different."""
+    """Back up points; return the different results."""
     found: dict[tuple[int, bytes], Indices] = {}
     for first in range(0, points.shape[0], _BLOCK):
         block = points[first : first + _BLOCK]
@@ -89,7 +89,7 @@ def _stage(dynamics: JointDynamics, points: Matrix, values: Vector) -> _Stage:
 
 
 def _controller(stages: list[_Stage], dynamics: JointDynamics, num_observations: int) -> FiniteStateController:
-    """Return the graph of what can be reached from the one node of the last stage, which is the first decision."""
+    """Return the graph of all nodes that follow the one node of the first decision."""
     nodes = [(len(stages) - 1, 0)]
     number = {nodes[0]: 0}
     successors = []

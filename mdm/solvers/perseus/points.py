@@ -1,4 +1,4 @@
-"""The beliefs that Perseus works on: those that an agent meets who acts at random, each once."""
+"""The beliefs of Perseus: those that random actions lead to, each once."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 __all__ = ["sampled", "starts"]
 
 _DIGITS = 7
-"""Beliefs that are the same to so many digits are one."""
+"""Beliefs that agree to so many digits are one."""
 _TRIES = 20
-"""So many steps for each belief asked for, before it is taken that there are no more."""
+"""The most steps for each belief asked for."""
 _COPIES = 8 * 8
-"""Bytes that are set aside for each number of a belief: what is worked out at all beliefs is as large as they are."""
+"""Bytes that are reserved for each number of a belief: what a round computes at all beliefs is as large as they are."""
 _ENDS = 0.01, 0.1
 """The least and the greatest chance that a walk ends after a step."""
 
@@ -57,13 +57,13 @@ def sampled(
         model: The model; its false negatives are taken into account as a tracker does.
         dynamics: What its actions lead to.
         first: Its `starts`.
-        beliefs: How many to find, fewer where no more are met or there is no room for them; or an n x S array of them.
+        beliefs: How many to find, or an n x S array of them. Fewer are found where there are no more, or no room.
         random: Draws actions and observations.
         limits: Ends the search.
 
     Raises:
-        ConfigError: If there is to be none.
-        ModelError: If a belief that is given is none.
+        ConfigError: If the number is not positive.
+        ModelError: If a given belief is no distribution.
     """
     if not isinstance(beliefs, int | np.integer):
         size = len(model.state_space)
@@ -95,7 +95,7 @@ def _walks(step: _Step, first: Vector, discount: float, steps: int, random: np.r
 
 
 class _Step:
-    """Takes a belief to one that a random action and what is then observed lead to."""
+    """Moves a belief along a random action and a random observation."""
 
     def __init__(self, model: POMDP, dynamics: JointDynamics) -> None:
         self._model = model

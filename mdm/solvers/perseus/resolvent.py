@@ -1,7 +1,7 @@
-"""The resolvents of Perseus: all that an action earns, and leads to, before the next event is detected.
+"""The resolvents of Perseus: the rewards and steps of an action before the next detection.
 
-With S(s, s') the probability of a step of which nothing is detected, an action that earns r in a step earns
-(I - g S)^-1 r until something is, g being the discount, and what is detected at last is weighed by the same matrix
+With S(s, s') the probability of a step without a detection, and g the discount, an action with reward r in a step has
+reward (I - g S)^-1 r up to the detection, whose probabilities are multiplied by the same matrix
 (J. V. Messias, M. T. J. Spaan and P. U. Lima, *Asynchronous execution in multiagent POMDPs: reasoning over
 partially-observable events*, MSDM 2013).
 """
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["discounted_resolvent"]
 
 _ROUNDING = 1e-5
-"""What is missing to 1 of a step's probabilities by rounding alone: files give them with six digits."""
+"""Rows may sum to so much less than 1 by rounding alone: files give six digits."""
 _ENDLESS = 1e9
 
 

@@ -1,17 +1,18 @@
 """Bounds of a POMDP's value function, as vectors over the states.
 
-Below: blind policies, one action for ever, whatever is observed (M. Hauskrecht, *Incremental methods for computing
-bounds in partially observable Markov decision processes*, AAAI 1997). Above: the values of known states, those of the
-underlying MDP; and the fast informed bound, which lets the next action depend on the observation alone,
+Lower bounds are blind policies, one action for ever, whatever is observed (M. Hauskrecht, *Incremental methods for
+computing bounds in partially observable Markov decision processes*, AAAI 1997). Upper bounds are the values of known
+states, those of the underlying MDP, and the fast informed bound, which lets the next action depend on the observation
+alone,
 
     alpha_a(s) = R(s, a) + discount * sum over o of max over a' of sum over s' of P(s', o | s, a) alpha_a'(s')
 
 (M. Hauskrecht, *Value-function approximations for partially observable Markov decision processes*, Journal of
 Artificial Intelligence Research 13, 2000, sections 3.4 and 3.5).
 
-All of them are bounds wherever the sweeps end: sweeps of blind policies and of known states bound what is still to come
-(see `mdm.solvers.mdp.rounds`), those of the fast informed bound begin above and only lower. A sweep costs the entries
-of all T, that of the fast informed bound A times those of all P(s', o | s, a).
+All of them are bounds wherever the sweeps end: sweeps of blind policies and of known states bound their own limits (see
+`mdm.solvers.mdp.rounds`), those of the fast informed bound begin above and only lower the vectors. A sweep costs the
+entries of all T; one of the fast informed bound A times those of all P(s', o | s, a).
 """
 
 from __future__ import annotations
@@ -48,10 +49,10 @@ _CLOSE = 1e-9
 _INFORMED_CLOSE = 2e-6
 """How near the fast informed bound comes to its limit, as a share of the range of its values."""
 _EACH = 15
-"""One of so many sweeps over known states looks for the best actions."""
+"""One of so many sweeps over known states finds the best actions."""
 _ROUNDING = 1e-12
 _LARGE = 10_000
-"""From so many numbers in a sweep on, its compilation pays."""
+"""From so many numbers in a sweep on its compilation pays."""
 
 
 def for_ever(reward: float, discount: float) -> float:
@@ -89,18 +90,18 @@ def blind_values(dynamics: Dynamics) -> Vector:
             values = backed
             if ahead * np.ptp(change) <= close:
                 break
-        # The limit is at least so far above the last sweep, but for rounding.
+        # The limit exceeds the last sweep by at least so much, but for rounding.
         values = values + ahead * change.min()
         result[action] = values - _ROUNDING * np.abs(values).max()
     return result
 
 
 def known_states(dynamics: Dynamics, gap: float) -> Iterator[tuple[Vector, bool]]:
-    """Yield the values of actions in known states, ever nearer to the optimal ones, S x A, and whether they bound them.
+    """Yield ever better values of actions in known states, S x A, and whether they are upper bounds.
 
     Args:
         dynamics: The model.
-        gap: The last are so near. With a discount of 1 these are exact, and those before are no bounds.
+        gap: The last ones are so near to the optimal ones. With a discount of 1 only the last are bounds, and exact.
 
     Raises:
         ModelError: If the discount is 1, and the values have no bound.
@@ -160,7 +161,7 @@ def _close(dynamics: Dynamics) -> float:
 
 
 class Waiting(Protocol):
-    """Moves values back along the steps of an action before something is detected."""
+    """Moves values back along the steps of an action without a detection."""
 
     def __call__(self, action: int, values: Vector) -> Vector:
         """Return the values at the beginning of the action, of those at the step that ends in a detection."""
@@ -176,7 +177,7 @@ class InformedBound:
     Args:
         dynamics: A POMDP.
         joints: P(s', o | s, a) of each action, where some observations are to be left out.
-        waiting: What is done after these; by default there are none.
+        waiting: What such an observation does; by default nothing is left out.
     """
 
     def __init__(
@@ -205,11 +206,11 @@ class InformedBound:
         return result
 
     def sweep(self, table: Vector) -> float:
-        """Lower vectors that are upper bounds, S x A, in place; return by how much at most."""
+        """Lower upper bounds, S x A, in place; return the greatest change."""
         return self._sweep(table)
 
     def lowered(self, table: Vector, goes_on: Callable[[], bool]) -> Vector:
-        """Return lower vectors, near the limit of sweeps, or those that were found until it went on no more.
+        """Return vectors lowered by sweeps until they are near the limit, or until it may not go on.
 
         Args:
             table: Upper bounds, S x A.

@@ -3,8 +3,8 @@
 A policy turns its model into a Markov chain with rewards, whose discounted total solves x = r + g P x: over the states
 for a table (R. A. Howard, *Dynamic programming and Markov processes*, 1960), over pairs of a node and a state for a
 controller (E. A. Hansen, *Solving POMDPs by searching in policy space*, UAI 1998, equation 2). Small systems are solved
-by elimination, O(n^3); large ones, in CSR, by BiCGSTAB or by repetition, until what is left proves an error below
-1e-9 of the values. For a number of decisions the equation is applied as often, from the last one back.
+by elimination, O(n^3); large ones, in CSR, by BiCGSTAB or by iteration, until the residual proves an error below 1e-9
+of the values. For a number of decisions the equation is applied as often, from the last one back.
 
 A policy over beliefs has no such chain: simulate it, with `mdm.evaluate`.
 """
@@ -63,7 +63,7 @@ def state_values(model: MDP, policy: StatePolicy, *, steps: int | None = None) -
     """Return the value of a policy over states from each state: S numbers.
 
     Args:
-        model: The model; the states of a POMDP are taken to be seen.
+        model: The model; the states of a POMDP are taken as known.
         policy: The policy, by its ``weights``.
         steps: Decisions; by default those that it has stages for, or there is no end.
 
@@ -95,7 +95,7 @@ def _chain(model: MDP, weights: Vector) -> tuple[Any, Vector]:
 def controller_values(model: POMDP, controller: FiniteStateController, *, steps: int | None = None) -> Vector:
     """Return the value of each node of a controller from each state: N x S.
 
-    Where a node has no successor the plan ends, and nothing more is earned. False negatives and events
+    Where a node has no successor the plan ends, without further rewards. False negatives and events
     without an observation leave the node as it is and count for no decision.
 
     Args:
@@ -176,8 +176,8 @@ def _total(moves: Matrix, stays: Matrix | None, rewards: Vector, discount: float
     """Return the discounted total of a chain's rewards.
 
     Args:
-        moves: The probabilities of what a decision follows on.
-        stays: Those of what no decision follows on.
+        moves: The probabilities of steps that end in a decision.
+        stays: Those of steps that do not.
         rewards: Of each state of the chain, in each step of time.
         discount: Of each step of time.
         steps: Decisions.
@@ -238,7 +238,7 @@ def _repeated(moves: Matrix, rewards: Vector, discount: float) -> Vector:
 
 
 def _endless(moves: Matrix) -> Any:
-    """Return from which states of a chain nothing leads out of those that lead back: an array of truth values."""
+    """Return a mask of the recurrent states of a chain."""
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
 
     chain = csr(moves)

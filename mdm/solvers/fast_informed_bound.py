@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["fast_informed_bound"]
 
 _ROUNDING = 1e-14
-"""By what share of the vectors backups must still change them."""
+"""Backups go on while they change the vectors by more than this share."""
 _SETTLED = 1e-3
 """With a discount of 1, backups end when they change vectors by less than this share of the gap."""
 
@@ -38,7 +38,7 @@ def fast_informed_bound(model: POMDP, *, limits: Limits | None = None) -> Soluti
 
     Args:
         model: The model, with observations of either kind; factored ones are flattened. Where observations of events do
-            not sum to 1, the rest is taken for one more of them.
+            not sum to 1, the rest counts as one more observation.
         limits: When to stop; the gap is how far the vectors may be from their limit, and the iterations are backups,
             those for QMDP's vectors included.
 

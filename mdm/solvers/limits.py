@@ -102,7 +102,7 @@ class Limits:
         return -1.0 if self._interrupted else self._time - self.seconds
 
     def leaves(self, share: float) -> bool:
-        """Return whether more than a share of the time is left, for what may take no longer than the rest."""
+        """Return whether more than a share of the time is left."""
         return self.remaining > share * self._time if self._time < float("inf") else self.remaining > 0
 
     @property
@@ -111,7 +111,7 @@ class Limits:
         return max(0, self._memory - _held())
 
     def allows(self, size: int) -> bool:
-        """Whether so many more bytes may be taken; where not, the run ends for lack of memory at its next report."""
+        """Whether so many more bytes may be allocated; else the run ends at its next report, for lack of memory."""
         if size < self.room:
             return True
         self.reason = "memory"
@@ -167,7 +167,7 @@ def _is_limit(given: object) -> bool:
 
 
 def _held() -> int:
-    """Return how many bytes the process holds now; where the system does not tell, the most it ever held."""
+    """Return how many bytes the process holds; on systems that do not tell, the most that it ever held."""
     try:
         pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
     except OSError:

@@ -2,9 +2,9 @@
 
 The values Q(s, a) of the underlying MDP are the alpha vectors of a POMDP's policy, one per action (M. L. Littman, A. R.
 Cassandra and L. P. Kaelbling, *Learning policies for partially observable environments: scaling up*, ICML 1995, section
-3). They are upper bounds of the optimal value function, and never choose an action for what it tells. It costs what the
-MDP costs, whatever the observations. Choose the fast informed bound where it matters what observations do not tell, and
-SARSOP or Perseus where a policy must look around before it acts.
+3). They are upper bounds of the optimal value function, and never choose an action for its information. The cost is
+that of the MDP, whatever the observations. Choose the fast informed bound where observations tell little of the state,
+and SARSOP or Perseus where a policy must gather information before it acts.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a solver returns: a policy, the bounds that certify it, and how they came about."""
+"""The result of a solver: a policy, the bounds that certify it, and their history."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solving by name: the solvers there are, and which one suits a model."""
+"""Solving by name: the list of solvers, and the default one for a model."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SOLVERS: dict[str, tuple[str, str, str]] = {
 
 
 def default_solver(model: MDP) -> str:
-    """Return the solver for a model of this kind where nobody names one."""
+    """Return the default solver for a model."""
     if not isinstance(model, POMDP):
         return "modified-policy-iteration"
     return "sarsop" if model.false_negative is None and not model.event_observations else "perseus"
@@ -74,7 +74,7 @@ def solve(
         iterations: Stop after so many sweeps, trials or rounds.
         memory: Stop when the process holds so many bytes; by default 80 % of the machine's memory.
         progress: Called with each `Progress` that the solver reports.
-        options: What this solver alone takes, such as ``horizon``.
+        options: Options of this solver alone, such as ``horizon``.
 
     Raises:
         ConfigError: If there is no such solver or option, it is not for such models, or a limit is no number.

@@ -1,10 +1,10 @@
 """JESP: joint plans of a finite horizon for teams without communication, by alternating best responses.
 
-From random plans, one agent after the other takes its best response to the others' plans, until none can improve alone:
-a Nash equilibrium, hence a local optimum (R. Nair, M. Tambe, M. Yokoo, D. Pynadath and S. Marsella, *Taming
-decentralized POMDPs*, IJCAI 2003). Restarts look for better ones; then a search proves the best plan to be optimal, or
-finds the optimum, as far as its effort goes (see `search`). The certificate below is the exact value of the plan at the
-initial belief; above, it is what a team that shares all observations (MPOMDP), or knows the state, would get.
+From random plans, one agent after the other takes its best response to the others' plans, until no agent can improve
+alone: a Nash equilibrium, hence a local optimum (R. Nair, M. Tambe, M. Yokoo, D. Pynadath and S. Marsella, *Taming
+decentralized POMDPs*, IJCAI 2003). Restarts find better ones. Then a search of limited effort proves the best plan
+optimal, or finds the optimum (see `search`). The lower bound is the exact value of the plan at the initial belief; the
+upper one is the value of a team that shares all observations (MPOMDP), or knows the state.
 
 A best response costs up to (A_i O_i)^t beliefs of S times the others' histories numbers at step t, see `response`; the
 search is doubly exponential in the horizon at worst. For one agent alone the first response is optimal already, yet
@@ -52,15 +52,15 @@ def jesp(
         model: The team's POMDP, with a factor of observations per agent. Its discount applies; it may be 1.
         limits: When to stop, and where to report; an iteration is a best response.
         horizon: How many decisions the plan is for.
-        restarts: From how many random plans to begin.
-        seed: For these.
-        search: How many partial decision rules the exact search may look at after them; 0 leaves it out.
+        restarts: The number of random plans to begin from.
+        seed: Of the random plans.
+        search: The most partial decision rules in the exact search that follows; 0 leaves it out.
 
     Returns:
         A `JointController` with a tree per agent: a node for each history of its observations.
 
     Raises:
-        ConfigError: If there is nothing to do.
+        ConfigError: If there are no restarts.
         ModelError: If observations are not one per agent, an event may go unobserved or is a false negative, or the
             horizon is too long.
     """
@@ -102,7 +102,7 @@ class _Alternation:
             exact = self._search(stages, effort) if stages is not None and effort and not self._ends() else False
             if not exact and limits.reason is None and not self._ends():
                 limits.reason = "iterations"  # the restarts and the effort are used up
-            # What rounding put above the bound is no contradiction.
+            # Rounding may have put the plan's value above the bound.
             self.upper = max(self.lower, self.upper)
             return limits.solution(
                 as_controller(team, self.best),
@@ -148,7 +148,7 @@ class _Alternation:
         return True
 
     def _search(self, stages: list[Stage], effort: int) -> bool:
-        """Look for what is better still; return whether the best plan is proven to be so."""
+        """Search for a better plan; return whether the best plan is proven optimal."""
         search = PlanSearch(self._team, stages, self.lower, effort, self._goes_on)
         while not search.done and search.effort > 0 and not self._ends():
             search.expand()

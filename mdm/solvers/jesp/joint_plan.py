@@ -84,7 +84,7 @@ def lengthened(histories: Indices, seen: Indices, observations: Sequence[int]) -
 
 
 def check_size(size: int, horizon: int, most: int = MOST) -> None:
-    """Refuse what would take too much memory.
+    """Refuse a computation that would take too much memory.
 
     Raises:
         ModelError: If it would.

@@ -1,7 +1,7 @@
-"""The best response of one agent to the plans of the others, by dynamic programming over what it can come to believe.
+"""The best response of one agent to the plans of the others, by dynamic programming over its reachable beliefs.
 
 With the others' plans fixed, the agent faces a POMDP whose states are the world's together with the others' histories.
-Its beliefs that can be reached are followed forward, equal ones taken once, and valued backward (R. Nair, M. Tambe,
+Its reachable beliefs are followed forward, equal ones once, and their values computed backward (R. Nair, M. Tambe,
 M. Yokoo, D. Pynadath and S. Marsella, *Taming decentralized POMDPs: towards efficient policy computation for multiagent
 settings*, IJCAI 2003, DP-JESP). At step t there are at most (A_i O_i)^t beliefs, each of S numbers for each of the
 others' joint histories. For a team taken as one agent this is the exact solution of the MPOMDP.
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 __all__ = ["Stage", "best_response", "merged", "solve_as_one"]
 
 _DIGITS = 12
-"""Beliefs that agree so far are one."""
+"""Beliefs that agree to so many digits are one."""
 _AS_ONE = 4_000_000
 
 
 class Stage(NamedTuple):
-    """The N beliefs that can be reached after some steps.
+    """The N reachable beliefs after some steps.
 
     Attributes:
         rewards: N x A, expected.
@@ -52,12 +52,12 @@ def best_response(
 ) -> tuple[float, Tree] | None:
     """Return the value of a plan with the best tree for an agent, and that tree.
 
-    Where the agent cannot get to, its tree stays as it was.
+    Unreachable parts of the tree stay as they were.
 
     Args:
         team: The team.
         plan: The others' trees, and the agent's present one.
-        agent: Whose tree is replaced.
+        agent: The agent whose tree is replaced.
         goes_on: Asked now and then; False breaks off.
 
     Returns:
@@ -146,7 +146,7 @@ def _valued(steps: list[tuple[Vector, Vector, Indices]], discount: float) -> lis
 
 
 def merged(rows: Vector) -> tuple[Indices, Indices]:
-    """Return where the distinct rows of an array first stand, and for each row which of these it is."""
+    """Return the first places of the distinct rows of an array, and for each row its number among these."""
     rows = np.ascontiguousarray(rows + 0.0)  # -0.0 becomes 0.0: bytes are compared
     keys = rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).ravel()
     _, first, which = np.unique(keys, return_index=True, return_inverse=True)

@@ -1,10 +1,10 @@
-"""The exact search for the best joint plan: multi-agent A* over partial plans, with histories clustered.
+"""The exact search for the best joint plan: multi-agent A* over partial plans, with clustered histories.
 
-A partial plan fixes what the agents do in the first steps. Its value is at most that of its steps and, from there on,
-of a team that shared all observations; the most promising one is continued by every joint decision rule that could
+A partial plan fixes the agents' actions in the first steps. Its value is at most that of these steps and, from there
+on, of a team that shares all observations. The most promising one is continued by every joint decision rule that could
 still beat the best plan known (D. Szer, F. Charpillet and S. Zilberstein, "MAA*: a heuristic search algorithm for
-solving decentralized POMDPs", UAI 2005). Histories of an agent after which the same is to be expected, of states and of
-the others' histories, are one (F. A. Oliehoek, S. Whiteson and M. T. J. Spaan, *Lossless clustering of histories in
+solving decentralized POMDPs", UAI 2005). Histories of an agent with equal distributions over states and over the
+others' histories are one (F. A. Oliehoek, S. Whiteson and M. T. J. Spaan, *Lossless clustering of histories in
 decentralized POMDPs*, AAMAS 2009). The rules of a step are found by branch and bound over one agent's cluster after the
 other. The worst case is doubly exponential in the horizon: it is for small ones.
 """
@@ -36,7 +36,7 @@ _SAME = 1e-10
 """Plans whose values differ by less, relative to the numbers at hand, are equally good."""
 
 Rule = tuple[tuple[int, ...], ...]
-"""What each agent does in each of its clusters."""
+"""The action of each agent in each of its clusters."""
 
 
 class _Partial(NamedTuple):
@@ -61,7 +61,7 @@ class PlanSearch:
         team: The team.
         stages: The solution of the team as one agent, which bounds the value of a plan.
         lower: The value of the best plan known.
-        effort: How many partial decision rules it may look at.
+        effort: The most partial decision rules to try.
         goes_on: Asked now and then; False uses up the effort.
     """
 
@@ -89,7 +89,7 @@ class PlanSearch:
 
     @property
     def done(self) -> bool:
-        """Whether the best plan known is proven to be the best there is."""
+        """Whether the best plan known is proven optimal."""
         return not self._open or -self._open[0][0] <= self.lower + self._scale
 
     def expand(self) -> None:
@@ -117,7 +117,7 @@ class PlanSearch:
         return _Partial(0.0, np.ones(ones), np.zeros(ones, dtype=np.intp), None, (), ())
 
     def _rules(self, game: Vector, value: float) -> Iterator[tuple[float, Rule]]:
-        """Yield the joint decision rules that could beat the best plan known, and what they bring at most.
+        """Yield the joint decision rules that could beat the best plan known, with upper bounds of their values.
 
         ``game`` is clusters (one axis per agent) x actions (one axis per agent); actions that are ruled out are -inf.
         """
@@ -195,7 +195,7 @@ class PlanSearch:
 
 
 def _clustered(chances: Vector, beliefs: Indices, agent: int) -> tuple[Vector, Indices, Indices]:
-    """Join an agent's histories after which the same is to be expected; return also where each went, -1 for nowhere."""
+    """Join an agent's equivalent histories; return also the cluster of each, -1 for an impossible one."""
     rows = np.moveaxis(chances, agent, 0)
     rest = rows.shape[1:]
     rows = rows.reshape(len(rows), -1)

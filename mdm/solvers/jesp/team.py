@@ -1,4 +1,4 @@
-"""A Dec-POMDP as its agents take it: the dynamics, and what each agent has of a joint symbol."""
+"""A Dec-POMDP for its agents: the dynamics, and the agents' components of joint symbols."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class Team:
 
     Args:
         model: A POMDP with as many factors of observations as agents.
-        as_one: Take the agents for one that sees all that they observe and decides for all (the MPOMDP).
+        as_one: Take the agents as one that observes and decides for all (the MPOMDP).
 
     Raises:
-        ModelError: If observations are not one for each agent, or events leave a part to no observation.
+        ModelError: If there is not one observation for each agent, or an event may be without an observation.
     """
 
     def __init__(self, model: POMDP, *, as_one: bool = False) -> None:
@@ -44,7 +44,7 @@ class Team:
         self.rewards: Vector = np.ascontiguousarray(dynamics.rewards.T)
         """R(s, a) of the joint actions, A x S."""
         self.seen: Indices = np.stack(np.unravel_index(np.arange(math.prod(self.observations)), self.observations), 1)
-        """The agents' parts of the joint observations, O x agents."""
+        """The agents' components of the joint observations, O x agents."""
         for action, name in enumerate(model.action_space.names if dynamics.by_transition else ()):
             total = dynamics.step(action, np.eye(self.num_states)).sum(axis=(1, 2))
             if np.abs(total - 1).max() > 1e-6:

@@ -1,8 +1,8 @@
 """The look-ahead tree of beliefs as arrays, and the functions that grow it, compiled where numba is installed.
 
 A node is a belief: a list of states with weights, with bounds of its value for each action that may come next. The
-children of a node by an action lie side by side, one for each observation that is possible; where it may be that
-no event is detected, one of them stands for that, and only the action that went on may come next in it. Uncompiled the
+children of a node by an action lie side by side, one for each possible observation. Where an event may go undetected,
+one of them stands for that, and only the same action may follow in it. Uncompiled the
 same code gives the same numbers, some 50 times slower.
 """
 
@@ -29,7 +29,7 @@ class SearchTree(NamedTuple):
 
     Attributes:
         sizes: How many nodes there are, and how many entries of beliefs.
-        begins: Where each node's belief begins, and where the last ends.
+        begins: The first entry of each node's belief, and the end of the last.
         states: The states of all beliefs, one belief after the other.
         weights: Their probabilities.
         parents: For each node the one above, and the action that leads from there.
@@ -117,8 +117,8 @@ def grow(tables: SearchTables, tree: SearchTree, generator: np.random.Generator,
     Args:
         tables: The model.
         tree: The tree.
-        generator: Draws from beliefs that are too large.
-        particles: How many states a belief may have.
+        generator: Samples large beliefs.
+        particles: The most states of a belief; larger ones are sampled.
         count: How many leaves to expand.
 
     Returns:
@@ -144,7 +144,7 @@ def grow(tables: SearchTables, tree: SearchTree, generator: np.random.Generator,
 
 @compiled
 def _settled(tree: SearchTree) -> bool:
-    """Whether nothing further can change which action is best at the root."""
+    """Whether the best action at the root is certain."""
     if tree.errors[0] <= 0.0:
         return True
     first = int(np.argmax(tree.lower[0]))
@@ -235,7 +235,7 @@ def _expand(
         length, chance = _gathered(tree, start, lengths[index], generator, particles)
         start += lengths[index]
         if length > 0:
-            # What is not detected changes no action.
+            # Without a detection the action goes on.
             _add(tables, tree, length, node, action, chance, action if seen == tables.num_observations else -1)
     tree.children[node, action, 1] = tree.sizes[0] - tree.children[node, action, 0]
     return True
@@ -280,7 +280,7 @@ def _following(tables: SearchTables, tree: SearchTree, node: int, action: int) -
 def _gathered(
     tree: SearchTree, start: int, length: int, generator: np.random.Generator, particles: int
 ) -> tuple[int, float]:
-    """Move a belief to the end of those that are there, each state once, normalise it, and draw from a large one.
+    """Append a belief to the others, each state once, normalised, and sampled if it is large.
 
     Returns:
         How many states it has, and the sum of its weights.
@@ -306,7 +306,7 @@ def _gathered(
 
 @compiled
 def _drawn(tree: SearchTree, begin: int, length: int, particles: int, generator: np.random.Generator) -> int:
-    """Put a sample in the place of a belief (systematic resampling); return how many states are in it."""
+    """Replace a belief by a sample (systematic resampling); return its number of states."""
     number, end, reached, taken = generator.random(), begin, 0.0, 0
     for at in range(begin, begin + length):
         reached += tree.weights[at] * particles
@@ -324,7 +324,7 @@ def _drawn(tree: SearchTree, begin: int, length: int, particles: int, generator:
 def _add(
     tables: SearchTables, tree: SearchTree, length: int, parent: int, action: int, chance: float, only: int
 ) -> None:
-    """Add a node for the belief that stands behind those that are there; only one action may come next, or any (-1)."""
+    """Add a node for the belief after the last one; only one action may come next, or any (-1)."""
     node, begin = tree.sizes[0], tree.sizes[1]
     tree.sizes[0] += 1
     tree.sizes[1] += length

@@ -28,12 +28,12 @@ Real = npt.NDArray[np.float64]
 
 
 class SearchTables(NamedTuple):
-    """A model as compiled code reads it.
+    """A model for compiled code.
 
     Attributes:
         transitions: P(s' | s, a): a row for each action and state.
         observations: A row for each action and next state; for events a row for each entry of ``transitions``. An
-            MDP's observation is the next state. One more than there are stands for nothing noticed.
+            MDP's observation is the next state. The index ``num_observations`` stands for no detection.
         by_transition: Whether the observations are events.
         num_observations: How many there are.
         rewards: R(s, a), S x A.
@@ -60,10 +60,10 @@ def search_tables(model: MDP, *, upper: Real | None, lower: tuple[Real, Sequence
     Args:
         model: The model.
         upper: See `SearchTables`; None computes it.
-        lower: N x S values of plans, and the first action of each; those of blind policies are there in any case.
+        lower: N x S values of plans, and the first action of each, beside those of blind policies.
 
     Raises:
-        ModelError: If the discount is 1: nothing bounds the values of what never ends.
+        ModelError: If the discount is 1: values have no bounds then.
     """
     if model.discount >= 1:
         raise ModelError("a tree search needs a discount below 1: give the model one with with_discount(...)")

@@ -44,7 +44,7 @@ _ROUND = 0.001
 
 
 class SearchResult(msgspec.Struct, frozen=True):
-    """What a search found at one belief.
+    """The result of a search at one belief.
 
     Attributes:
         action: The action.
@@ -70,9 +70,9 @@ class Search:
         tables: The model.
         seconds: Search for so long; None sets no limit.
         expansions: Expand so many leaves at most; None sets no limit.
-        particles: How many states a belief of the tree may have, before it is drawn from.
+        particles: The most states of a belief in the tree; larger ones are sampled.
         memory: How many bytes the tree may take, roughly.
-        seed: Seeds what is drawn.
+        seed: Of the samples.
         clock: Returns seconds; for tests.
     """
 
@@ -97,7 +97,7 @@ class Search:
         self._tree: SearchTree | None = None
 
     def prepare(self) -> None:
-        """Take the room, and compile: what would make the first search slow."""
+        """Allocate the tree, and compile, so that the first search is not slower than others."""
         if self._tree is None:
             self.run(np.zeros(1, dtype=np.int64), np.ones(1), 0, stopped=lambda: True)
 
@@ -162,25 +162,25 @@ class TreeSearch(Kind):
     """Chooses by looking ahead from the present belief, anew at each decision.
 
     In an ensemble the search runs in a process of its own, beside the loop: see `Planner`. Called directly,
-    ``action`` searches before it returns. Where an action is followed by the model's false negative, or by no
-    observation, the search takes it to go on, as it does in an ensemble that is driven by events.
+    ``action`` searches before it returns. After the model's false negative, or no observation at all, the action
+    goes on in the tree, as it does in an ensemble that is driven by events.
 
     Args:
         model: The model; its discount is below 1.
         seconds: How long to search.
         expansions: How many leaves to expand at most; with it alone, the same seed gives the same actions.
-        seed: Seeds what is drawn from large beliefs.
-        fallback: In an ensemble, what decides where the search cannot in time.
-        plans: Alpha vectors whose values can be reached by acting, such as a point-based solver's (and not QMDP's,
-            which are too large): bounds from below, beside those of doing the same for ever.
-        bound: Q-values that are never too small, S x A, such as those of a fast informed bound; by default those of
-            acting with the state known.
-        particles: How many states a belief in the tree may have, before it is drawn from.
+        seed: Of the samples of large beliefs.
+        fallback: In an ensemble, the policy that decides when the search is too late.
+        plans: Alpha vectors that are lower bounds, such as a point-based solver's (and not QMDP's, which are upper
+            bounds), beside those of blind policies.
+        bound: Q-values that are upper bounds, S x A, such as those of the fast informed bound; by default the values of
+            known states.
+        particles: The most states of a belief in the tree; larger ones are sampled.
         memory: How many bytes the tree may take.
 
     Raises:
         ConfigError: If there is neither a time nor a number of leaves, or one is not positive.
-        ModelError: If the discount is 1, or what is given does not fit the model.
+        ModelError: If the discount is 1, or a policy or bound is not for this model.
     """
 
     form = "a tree search"
@@ -236,7 +236,7 @@ class TreeSearch(Kind):
         self.seed(seed)
 
     def seed(self, seed: int | None) -> None:
-        """Begin what is drawn anew."""
+        """Begin the samples anew."""
         self._seed = seed
         self._number = 0
         self._search: Search | None = None
@@ -252,7 +252,7 @@ class TreeSearch(Kind):
         return KnownState() if self.input == "state" else BeliefTracker(observable(model), by_support=True)
 
     def parts(self) -> tuple[SearchTables, dict[str, Any]]:
-        """Return what a `Search` is made of, for another process."""
+        """Return the arguments of a `Search`, for another process."""
         return self._tables, {**self._options, "seed": self._seed}
 
     def prepare(self) -> None:

@@ -1,16 +1,16 @@
 """Perseus: randomised point-based value iteration.
 
 Alpha vectors are improved at a fixed set of beliefs, those that random exploration meets: in each round beliefs are
-backed up in random order until the value of none is less than before, most by vectors that were made for others
+backed up in random order until the value of none is less than before; most need no vector of their own
 (M. T. J. Spaan and N. Vlassis, *Perseus: randomized point-based value iteration for POMDPs*, JAIR 24, 2005). It begins
 with the value of each action, done for ever, so that every vector is a plan's value, and a lower bound of the
-optimal one. Every few rounds, and at the end, the vectors are evaluated as the plan that they are: this certifies what
-the policy earns, and rounds go on from there, so that far fewer are needed (point-based policy iteration: S. Ji,
+optimal one. Every few rounds, and at the end, the vectors are evaluated as a plan: this certifies the policy, and the
+next rounds begin from these values, so that far fewer are needed (point-based policy iteration: S. Ji,
 R. Parr, H. Li, X. Liao and L. Carin, AAAI 2007). The upper bound is the fast informed bound, which no round improves.
 
 Cost of a backup: P(s', o | s, a) once, and A O S N for N vectors, as products of matrices over blocks of beliefs.
-SARSOP keeps to the beliefs that good policies meet, and proves more; choose Perseus for observations that are events,
-for false negatives, and for plans of a few decisions.
+SARSOP keeps to the beliefs of good policies, and its bounds are closer. Choose Perseus for observations that are
+events, for false negatives, and for plans of a few decisions.
 
 Where the model has false negatives see `mdm.solvers.perseus.false_negatives`, with a ``horizon``
 `mdm.solvers.perseus.plan`.
@@ -47,7 +47,7 @@ __all__ = ["perseus"]
 
 _NAME = "perseus"
 _EVERY = 4
-"""Vectors are certified after each so many rounds; it costs about half as much as a round."""
+"""Vectors are certified once in so many rounds; it costs about half as much as a round."""
 
 
 class _ValueFunction(Protocol):
@@ -70,11 +70,11 @@ def perseus(
 ) -> Solution:
     """Solve a POMDP at the beliefs that random exploration meets.
 
-    Where factors of the state are observed from the start (`POMDP.revealed`), the bounds are for who sees them. After
-    a false negative of the model the action goes on. The lower bound is then what the vectors earn as a plan, each
-    followed by the one that suits what is detected next, however many false negatives came before.
+    Where factors of the state are observed from the start (`POMDP.revealed`), the bounds are for an agent that sees
+    them. After a false negative of the model the action goes on. The lower bound is then that of the vectors as a plan:
+    the next detection chooses the vector that follows, however many false negatives came before.
 
-    It has ``converged`` when no belief is improved so far that more rounds could add more than the gap of the limits.
+    It has ``converged`` when the improvement of a round shows that more rounds cannot add more than the gap.
 
     Args:
         model: The model; its observations tell of states or are events. Factored ones are flattened.
@@ -99,7 +99,7 @@ def perseus(
             return plan(flat, first, run, beliefs, random, horizon)
         plain = Dynamics(flat)
         dynamics = JointDynamics(plain)
-        # As it is for an agent that does not know how many false negatives there were: bounds are for that one.
+        # Bounds are for an agent that does not know how many false negatives there were.
         actual = dynamics if flat.false_negative is None else JointDynamics(plain, flat.false_negative)
         upper = upper_bound(actual, first, run)
         points = dynamics.points(sampled(flat, dynamics, first, beliefs, random, run))
@@ -164,7 +164,7 @@ class _Search:
         self._certify()
 
     def _certify(self) -> Vectors:
-        """Return the vectors as a policy earns them, and keep them if they are the best so far."""
+        """Return the vectors with certified values, and keep them if they are the best so far."""
         precision = 0.1 * max(self._limits.gap, 1e-9)
         vectors = certified(self._actual, self._points, self._function.vectors, precision, self._limits)
         if (value := self._value(vectors)) > self.lower:

@@ -1,4 +1,4 @@
-"""SARSOP: a package, for its parts are many: the model's layout, first bounds, the graph of beliefs, the search."""
+"""SARSOP: the layout of a model, the graph of beliefs, the search, pruning, and the solver."""
 
 from mdm.solvers.sarsop.solver import sarsop
 

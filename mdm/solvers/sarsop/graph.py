@@ -1,4 +1,4 @@
-"""What SARSOP knows: beliefs and how actions and observations lead from one to the other, vectors, and points.
+"""The graph of SARSOP: beliefs, the actions and observations between them, vectors, and points.
 
 Everything lies in arrays that compiled code can fill; when they are full, they are copied to larger ones.
 """
@@ -39,8 +39,8 @@ Long = npt.NDArray[np.int64]
 class Graph(NamedTuple):
     """Beliefs (nodes), a node's actions (edges), an edge's observations (outcomes), vectors and points.
 
-    What leads to nothing is -1. A vector has links to those that it was made of; it is active where beliefs are
-    compared with it, and else kept only because it has a part in one that is.
+    Missing indices are -1. A vector has links to the vectors that it was made of. Beliefs are compared with active
+    vectors alone; others are kept as parts of these.
     """
 
     counts: Long
@@ -113,7 +113,7 @@ _SIZED: dict[str, int] = {
     "link": LINKS,
     **dict.fromkeys(("point_node", "point_value", "point_drop", "next_point"), POINTS),
 }  # fmt: skip
-"""Which count the length of an array must exceed; ``informed`` has a row per node."""
+"""The count that limits the length of an array; ``informed`` has a row per node."""
 
 _FLOATS = {
     "lower", "upper", "entropy", "binned", "reward", "edge_upper", "chance", "weight", "values", "point_value",
@@ -123,7 +123,7 @@ _LONG = {"first_weight", "first_edge", "code", "first_outcome", "first_value", "
 
 
 class Scratch(NamedTuple):
-    """Room for what one step works out; all of it is as before when the step ends."""
+    """Room for the work of one step, which leaves it as it was."""
 
     predicted: Floats
     touched: Long
@@ -141,7 +141,7 @@ class Scratch(NamedTuple):
 
 
 def new_graph(layout: Layout, bins: int) -> Graph:
-    """Return a graph without anything in it."""
+    """Return an empty graph."""
     num_actions = len(layout.rewards)
     num_blocks = len(layout.first_state) - 1
     room = room_for(layout)
@@ -165,7 +165,7 @@ def new_graph(layout: Layout, bins: int) -> Graph:
 
 
 def room_for(layout: Layout) -> dict[int, int]:
-    """Return what expanding one node and one backup take at most."""
+    """Return the most that one expansion and one backup may take."""
     num_actions, num_states = layout.rewards.shape
     num_symbols = int(layout.observations.columns.max()) + 1
     starts, first = layout.observations.starts, layout.observations.first
@@ -245,7 +245,7 @@ def hashed(codes: Long, size: int) -> Integers:
     waiting = np.arange(len(codes))
     slots = codes & (length - 1)
     while len(waiting):
-        # Of those that want one free slot the last to be written has it.
+        # The last one written to a free slot has it.
         free = table[slots] < 0
         table[slots[free]] = waiting[free]
         settled = table[slots] == waiting

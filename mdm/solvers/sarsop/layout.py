@@ -1,4 +1,4 @@
-"""The dynamics as SARSOP works on them, with the states in blocks that observations tell apart.
+"""The dynamics of SARSOP, with the states in blocks that observations tell apart.
 
 Where part of the state is seen (mixed observability), beliefs never leave the states of one value of it. Such states
 make a block; states are renumbered so that a block's lie side by side, and vectors are over one block each.

@@ -1,8 +1,8 @@
-"""Pruning: vectors that no visited belief needs, points that are out of date, beliefs that no good action leads to.
+"""Pruning: of vectors that no visited belief needs, points that are out of date, beliefs beyond bad actions.
 
-A vector stays where it is the best, or nearly so, at a belief that was backed up (H. Kurniawati, D. Hsu and W. S. Lee,
-RSS 2008, section III.D); an action whose upper bound is below the belief's lower bound is never taken again, and what
-only it leads to is forgotten.
+A vector stays if it is the best, or nearly so, at a belief that was backed up (H. Kurniawati, D. Hsu and W. S. Lee,
+RSS 2008, section III.D). An action whose upper bound is below the belief's lower bound is never taken again, and the
+beliefs that only it leads to are forgotten.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ Indices = npt.NDArray[np.intp]
 
 
 def needed_vectors(graph: Graph, layout: Layout, roots: npt.NDArray[np.int64], slack: float) -> npt.NDArray[np.bool_]:
-    """Return few vectors, one of them within a slack of the best at each belief that matters.
+    """Return few vectors, one of them within a slack of the best at each important belief.
 
-    These are the roots, beliefs that were backed up, and what the best actions there lead to.
+    These are the roots, the beliefs that were backed up, and the beliefs after their best actions.
     """
     count = int(graph.counts[VECTORS])
     kept = np.zeros(count, dtype=np.bool_)
@@ -49,7 +49,7 @@ def needed_vectors(graph: Graph, layout: Layout, roots: npt.NDArray[np.int64], s
 
 
 def _followers(graph: Graph, layout: Layout, nodes: Indices) -> Indices:
-    """Return the beliefs that the actions which are best by their lower bounds lead to."""
+    """Return the beliefs after the actions with the greatest lower bounds."""
     num_actions = graph.informed.shape[1]
     edges = (graph.first_edge[nodes][:, None] + np.arange(num_actions)).ravel()
     sizes = np.maximum(graph.num_outcomes[edges], 0)
@@ -75,7 +75,7 @@ def _dense(graph: Graph, nodes: Indices, width: int) -> Vector:
 
 
 def _stretches(starts: npt.NDArray[np.int64], sizes: npt.NDArray[np.int32]) -> tuple[Indices, Indices]:
-    """Return the indices of stretches one after the other, and which stretch each is of."""
+    """Return the indices of some stretches in their order, and the stretch of each index."""
     of = np.repeat(np.arange(len(starts)), sizes)
     ends = np.cumsum(sizes)
     return np.arange(len(of)) - np.repeat(ends - sizes, sizes) + np.repeat(starts, sizes), of
@@ -97,7 +97,7 @@ def _cover(vectors: Vector, beliefs: Vector, slack: float) -> Indices:
 
 
 def parts_of(graph: Graph, vectors: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Return which vectors others are made of, and these themselves."""
+    """Return a mask of some vectors and of all that they are made of."""
     kept = vectors.copy()
     front = np.flatnonzero(kept)
     while len(front):
@@ -109,9 +109,9 @@ def parts_of(graph: Graph, vectors: npt.NDArray[np.bool_]) -> npt.NDArray[np.boo
 
 
 def prune_vectors(graph: Graph, layout: Layout, active: npt.NDArray[np.bool_]) -> None:
-    """Take vectors out; what those that stay are made of is kept, but no belief is compared with it.
+    """Remove vectors. The parts of those that stay are kept, but no belief is compared with them.
 
-    Beliefs whose best is gone look for another when they are next asked.
+    Beliefs whose best vector is gone find another at the next refresh.
     """
     kept = parts_of(graph, active)
     old = np.flatnonzero(kept)
@@ -144,11 +144,11 @@ def prune_vectors(graph: Graph, layout: Layout, active: npt.NDArray[np.bool_]) -
 
 
 def prune_points(graph: Graph) -> None:
-    """Take out points whose belief has a newer one."""
+    """Remove the points of beliefs that have a newer one."""
     count = int(graph.counts[POINTS])
     nodes = graph.point_node[:count]
     kept = graph.point_value[:count] <= graph.upper[nodes]
-    # Of several at one belief the last.
+    # The last of several at one belief.
     _, first = np.unique(nodes[::-1], return_index=True)
     last = np.zeros(count, dtype=np.bool_)
     last[count - 1 - first] = True
@@ -184,7 +184,7 @@ def _link(
 
 
 def forget_nodes(graph: Graph, roots: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Take out beliefs that only bad actions lead to; return the roots' new nodes."""
+    """Remove beliefs that only bad actions lead to; return the roots' new nodes."""
     num_nodes = int(graph.counts[NODES])
     num_actions = graph.informed.shape[1]
     reached = np.zeros(num_nodes, dtype=np.bool_)
@@ -212,7 +212,7 @@ def _keep_nodes(
 ) -> npt.NDArray[np.int64]:
     nodes = np.flatnonzero(reached)
     place = np.cumsum(reached) - 1
-    # Edges of the nodes that stay; what a bad one leads to is gone, as if it had never been looked at.
+    # Edges of the nodes that stay; a bad one counts as not expanded, without outcomes.
     opened = nodes[graph.first_edge[nodes] >= 0]
     edges = (graph.first_edge[opened][:, None] + np.arange(num_actions)).ravel()
     good = np.zeros(int(graph.counts[EDGES]), dtype=np.bool_)

@@ -1,7 +1,7 @@
-"""SARSOP's steps, compiled where numba is at hand: expansion, bounds, backups, and the sampling of trials.
+"""SARSOP's steps, compiled where there is numba: expansion, bounds, backups, and the sampling of trials.
 
-They call each other and so stand in one file: what numba keeps of a function on disk is not made anew when a function
-that it calls changes in another.
+They call each other, and so they are in one file: numba does not renew what it keeps of a function on disk when a
+function in another file changes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["add_node", "add_vector", "backup", "explore", "refresh"]
 
 _GRID = 1e9
-"""Beliefs that agree to so many parts are one."""
+"""Beliefs that agree to one part in so many are one."""
 _DEEP, _SHALLOW = 0.2, 0.5
 
 
@@ -104,7 +104,7 @@ def refresh(graph: Graph, scratch: Scratch, node: int) -> None:  # noqa: C901 - 
 def add_node(  # noqa: C901 - one pass, no calls
     layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray, block: int, begin: int, end: int, total: float
 ) -> int:
-    """Return the node of the belief that stands in a stretch of the scratch entries; make it where it is new."""
+    """Return the node of the belief in a stretch of the scratch entries; make one for a new belief."""
     code = np.int64(block + 1)
     for k in range(begin, end):
         scratch.entry_weight[k] /= total
@@ -169,7 +169,7 @@ def add_node(  # noqa: C901 - one pass, no calls
 
 @compiled
 def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray, node: int, action: int) -> None:  # noqa: C901 - one pass, no calls
-    """Find what an action may lead to from a belief."""
+    """Find the outcomes of an action at a belief."""
     edge = graph.first_edge[node] + action
     base = layout.first_state[graph.block[node]]
     predicted, touched = scratch.predicted, scratch.touched
@@ -183,7 +183,7 @@ def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray
         row = layout.transitions.first[action] + state
         for j in range(layout.transitions.starts[row], layout.transitions.starts[row + 1]):
             gain = weight * layout.transitions.values[j]
-            if gain == 0.0:  # so little that it is none; counted, a state would be new each time it is reached
+            if gain == 0.0:  # an underflow: the state would count as new each time it is reached
                 continue
             after = layout.transitions.columns[j]
             if predicted[after] == 0.0:
@@ -215,7 +215,7 @@ def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray
             scratch.entry_place[at] = place
             scratch.entry_weight[at] = predicted[after] * layout.observations.values[j]
             offset[symbol] = at + 1
-        # The block that a symbol tells of: that of any state in which it is seen.
+        # The block of a symbol is that of any state in which it is observed.
         for j in range(layout.observations.starts[row], layout.observations.starts[row + 1]):
             scratch.choice[layout.observations.columns[j]] = layout.block[after]
         predicted[after] = 0.0
@@ -243,7 +243,7 @@ def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray
 
 @compiled
 def _open(graph: Graph, node: int) -> None:
-    """Give a node its edges; what they lead to is found when it is asked for."""
+    """Give a node its edges; their outcomes are found when they are needed."""
     edge = graph.counts[EDGES]
     num_actions = graph.informed.shape[1]
     graph.counts[EDGES] += num_actions
@@ -255,7 +255,7 @@ def _open(graph: Graph, node: int) -> None:
 
 @compiled
 def _edge_upper(layout: Layout, graph: Graph, scratch: Scratch, edge: int) -> float:
-    """Work out again the upper bound of an action."""
+    """Update the upper bound of an action."""
     first = graph.first_outcome[edge]
     value = 0.0
     for k in range(first, first + graph.num_outcomes[edge]):
@@ -298,7 +298,7 @@ def add_vector(layout: Layout, graph: Graph, block: int, action: int) -> int:
 
 @compiled
 def _back_up_vector(layout: Layout, graph: Graph, scratch: Scratch, node: int, action: int) -> None:
-    """Add the vector of doing an action at a belief and then what is best after each observation."""
+    """Add the vector of an action at a belief, followed by the best vector after each observation."""
     num_states = layout.rewards.shape[1]
     edge = graph.first_edge[node] + action
     block = int(np.int64(graph.block[node]))
@@ -340,7 +340,7 @@ def _back_up_vector(layout: Layout, graph: Graph, scratch: Scratch, node: int, a
 
 @compiled
 def backup(layout: Layout, graph: Graph, scratch: Scratch, node: int, step: float) -> None:
-    """Back up both bounds at a belief; improvements up to a step add no vector and no point."""
+    """Back up both bounds at a belief. An improvement by less than a step adds no vector and no point."""
     edge = graph.first_edge[node]
     upper = -np.inf
     best = -np.inf
@@ -388,7 +388,7 @@ def _has_room(graph: Graph, room: np.ndarray) -> bool:
 
 @compiled
 def _predicted(graph: Graph, node: int, low: float, width: float, entropy: float, bins: int) -> float:
-    """Return what a belief's value may come to: the mean of those like it, or its upper bound where there are none."""
+    """Return an estimate of a belief's value: the mean of similar beliefs, or its upper bound where there are none."""
     if graph.bin[node] < 0:
         row = min(bins - 1, max(0, int((_informed(graph, node) - low) / width * bins)))
         column = min(bins - 1, max(0, int(graph.entropy[node] / entropy * bins)))
@@ -401,7 +401,7 @@ def _predicted(graph: Graph, node: int, low: float, width: float, entropy: float
 
 @compiled
 def _learn(graph: Graph, node: int) -> None:
-    """Let a belief's lower bound count in the mean of those like it."""
+    """Add a belief's lower bound to the mean of similar beliefs."""
     place = graph.bin[node]
     if math.isnan(graph.binned[node]):
         graph.bin_count[place] += 1
@@ -424,7 +424,7 @@ def explore(  # noqa: C901 - one pass, no calls
     goal: float,
     budget: int,
 ) -> int:
-    """Sample trials and back them up until bounds meet or a budget is used up; return how many backups there were.
+    """Sample trials and back them up until bounds meet or a budget is used up; return the number of backups.
 
     Where room is lacking it is ``-1 - backups``. ``scale`` is the least informed value, the width of their range, the
     greatest entropy and the number of bins.
@@ -448,7 +448,7 @@ def explore(  # noqa: C901 - one pass, no calls
                 node = roots[i]
         if total <= goal:
             break
-        # What a trial may leave open: deep ones find good vectors, shallow ones lower the upper bound sooner.
+        # The gap at which a trial may end: deep ones find good vectors, shallow ones lower the upper bound sooner.
         gap = max(0.5 * goal, (_DEEP if trial % 2 else _SHALLOW) * total)
         trial += 1
         step = max(1e-4 * total, 1e-3 * goal)
@@ -462,7 +462,7 @@ def explore(  # noqa: C901 - one pass, no calls
             if not enough:
                 break
             if depth > 0:
-                if spread > 10 * scale[1]:  # so far ahead nothing matters
+                if spread > 10 * scale[1]:  # discounted so far, no gap matters
                     break
                 refresh(graph, scratch, node)
                 guess = _predicted(graph, node, scale[0], scale[1], scale[2], bins)
@@ -473,7 +473,7 @@ def explore(  # noqa: C901 - one pass, no calls
             if graph.first_edge[node] < 0:
                 _open(graph, node)
             edge = graph.first_edge[node]
-            # The action of the greatest upper bound, found anew as often as looking closer makes it less.
+            # The action of the greatest upper bound, found anew whenever its expansion lowers that bound.
             action = -1
             while True:
                 best = int(np.int64(0))

@@ -1,14 +1,15 @@
 """SARSOP: point-based value iteration on the beliefs that optimal policies reach.
 
 Trials go from the initial belief down to beliefs that are likely under the best policy, by the action of the greatest
-upper bound and the observation of the greatest uncertainty, as deep as promises to improve the initial belief's value
-(selective deep sampling), and bounds are backed up along them: alpha vectors below, points over the fast informed bound
-above (H. Kurniawati, D. Hsu and W. S. Lee, *SARSOP: efficient point-based POMDP planning by approximating optimally
-reachable belief spaces*, RSS 2008; with mixed observability S. C. W. Ong, S. W. Png, D. Hsu and W. S. Lee, IJRR 29,
-2010). Beliefs are sparse, equal ones are one, and an action's outcomes are found only when its bound is the greatest.
+upper bound and the observation of the greatest uncertainty, as deep as an improvement of the initial belief's value can
+be expected (selective deep sampling). Bounds are backed up along them: alpha vectors below, points over the fast
+informed bound above (H. Kurniawati, D. Hsu and W. S. Lee, *SARSOP: efficient point-based POMDP planning by
+approximating optimally reachable belief spaces*, RSS 2008; with mixed observability S. C. W. Ong, S. W. Png, D. Hsu and
+W. S. Lee, IJRR 29, 2010). Beliefs are sparse, equal ones are one, and an action is expanded only when its bound is the
+greatest.
 
-Cost of a backup: the entries of one action's T and O in one block, plus, for each outcome, its weights times the
-vectors and points that are new to it.
+Cost of a backup: the entries of one action's T and O in one block, and for each outcome its support times the vectors
+and points that are new to it.
 """
 
 from __future__ import annotations
@@ -48,9 +49,9 @@ _DEPTH = 1000
 _LEFT = 0.9
 """The share of the time that is left for the search when the first bounds are done."""
 _SLACK = 1e-12
-"""What rounding may have taken off the upper bound, as a share of the values."""
+"""Slack of the upper bound for rounding, as a share of the values."""
 _ROUNDING = 4e-12
-"""How near bounds come, as a share of the values: what was taken off them for rounding."""
+"""The bounds come no nearer than this share of the values: the slack for rounding."""
 _LEAST_VECTORS = 200
 _LEAST_NODES = 50_000
 
@@ -58,8 +59,8 @@ _LEAST_NODES = 50_000
 def sarsop(model: POMDP, *, limits: Limits | None = None) -> Solution:
     """Solve a POMDP.
 
-    Where factors of the state are fully observed, it is the model `POMDP.revealed` that is solved, and the bounds are
-    for an agent that sees them from the start.
+    Where factors of the state are fully observed, the model `POMDP.revealed` is solved, and the bounds are for an agent
+    that sees them from the start.
 
     Args:
         model: The model; its observations tell of states.
@@ -89,7 +90,7 @@ def sarsop(model: POMDP, *, limits: Limits | None = None) -> Solution:
 
 @cache
 def _warm_up() -> None:
-    """Have the steps compiled, or found compiled, before anybody's time is counted."""
+    """Compile the steps, or load them, before a solver's time begins."""
     if not can_compile():
         text = "SARSOP runs uncompiled, a hundred times slower: for numba, pip install 'markov-decision-making[fast]'"
         warnings.warn(text, ModelWarning, stacklevel=4)
@@ -128,7 +129,7 @@ class _Search:
             for block in range(num_blocks):
                 self._grow()
                 vector = add_vector(layout, self._graph, block, action)
-                # Whatever block an action leads to, it goes on there.
+                # It goes on in every block that the action leads to.
                 self._link(vector, action * num_blocks + np.arange(num_blocks))
                 at = self._graph.first_value[vector]
                 part = values[layout.first_state[block] : layout.first_state[block + 1]]
@@ -179,7 +180,7 @@ class _Search:
 
     @property
     def size(self) -> int:
-        """How many vectors beliefs are compared with."""
+        """The number of active vectors."""
         return int(self._graph.is_active[: self._graph.counts[VECTORS]].sum())
 
     def bounds(self) -> tuple[float, float]:
@@ -215,7 +216,7 @@ class _Search:
             self._budget = int(min(max(16, self._budget * min(share, 4.0)), 1e6))
 
     def _prune(self, goal: float) -> None:
-        """Prune what has grown by half since it was last pruned."""
+        """Prune each part that has grown by half since its last pruning."""
         counts = self._graph.counts
         if counts[NODES] > 2 * self._kept_nodes + _LEAST_NODES:
             self._roots = forget_nodes(self._graph, self._roots)
@@ -231,10 +232,10 @@ class _Search:
             self._kept_points = int(counts[POINTS])
 
     def policy(self) -> AlphaVectors | MixedAlphaVectors:
-        """Return the vectors as a policy: those that are best at the roots, and all that they are made of.
+        """Return the vectors as a policy: the best ones at the roots, and all that they are made of.
 
-        So each of its vectors is at most the value of one of its actions and then of its own vectors: whoever follows
-        the policy earns no less than the lower bound.
+        So each vector is at most the value of an action followed by the policy's own vectors, and the policy earns no
+        less than the lower bound.
         """
         graph = self._graph
         needed = np.zeros(int(graph.counts[VECTORS]), dtype=np.bool_)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from places import ROOT
 
-from mdm import problems, save_model
-from mdm.models import MDP, Factor, Space
+from mdm import ModelError, problems, save_model
+from mdm.models import MDP, POMDP, Factor, Space
 
 
 def read(page):
@@ -46,6 +46,30 @@ def test_the_configuration_page_s_file_is_complete(tmp_path):
         [sys.executable, "-m", "mdm", "check", str(tmp_path / "robot.toml")], capture_output=True, text=True, timeout=60
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_programs_of_the_page_about_models_print_what_it_says(capsys):
+    program = "\n".join(re.findall(r"```python\n(.*?)```", read("docs/models.md"), re.DOTALL))
+    exec(program, {})
+    said = re.findall(r"^print\(.*\)  # ([^,\n]*)", program, re.MULTILINE)
+    assert capsys.readouterr().out.splitlines() == said
+
+
+def test_the_errors_of_the_page_about_models_are_the_real_ones():
+    stay, names = np.eye(2), {"discount": 0.9, "states": ["home", "work"], "actions": ["stay", "push"]}
+    messages = re.findall(r"^\| `(.*?)` \|", read("docs/models.md"), re.MULTILINE)
+    wrong = (
+        lambda: MDP(
+            [stay, stay * 1.1], np.zeros((2, 2)), discount=0.9, states=["home", "work"], actions=["stay", "go"]
+        ),
+        lambda: MDP([stay, stay], np.zeros((2, 3)), discount=0.9),
+        lambda: MDP([stay, stay], np.zeros((2, 2)), **names).transition("puhs", "home"),
+        lambda: POMDP([stay], [stay], np.zeros((2, 1)), discount=0.9, observation_names=["a", "b", "c"]),
+        lambda: POMDP([stay], stay, np.zeros((2, 1)), discount=0.9),
+    )
+    for make, message in zip(wrong, messages, strict=True):
+        with pytest.raises(ModelError, match=re.escape(message)):
+            make()
 
 
 def test_every_key_of_an_ensemble_is_in_the_page():

@@ -37,6 +37,21 @@ def test_tiger():
         assert ("listen" in line) == (5 < chance < 95)
 
 
+def test_from_arrays():
+    *seen, value, _, once, twice, _ = run("from_arrays.py").splitlines()
+    assert seen == ["the machine is good: produce", "the machine is worn: repair"]
+    assert value == "value of the best policy: 13.01"
+    worn, said = 0.0, []
+    for likelihoods in ((0.9, 0.4), (0.1, 0.6), (0.1, 0.6)):  # fine, faulty, faulty: Bayes' rule
+        worn = worn + 0.1 * (1 - worn)
+        worn = worn * likelihoods[1] / (worn * likelihoods[1] + (1 - worn) * likelihoods[0])
+        said.append(f"{worn:.2f}")
+    assert [once, twice] == [
+        f"faulty: worn with probability {said[1]}, produce",
+        f"faulty: worn with probability {said[2]}, repair",
+    ]
+
+
 def test_tree_search():
     *lines, last = run("tree_search.py").splitlines()
     assert len(lines) == 12

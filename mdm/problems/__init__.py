@@ -1,11 +1,11 @@
-"""The field's standard problems as functions, each of which makes a model in any size.
+"""The field's standard problems as functions, which make models in any size.
 
-Every name in ``__all__`` is a problem: a function with defaults for all parameters, which returns an MDP or a POMDP.
-Its docstring says where the problem is from, how large it is, and what is known of its value.
+Every name in ``__all__`` is a function with defaults for all parameters, which returns an MDP or a POMDP. Its docstring
+has the source, the size, and known optimal values.
 
-A team's problem is one model, with a factor of actions and of observations for each agent. It is used as it is: by a
-decentralised plan (``mdm.solve(model, "jesp", horizon=3)``), in which each agent goes by what it sees itself, or by a
-centralised policy (``mdm.solve(model)``), in which all agents share what they see and the team acts as one.
+A team's problem is one model, with a factor of actions and of observations per agent. It serves both decentralised
+plans, each agent on its own observations (``mdm.solve(model, "jesp", horizon=3)``), and centralised policies on shared
+observations (``mdm.solve(model)``).
 """
 
 from mdm.problems.aloha import aloha

@@ -1,4 +1,4 @@
-"""The TOML file that describes a system of ensembles; it means what the Python API means."""
+"""Configuration of a system of ensembles by a TOML file, equivalent to the Python API."""
 
 from mdm.config.builder import load_system
 from mdm.config.system import System

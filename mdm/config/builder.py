@@ -1,4 +1,4 @@
-"""From the tables of a file to the actors that they describe, with all problems collected on the way."""
+"""Construction of actors from the tables of a TOML file; all problems are collected."""
 
 from __future__ import annotations
 
@@ -52,25 +52,30 @@ _OPTIONS = [
     for option in SafetyOptions.__annotations__
     if option in EnsembleTable.__struct_fields__ and option not in {"drive", "rewards", "seed"}
 ]
-"""The options of a control layer that the table of an ensemble has as they are."""
+"""Options of a control layer that pass from an ensemble's table unchanged."""
 T = TypeVar("T")
 
 
 def load_system(path: str | Path, *, callbacks: bool = True) -> System:
-    """Build what a TOML file describes.
+    """Build the system that a TOML file describes.
+
+    Example::
+
+        system = mdm.load_system("patrol.toml")
+        mdm.run(system)
 
     Args:
-        path: The file; paths in it are relative to its folder, and modules are looked for there first.
-        callbacks: Import and bind the functions; without, actions do nothing and tasks are left out.
+        path: The file. Paths in it are relative to its folder, which is also searched first for modules.
+        callbacks: Import and bind the functions; otherwise actions do nothing and tasks are left out.
 
     Raises:
-        ConfigError: With everything that is wrong, one line each, and each one in its ``problems``.
+        ConfigError: With all problems, one per line and each in its ``problems``.
     """
     return _Builder(Path(path), callbacks=callbacks).system()
 
 
 class _Builder:
-    """Builds a system, and collects problems on the way."""
+    """Builds a system and collects problems."""
 
     def __init__(self, path: Path, *, callbacks: bool) -> None:
         self._path = path
@@ -79,14 +84,14 @@ class _Builder:
         self._predicates = PredicateManager()
         self._tables: dict[str, EnsembleTable | None] = {}
         self._ensembles: dict[str, Ensemble | None] = {}
-        self._unsound: set[str] = set()
+        self._invalid: set[str] = set()
         self._parents: dict[str, str] = {}
         self._formulas: list[tuple[str, Formula]] = []
 
     # -- Building ------------------------------------------------------------------------------------------------
 
     def system(self) -> System:
-        """Return the system, or raise everything that is wrong."""
+        """Return the system, or raise all problems."""
         document = self._read()
         known = ("predicates", "events", "ensembles", "tasks")
         for key in document:
@@ -102,7 +107,7 @@ class _Builder:
         return System(self._predicates, self._built(), tasks)
 
     def _built(self) -> dict[str, Ensemble]:
-        """Return the ensembles that could be built, in the file's order."""
+        """Return the ensembles that could be built, in file order."""
         built = {name: self._ensembles.get(name) for name in self._tables}
         return {name: ensemble for name, ensemble in built.items() if ensemble is not None}
 
@@ -116,21 +121,21 @@ class _Builder:
         except OSError as error:
             self._problems.add(f"the file cannot be read: {error.strerror}", None)
         except UnicodeDecodeError:
-            self._problems.add("this is no text in UTF-8, as TOML files are", None)
+            self._problems.add("this is not UTF-8 text, which TOML requires", None)
         except tomllib.TOMLDecodeError as error:
-            self._problems.add(f"this is no TOML: {error}", None)
+            self._problems.add(f"this is not valid TOML: {error}", None)
         self._problems.raise_all()
         raise AssertionError
 
     def _tables_of(self, document: dict[str, Any], key: str) -> list[tuple[str, Any]]:
         tables = document.get(key, {})
         if not isinstance(tables, dict):
-            self._problems.add(f"{key} is a table, with a key for each name", key)
+            self._problems.add(f"{key} must be a table with a key per name", key)
             return []
         return list(tables.items())
 
     def _declare(self, document: dict[str, Any]) -> None:
-        """Declare predicates and events; what is wrong is declared all the same, so that its uses are not wrong too."""
+        """Declare predicates and events, even invalid ones, so that their uses are not reported as well."""
         for name, value in self._tables_of(document, "predicates"):
             with self._problems.collecting(f"predicates.{name}"):
                 self._predicate(name, value)
@@ -149,7 +154,7 @@ class _Builder:
                 self._problems.add(f"an ensemble cannot be called {name!r}: give it another name", key)
             self._tables[name] = self._problems.convert(value, EnsembleTable, key, partly=True)
             if len(self._problems) > before:
-                self._unsound.add(name)
+                self._invalid.add(name)
         if not document.get("ensembles"):
             self._problems.add("there is no ensemble: a table such as [ensembles.robot] is missing", "ensembles")
 
@@ -181,7 +186,7 @@ class _Builder:
         return formula
 
     def _ensemble(self, name: str, above: tuple[str, ...]) -> Ensemble | None:
-        """Build an ensemble after those below it; None if it cannot be, which is told once."""
+        """Build an ensemble after its children; None if it has problems, which are reported once."""
         table, key = self._tables[name], f"ensembles.{name}"
         if name in self._ensembles or table is None:
             return self._ensembles.get(name)
@@ -192,7 +197,7 @@ class _Builder:
             observations = self._factors(ObservationFactor, ObservationTable, table.observations, f"{key}.observations")
             drive = self._drive(table.drive, f"{key}.drive")
             supervision = self._supervision(table.supervision, f"{key}.supervision")
-            if name in self._unsound:
+            if name in self._invalid:
                 return None
             model = self._model(table, key)
             if table.model is not None and model is None:
@@ -203,7 +208,7 @@ class _Builder:
             rewards = None
             if table.rewards is not None:
                 with self._problems.collecting(f"{key}.rewards"):
-                    rewards = load_rewards(self._beside(table.rewards))
+                    rewards = load_rewards(self._resolve(table.rewards))
             safe: Any = table.safe_action
             if safe is not None and ":" in safe:
                 safe = self._function(safe, f"{key}.safe_action")
@@ -230,7 +235,7 @@ class _Builder:
             return ensemble
         return None
 
-    def _beside(self, path: str) -> Path:
+    def _resolve(self, path: str) -> Path:
         if not path or "\0" in path:
             raise ConfigError(f"the path of a file was expected, not {path!r}")
         return self._path.parent / path
@@ -244,7 +249,7 @@ class _Builder:
         if table.model is None:
             return None
         with self._problems.collecting(f"{key}.model"):
-            model = load_model(self._beside(table.model))
+            model = load_model(self._resolve(table.model))
             return model if table.discount is None else model.with_discount(table.discount)
         return None
 
@@ -253,7 +258,7 @@ class _Builder:
             if isinstance(table.policy, list):
                 count = len(table.actions) if model is None else len(model.action_space)
                 return DeterministicPolicy(table.policy, count)
-            path = self._beside(table.policy)
+            path = self._resolve(table.policy)
             return load_policy(path, model, kind=table.policy_kind, seed=table.seed)
         return None
 
@@ -263,7 +268,7 @@ class _Builder:
             return None
         with self._problems.collecting(key):
             if model is None:
-                raise ConfigError("a search needs a model to look ahead in")
+                raise ConfigError("a search needs a model")
             if table.false_negative is not None:
                 model = model.with_false_negatives(table.false_negative)
             return TreeSearch(
@@ -326,21 +331,21 @@ class _Builder:
 
     def _target(self, entry: ActionTable, key: str, name: str, above: tuple[str, ...]) -> Any:
         if (entry.call is None) == (entry.ensemble is None):
-            raise ConfigError("an action is bound to a function ('call') or to an 'ensemble': give one of them")
+            raise ConfigError("an action needs either a function ('call') or an 'ensemble'")
         if entry.call is not None:
             return self._function(entry.call, key)
         below = str(entry.ensemble)
         if below not in self._tables:
             raise ConfigError(f"there is no ensemble {below!r} in this file{similar(below, self._tables)}")
         if len(above) >= MOST_LEVELS:
-            raise ConfigError(f"ensembles start each other on more than {MOST_LEVELS} levels")
+            raise ConfigError(f"ensembles are nested more than {MOST_LEVELS} deep")
         if below in above:
-            circle = " -> ".join((*above[above.index(below) :], below))
-            raise ConfigError(f"ensembles start each other in a circle: {circle}")
+            cycle = " -> ".join((*above[above.index(below) :], below))
+            raise ConfigError(f"ensembles start each other in a cycle: {cycle}")
         parent = self._parents.setdefault(below, name)
         if parent != name:
             raise ConfigError(
-                f"ensemble {below!r} is started by both {parent!r} and {name!r}; it can be below one only"
+                f"ensemble {below!r} is started by both {parent!r} and {name!r}; it can have only one parent"
             )
         return self._ensemble(below, above)
 
@@ -351,7 +356,7 @@ class _Builder:
 
     def _tasks(self, references: object) -> list[Callable[[System], Any]]:
         if not isinstance(references, list) or not all(isinstance(reference, str) for reference in references):
-            self._problems.add("tasks is a list of functions, such as ['sensors:read']", "tasks")
+            self._problems.add("tasks must be a list of functions, such as ['sensors:read']", "tasks")
             return []
         functions = [self._function(reference, "tasks") for reference in references]
         for reference, function in zip(references, functions, strict=True):
@@ -360,7 +365,7 @@ class _Builder:
             if not inspect.iscoroutinefunction(function):
                 self._problems.add(f"task {reference!r} is not an async function", "tasks")
             elif not _takes_one(function):
-                self._problems.add(f"task {reference!r} is to take one argument, the System", "tasks")
+                self._problems.add(f"task {reference!r} must take one argument, the System", "tasks")
         return [function for function in functions if function is not None] if self._callbacks else []
 
     # -- Checks --------------------------------------------------------------------------------------------------
@@ -371,7 +376,7 @@ class _Builder:
                 self._predicates.network().compile()
         ensembles = self._built()
         for name, ensemble in ensembles.items():
-            if self._parents.get(name) not in ensembles:  # else the parent's problems have it
+            if self._parents.get(name) not in ensembles:  # otherwise the parent's problems include them
                 for problem in ensemble.problems():
                     self._problems.add(problem.message, problem.key)
         if len(ensembles) == len(self._tables):
@@ -380,10 +385,10 @@ class _Builder:
                 action = event.rpartition(".")[0]
                 if ACTION_END.fullmatch(event) and "/" not in event and action not in actions:
                     hint = similar(action, actions)
-                    self._problems.add(f"{event!r} is the end of an action that no ensemble has{hint}", "predicates")
+                    self._problems.add(f"{event!r} is the end of an unknown action{hint}", "predicates")
 
     def _undeclared(self) -> bool:
-        """Tell of every name in a formula that stands for nothing; return whether there are any."""
+        """Report undeclared names in formulas; return whether there are any."""
         before = len(self._problems)
         for key, formula in self._formulas:
             for name in sorted(formula.names):
@@ -395,7 +400,7 @@ class _Builder:
 
 
 def _is_mapping(table: dict[str, Any]) -> bool:
-    """Whether a factor's table maps symbols to predicates or events, and has no options."""
+    """Whether a factor's table is a mapping from symbols to names, without options."""
     return bool(table) and all(isinstance(value, str) for value in table.values())
 
 
@@ -408,17 +413,17 @@ def _takes_one(function: Callable[..., Any]) -> bool:
 
 
 def _refuse_mixture(table: PredicateTable, keys: Iterable[str]) -> None:
-    """Refuse keys that do not go together: those of a sensor, a formula and a latch."""
+    """Refuse a mixture of keys of a sensor, a formula and a latch."""
     latch = table.set is not None or table.reset is not None
     kind = "latch" if latch else "sensor" if table.formula is None else "formula"
     if latch and table.formula is not None:
-        raise ConfigError("a predicate has a formula, or 'set' and 'reset', not both")
+        raise ConfigError("a predicate has either a formula or 'set' and 'reset', not both")
     if latch and (table.set is None or table.reset is None):
         raise ConfigError("a latch needs both 'set' and 'reset'")
     if kind == "sensor" and table.held_for is not None:
-        raise ConfigError("held_for asks how long a formula has been true: give the formula")
+        raise ConfigError("held_for needs a formula: it is the time for which that must be true")
     if kind == "sensor" and not table.sensor:
-        raise ConfigError("what is no sensor needs a 'formula', or 'set' and 'reset'")
+        raise ConfigError("a predicate that is not a sensor needs a 'formula', or 'set' and 'reset'")
     for key in keys:
         if key not in _KEYS[kind]:
             raise ConfigError(f"{key!r} means nothing for a {kind}; its keys are {', '.join(_KEYS[kind])}")

@@ -1,4 +1,4 @@
-"""Functions that a file names as ``module:name``."""
+"""Lookup of functions that a TOML file names as ``module:name``."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ __all__ = ["find_function", "nothing"]
 
 
 def find_function(reference: str, folder: Path) -> Callable[..., Any]:
-    """Return the function that ``module:name`` stands for; modules beside the file are found first.
+    """Return the function named ``module:name``; modules beside the file take precedence.
 
     Raises:
-        ConfigError: If there is no such module or function, the module cannot be imported, or another module of its
-            name is loaded already.
+        ConfigError: If there is no such module or function, the module cannot be imported, or another module of that
+            name is already loaded.
     """
     module_name, colon, attribute = reference.partition(":")
     if not colon or not module_name or not attribute:
-        raise ConfigError(f"a function is named as 'module:name', not {reference!r}")
+        raise ConfigError(f"a function must be given as 'module:name', not {reference!r}")
     place = str(folder.resolve())
     if place not in sys.path:
         sys.path.insert(0, place)
@@ -33,10 +33,10 @@ def find_function(reference: str, folder: Path) -> Callable[..., Any]:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
         missing = repr(error.name) if error.name == module_name else f"{error.name!r}, which {module_name!r} imports"
-        raise ConfigError(f"there is no module {missing}; modules are looked for beside the file first") from None
+        raise ConfigError(f"there is no module {missing}; the file's folder is searched first") from None
     except (Exception, SystemExit) as error:
         raise ConfigError(f"module {module_name!r} cannot be imported: {type(error).__name__}: {error}") from None
-    _refuse_another(module_name.partition(".")[0], folder.resolve())
+    _refuse_shadowed(module_name.partition(".")[0], folder.resolve())
     function = getattr(module, attribute, None)
     if function is None:
         names = [name for name in dir(module) if not name.startswith("_")]
@@ -46,8 +46,8 @@ def find_function(reference: str, folder: Path) -> Callable[..., Any]:
     return cast("Callable[..., Any]", function)
 
 
-def _refuse_another(name: str, folder: Path) -> None:
-    """Refuse a module from elsewhere where one of its name stands beside the file: its functions would be others."""
+def _refuse_shadowed(name: str, folder: Path) -> None:
+    """Refuse a loaded module from elsewhere if the file's folder has one of the same name."""
     beside = (folder / f"{name}.py", folder / name / "__init__.py")
     origin = getattr(sys.modules[name], "__file__", None)
     if any(path.exists() for path in beside) and (origin is None or Path(origin).resolve() not in beside):
@@ -56,4 +56,4 @@ def _refuse_another(name: str, folder: Path) -> None:
 
 
 def nothing() -> None:
-    """Stand in for a function that is not to be called."""
+    """Do nothing, in place of a function that is not to be called."""

@@ -1,4 +1,4 @@
-"""Problems of a file, collected on the way, so that all of them can be told at once."""
+"""Collection of a TOML file's problems, so that all are reported at once."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ __all__ = ["Problems"]
 
 
 class Problems:
-    """What is wrong with a file.
+    """The problems of a file.
 
     Args:
-        path: The file, which every problem names.
+        path: The file, named in every problem.
     """
 
     def __init__(self, path: Path) -> None:
@@ -31,7 +31,7 @@ class Problems:
         return len(self._found)
 
     def add(self, message: str, key: str | None) -> None:
-        """Take note of a problem and of the key that it is about."""
+        """Add a problem with its key."""
         self._found.append(ConfigError(message, file=self._path, key=key))
 
     def raise_all(self) -> None:
@@ -42,18 +42,18 @@ class Problems:
             raise error
 
     def collecting(self, key: str) -> _Collecting:
-        """Return a context that turns an error inside its block into a problem of a key, and goes on."""
+        """Return a context manager that records an error of its block as a problem of a key and suppresses it."""
         return _Collecting(self, key)
 
     def convert(self, value: Any, kind: Any, key: str, *, partly: bool = False) -> Any:
-        """Return a table as a struct; None if it is wrong, or with ``partly`` as much of it as is right."""
+        """Return a table as a struct; if it has problems None, or with ``partly`` a struct of its valid keys."""
         before = len(self)
         dropped: set[str] = set()
         while True:
             try:
                 struct = msgspec.convert(value, kind)
             except msgspec.ValidationError as error:
-                field = self._add_misfit(error, kind, key, dropped)
+                field = self._add_invalid(error, kind, key, dropped)
                 if field is None or not isinstance(value, dict) or field not in value:
                     return None
                 dropped.add(field)
@@ -61,8 +61,8 @@ class Problems:
             else:
                 return struct if partly or len(self) == before else None
 
-    def _add_misfit(self, error: msgspec.ValidationError, kind: Any, key: str, dropped: set[str]) -> str | None:
-        """Take note of msgspec's error, cut to what and where; return the field that it is about."""
+    def _add_invalid(self, error: msgspec.ValidationError, kind: Any, key: str, dropped: set[str]) -> str | None:
+        """Add msgspec's error in our words; return the field concerned."""
         text, _, place = str(error).partition(" - at `$")
         place = place.rstrip("`").replace("[...]", "")
         if "unknown field" in text:
@@ -73,25 +73,25 @@ class Problems:
         if "missing required field" in text:
             field = text.split("`")[1]
             if field not in dropped:
-                self.add(f"there is no key {field!r}, which is required", key)
+                self.add(f"the required key {field!r} is missing", key)
             return None
         field = place.removeprefix(".").partition("[")[0]
         if text.startswith("Invalid enum value"):
             choices = ", ".join(map(repr, _choices(get_type_hints(kind)[field] if field else kind)))
-            text = f"{text.removeprefix('Invalid enum value ')} is none of {choices}"
+            text = f"{text.removeprefix('Invalid enum value ')} is not one of {choices}"
         self.add(text, f"{key}{place}")
         return field or None
 
 
 def _choices(annotation: Any) -> list[str]:
-    """Return the strings that an annotation allows."""
+    """Return the strings allowed by an annotation."""
     if isinstance(annotation, str):
         return [annotation]
     return [choice for argument in get_args(annotation) for choice in _choices(argument)]
 
 
 class _Collecting:
-    """Turns an error inside its block into a problem of a key, and goes on."""
+    """Records an error of its block as a problem of a key and suppresses it."""
 
     def __init__(self, problems: Problems, key: str) -> None:
         self._problems = problems

@@ -1,4 +1,4 @@
-"""The system: everything that a file describes, as one actor."""
+"""The system: predicates, ensembles and tasks as one actor."""
 
 from __future__ import annotations
 
@@ -16,12 +16,17 @@ __all__ = ["System"]
 
 
 class System(Actor):
-    """A predicate manager, ensembles and tasks, as a file describes them: one actor to start.
+    """A predicate manager, ensembles and tasks as one actor, as described by a TOML file.
+
+    Example::
+
+        system = mdm.load_system("patrol/patrol.toml", callbacks=False)
+        print(system.tree())
 
     Args:
         predicates: The predicate manager that all ensembles share.
-        ensembles: All ensembles by name; those that no other one's action starts begin with the system.
-        tasks: Async functions of the system that run beside the ensembles, such as drivers of sensors.
+        ensembles: All ensembles by name. Those without a parent start with the system.
+        tasks: Async functions that take the system and run beside the ensembles, such as sensor drivers.
     """
 
     def __init__(
@@ -41,12 +46,12 @@ class System(Actor):
 
     @property
     def path(self) -> str:
-        """Empty, so that channels are called by their ensembles: ``patrol/state``."""
+        """Empty, so that channels have the names of their ensembles: ``patrol/state``."""
         return ""
 
     @property
     def top(self) -> tuple[Ensemble, ...]:
-        """The ensembles that begin with the system."""
+        """The ensembles without a parent, which start with the system."""
         below = {below.name for ensemble in self.ensembles.values() for below in ensemble.subensembles}
         return tuple(ensemble for name, ensemble in self.ensembles.items() if name not in below)
 
@@ -62,5 +67,5 @@ class System(Actor):
             raise ActorFailure(f"task {task.__name__!r} failed: {describe(error)}") from error
 
     def tree(self) -> str:
-        """Return all ensembles, indented under those whose actions start them."""
+        """Return the names of all ensembles, indented below their parents."""
         return "\n".join(ensemble.tree() for ensemble in self.top)

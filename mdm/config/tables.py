@@ -1,4 +1,4 @@
-"""The tables of the file, typed; a misspelt key is an error."""
+"""Typed tables of the TOML file."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ Seconds = Annotated[float, Meta(gt=0, le=1e9)]
 
 
 class _Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A TOML table: a misspelt key is an error."""
+    """A TOML table; unknown keys are errors."""
 
 
 class PredicateTable(_Table, frozen=True):
-    """A predicate that code sets, or, with ``formula``, ``set`` or ``reset``, one that is derived."""
+    """A predicate set by code, or one derived by ``formula``, or by ``set`` and ``reset``."""
 
     sensor: bool = True
     formula: str | None = None
@@ -39,20 +39,20 @@ class PredicateTable(_Table, frozen=True):
 
 
 class EventTable(_Table, frozen=True):
-    """An event that code raises, or, with ``formula``, one that rises with it."""
+    """An event raised by code, or one that occurs when ``formula`` becomes true."""
 
     formula: str | None = None
 
 
 class StateTable(_Table, frozen=True):
-    """A state factor; a list or a mapping alone stands for its predicates."""
+    """A state factor; short form: its predicates as a list or mapping."""
 
     predicates: list[str] | dict[str, str]
     on_violation: Literal["first", "hold", "error"] | None = None
 
 
 class ObservationTable(_Table, frozen=True):
-    """An observation factor; a list or a mapping alone stands for its events."""
+    """An observation factor; short form: its events as a list or mapping."""
 
     events: list[str] | dict[str, str]
     idle: str | None = None
@@ -60,7 +60,7 @@ class ObservationTable(_Table, frozen=True):
 
 
 class ActionTable(_Table, frozen=True):
-    """What an action is bound to: a function (``call``) or another ensemble of the file."""
+    """The binding of an action to a function (``call``) or to another ensemble of the file."""
 
     call: str | None = None
     ensemble: str | None = None
@@ -80,7 +80,7 @@ class RestartTable(_Table, frozen=True):
 
 
 class SearchTable(_Table, frozen=True):
-    """A tree search, to which the ensemble's policy is the fallback; with ``plans`` its vectors are bounds, too."""
+    """A tree search with the ensemble's policy as fallback and, with ``plans``, its vectors as lower bounds."""
 
     seconds: Seconds | None = None
     expansions: Annotated[int, Meta(gt=0)] | None = None
@@ -89,7 +89,7 @@ class SearchTable(_Table, frozen=True):
 
 
 class EnsembleTable(_Table, frozen=True):
-    """An ensemble; the tables in it are converted by themselves, so that what is wrong in one is told with its key."""
+    """An ensemble; nested tables are converted separately, so that their problems are reported with their keys."""
 
     policy: str | list[int]
     actions: dict[str, Any]

@@ -1,4 +1,4 @@
-"""Propositional logic with an unknown: formulas, their text form, and networks that are kept up to date."""
+"""Three-valued propositional logic: formulas, their text form, and incrementally updated networks."""
 
 from mdm.logic.declarations import similar
 from mdm.logic.formula import Formula, P

@@ -1,4 +1,4 @@
-"""What is declared of predicates and events, and whether it makes sense together."""
+"""Declarations of predicates and events, and checks of their consistency."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Declaration:
 
     @property
     def is_event(self) -> bool:
-        """Whether it is an event, raised or rising."""
+        """Whether it is an event, raised from outside or by a formula."""
         return self.kind in {"event", "rise"}
 
 
@@ -43,7 +43,7 @@ class Declarations:
 
     def _declare(self, node: Declaration) -> None:
         if node.name in self._nodes:
-            raise Error(f"{node.name!r} is declared twice; a name stands for one predicate or event")
+            raise Error(f"{node.name!r} is declared twice")
         self._nodes[node.name] = node
 
     def add_input(self, name: str, value: bool | None = None) -> None:
@@ -51,7 +51,7 @@ class Declarations:
         self._declare(Declaration(name, "input", initial=CODES[value]))
 
     def add_event(self, name: str) -> None:
-        """Declare an event that is raised from outside: true within the update that raises it, and no longer."""
+        """Declare an event that is raised from outside, and true only during the update that raises it."""
         self._declare(Declaration(name, "event", initial=FALSE))
 
     def define(self, name: str, formula: Formula | str) -> None:
@@ -59,20 +59,20 @@ class Declarations:
         self._declare(Declaration(name, "define", (_tree(name, formula),)))
 
     def latch(self, name: str, *, set: Formula | str, reset: Formula | str, initial: bool = False) -> None:  # noqa: A002
-        """Declare a predicate that is true from ``set`` until ``reset``; reset wins, an unknown one changes nothing.
+        """Declare a predicate that is true from ``set`` until ``reset``, which has precedence; unknown changes nothing.
 
-        Both may name events.
+        Both formulas may name events.
         """
         self._declare(Declaration(name, "latch", (_tree(name, set), _tree(name, reset)), CODES[initial]))
 
     def hold(self, name: str, formula: Formula | str) -> None:
-        """Declare a predicate that is as its formula, but true only when the caller says that time has elapsed."""
+        """Declare a predicate equal to its formula, except that it becomes true only when its time has elapsed."""
         self._declare(Declaration(name, "hold", (_tree(name, formula),)))
 
     def rise(self, name: str, formula: Formula | str) -> None:
-        """Declare an event that occurs when a formula becomes true, having been false or unknown.
+        """Declare an event that occurs when a formula changes from false or unknown to true.
 
-        The formula may name events, and is then judged anew at each of them.
+        The formula may name events; it is then evaluated at each of them.
         """
         self._declare(Declaration(name, "rise", (_tree(name, formula),), FALSE))
 
@@ -92,8 +92,7 @@ class Declarations:
                         raise Error(f"{node.name!r} uses {name!r}, which is not declared{hint}")
                     if other.is_event and node.kind in {"define", "hold"}:
                         raise Error(
-                            f"{node.name!r} uses {name!r}, which is an event and has no lasting value: "
-                            "remember it with a latch"
+                            f"{node.name!r} uses the event {name!r}, which has no lasting value: store it in a latch"
                         )
 
     def _order(self) -> list[str]:
@@ -104,7 +103,7 @@ class Declarations:
             return list(sorter.static_order())
         except CycleError as error:
             cycle: list[str] = error.args[1]
-            raise Error(f"predicates depend on each other in a circle: {' -> '.join(reversed(cycle))}") from None
+            raise Error(f"predicates depend on each other in a cycle: {' -> '.join(reversed(cycle))}") from None
 
 
 def _tree(name: str, formula: Formula | str) -> Formula:
@@ -117,6 +116,6 @@ def _tree(name: str, formula: Formula | str) -> Formula:
 
 
 def similar(name: str, known: Iterable[str]) -> str:
-    """Return a hint at the names closest to a wrong one, or nothing."""
+    """Return a hint at known names similar to a wrong one, or an empty text."""
     close = difflib.get_close_matches(name, list(known), n=3)
     return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""

@@ -1,8 +1,7 @@
-"""Formulas of propositional logic with an unknown, after Kleene's strong three-valued logic.
+"""Formulas of Kleene's strong three-valued propositional logic.
 
-A value is ``True``, ``False`` or ``None`` (unknown). A conjunction with a false part is false, whatever the rest;
-with no false and an unknown part it is unknown; and so on (S. C. Kleene, *Introduction to Metamathematics*, 1952,
-section 64).
+A value is ``True``, ``False`` or ``None`` (unknown). A conjunction is false if any part is false, else unknown if any
+part is unknown, and so on (S. C. Kleene, *Introduction to Metamathematics*, 1952, section 64).
 """
 
 from __future__ import annotations
@@ -20,10 +19,16 @@ _WORDS = frozenset({"and", "or", "not", "xor", "implies", "true", "false"})
 
 
 class Formula:
-    """A formula; build one from `P` by ``&``, ``|``, ``^``, ``~`` and ``>>`` (implication), or by `parse`.
+    """A formula, built from `P` with ``&``, ``|``, ``^``, ``~`` and ``>>`` (implication), or by `parse`.
 
-    Python gives ``>>`` a higher precedence than ``&``, so put parentheses around implications. Formulas are
-    immutable, compare by structure and can be keys.
+    In Python ``>>`` binds tighter than ``&``, so put parentheses around implications. Formulas are immutable, compare
+    by structure and are hashable.
+
+    Example::
+
+        waiting = mdm.P("PersonIsNear") & ~mdm.P("IsMoving")
+        waiting == mdm.parse("PersonIsNear and not IsMoving")  # True
+        waiting.evaluate({"PersonIsNear": None, "IsMoving": True})  # False
     """
 
     __slots__ = ("parts",)
@@ -35,7 +40,7 @@ class Formula:
 
     @property
     def names(self) -> frozenset[str]:
-        """The names of all predicates and events in it."""
+        """The names of all predicates and events in the formula."""
         names: set[str] = set()
         waiting: list[Formula] = [self]
         while waiting:
@@ -46,7 +51,7 @@ class Formula:
         return frozenset(names)
 
     def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
-        """Return the formula's value, given the value of each name in it."""
+        """Return the formula's value for given values of its names."""
         raise NotImplementedError
 
     def __and__(self, other: Formula | bool) -> Formula:
@@ -77,7 +82,7 @@ class Formula:
         return Not(self)
 
     def __bool__(self) -> NoReturn:
-        raise TypeError("a formula has no truth value of its own: join formulas by &, |, ^ and ~, not by and, or, not")
+        raise TypeError("a formula has no truth value: combine formulas with &, |, ^ and ~, not with and, or, not")
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Formula) and type(self) is type(other) and self._key() == other._key()
@@ -96,7 +101,13 @@ class Formula:
 
 
 class P(Formula):
-    """A predicate or event by its name; ``P("robot2/IsMoving")`` is another agent's."""
+    """A predicate or event by name; ``P("robot2/IsMoving")`` belongs to another agent.
+
+    Example::
+
+        idle = ~mdm.P("IsMoving")
+        idle.evaluate({"IsMoving": False})  # True
+    """
 
     __slots__ = ("name",)
     _level = 6
@@ -119,7 +130,7 @@ class P(Formula):
 
 
 class Constant(Formula):
-    """True or false, whatever happens."""
+    """The constant true or false."""
 
     __slots__ = ("value",)
     _level = 6
@@ -140,13 +151,13 @@ class Constant(Formula):
 
 
 class Not(Formula):
-    """True where its part is false."""
+    """True if its part is false."""
 
     __slots__ = ()
     _level = 5
 
     def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
-        """Return the part's opposite, unknown where that is unknown."""
+        """Return the opposite of the part, or unknown if that is unknown."""
         value = self.parts[0].evaluate(values)
         return None if value is None else not value
 
@@ -155,13 +166,13 @@ class Not(Formula):
 
 
 class And(Formula):
-    """True where both parts are."""
+    """True if both parts are."""
 
     __slots__ = ()
     _level = 4
 
     def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
-        """Return false where a part is false, else unknown where a part is unknown."""
+        """Return false if a part is false, else unknown if a part is unknown, else true."""
         left, right = (part.evaluate(values) for part in self.parts)
         if left is False or right is False:
             return False
@@ -172,13 +183,13 @@ class And(Formula):
 
 
 class Xor(Formula):
-    """True where exactly one of two parts is."""
+    """True if exactly one of two parts is."""
 
     __slots__ = ()
     _level = 3
 
     def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
-        """Return whether the parts differ, unknown where either is."""
+        """Return whether the parts differ, or unknown if either is unknown."""
         left, right = (part.evaluate(values) for part in self.parts)
         return None if left is None or right is None else left is not right
 
@@ -187,13 +198,13 @@ class Xor(Formula):
 
 
 class Or(Formula):
-    """True where a part is."""
+    """True if a part is."""
 
     __slots__ = ()
     _level = 2
 
     def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
-        """Return true where a part is true, else unknown where a part is unknown."""
+        """Return true if a part is true, else unknown if a part is unknown, else false."""
         left, right = (part.evaluate(values) for part in self.parts)
         if left is True or right is True:
             return True
@@ -204,7 +215,7 @@ class Or(Formula):
 
 
 class Implies(Formula):
-    """False only where the first part is true and the second is not."""
+    """False only if the first part is true and the second is false."""
 
     __slots__ = ()
     _level = 1
@@ -225,4 +236,4 @@ def _formula(value: Formula | bool) -> Formula:
         return value
     if isinstance(value, bool):
         return Constant(value)
-    raise TypeError(f"a formula is joined with a formula or a bool, not with {value!r}")
+    raise TypeError(f"a formula can be combined with a formula or a bool, not with {value!r}")

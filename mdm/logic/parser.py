@@ -1,8 +1,8 @@
-"""Formulas as text, for configuration files: ``"IsInSouthCorridor and not IsMoving"``.
+"""Parser for formulas as text, such as ``"IsInSouthCorridor and not IsMoving"``.
 
-From the tightest: ``not`` (``~``, ``!``), ``and`` (``&``, ``&&``), ``xor`` (``^``), ``or`` (``|``, ``||``),
-``implies`` (``->``, ``=>``, ``>>``; to the right). A name with other characters than letters, digits, ``_``, and
-``.``, ``/``, ``:`` inside stands in quotes.
+In falling precedence: ``not`` (``~``, ``!``), ``and`` (``&``, ``&&``), ``xor`` (``^``), ``or`` (``|``, ``||``),
+``implies`` (``->``, ``=>``, ``>>``; right-associative). Names consist of letters, digits and ``_``, with ``.``, ``/``
+and ``:`` inside; other names need quotes.
 """
 
 from __future__ import annotations
@@ -40,10 +40,15 @@ class _Token(NamedTuple):
 
 
 def parse(text: str) -> Formula:
-    """Return the formula that a text stands for.
+    """Parse a formula.
+
+    Example::
+
+        formula = mdm.parse("IsInSouthCorridor and not IsMoving")
+        formula.evaluate({"IsInSouthCorridor": True, "IsMoving": False})  # True
 
     Raises:
-        FormatError: With the column, what stands there and what was expected.
+        FormatError: If the text is not a formula, with the column and what was expected.
     """
     return _Parser(_tokens(text)).whole()
 
@@ -55,7 +60,7 @@ def _tokens(text: str) -> list[_Token]:
         match = _TOKEN.match(text, position)
         if match is None:
             start = position + len(text[position:]) - len(text[position:].lstrip())
-            raise FormatError(f"{text[start]!r} is no part of a formula: {text!r}", column=start + 1)
+            raise FormatError(f"{text[start]!r} is not allowed in a formula: {text!r}", column=start + 1)
         kind = str(match.lastgroup)
         column = match.start(kind) + 1
         found = match.group(kind)
@@ -72,7 +77,7 @@ def _tokens(text: str) -> list[_Token]:
 
 
 class _Parser:
-    """Recursive descent, a method a level of precedence."""
+    """A recursive-descent parser with a method per level of precedence."""
 
     def __init__(self, tokens: list[_Token]) -> None:
         self._tokens = tokens
@@ -99,13 +104,15 @@ class _Parser:
     def _expect(self, kind: str, expected: str) -> None:
         token = self._next()
         if token.kind != kind:
-            raise FormatError(f"{token.text!r} stands where {expected} was expected", column=token.column)
+            raise FormatError(f"{expected} was expected, not {token.text!r}", column=token.column)
 
     def _deeper(self) -> None:
         self._depth += 1
         if self._depth > _DEEPEST:
             column = self._tokens[self._position].column
-            raise FormatError(f"formulas nest at most {_DEEPEST} deep: name a part of this one", column=column)
+            raise FormatError(
+                f"formulas nest at most {_DEEPEST} deep: define a part of this one as a predicate", column=column
+            )
 
     def _implication(self) -> Formula:
         self._deeper()
@@ -124,7 +131,10 @@ class _Parser:
             self._links += 1
             if self._links > _LONGEST:
                 column = self._tokens[self._position].column
-                raise FormatError(f"a formula joins at most {_LONGEST} parts: name a part of this one", column=column)
+                raise FormatError(
+                    f"a formula has at most {_LONGEST} connectives: define a part of this one as a predicate",
+                    column=column,
+                )
             formula = kind(formula, self._binary(level + 1))
         return formula
 
@@ -146,4 +156,4 @@ class _Parser:
             return P(token.text)
         if token.kind == "name":
             return Constant(token.text == "true") if token.text in {"true", "false"} else P(token.text)
-        raise FormatError(f"{token.text!r} stands where a name, 'not' or '(' was expected", column=token.column)
+        raise FormatError(f"a name, 'not' or '(' was expected, not {token.text!r}", column=token.column)

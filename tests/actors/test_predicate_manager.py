@@ -225,7 +225,7 @@ def test_wrong_declarations(declare, message):
 @pytest.mark.parametrize(
     ("declare", "message"),
     [
-        (lambda m: (m.define("A", "B"), m.define("B", "A")), "circle"),
+        (lambda m: (m.define("A", "B"), m.define("B", "A")), "cycle"),
         (lambda m: m.define("A", "Nothing"), "'Nothing', which is not declared"),
     ],
 )

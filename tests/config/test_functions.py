@@ -37,10 +37,10 @@ def test_functions_are_found_beside_the_file_and_anywhere_else(folder):
 @pytest.mark.parametrize(
     ("reference", "words"),
     [
-        ("rest", "a function is named as 'module:name', not 'rest'"),
-        (":rest", "a function is named as 'module:name'"),
-        ("robot_code:", "a function is named as 'module:name'"),
-        ("robot_cod:rest", "there is no module 'robot_cod'; modules are looked for beside the file first"),
+        ("rest", "a function must be given as 'module:name', not 'rest'"),
+        (":rest", "a function must be given as 'module:name'"),
+        ("robot_code:", "a function must be given as 'module:name'"),
+        ("robot_cod:rest", "there is no module 'robot_cod'; the file's folder is searched first"),
         ("robot_code:rst", "module 'robot_code' has no 'rst'; did you mean 'rest'"),
         ("robot_code:number", "'robot_code:number' is a int, not a function"),
         ("broken_code:x", "module 'broken_code' cannot be imported: ZeroDivisionError: division by zero"),

@@ -74,8 +74,8 @@ def test_one_error_holds_all_problems(problems):
     [
         ({"nme": "a", "name": "b"}, [("here.nme", "there is no key 'nme' here; did you mean 'name' or 'numbers'?")]),
         ({"zzz": 1, "name": "b"}, [("here.zzz", "there is no key 'zzz' here; the keys are name, way, numbers")]),
-        ({}, [("here", "there is no key 'name', which is required")]),
-        ({"name": "a", "way": "last"}, [("here.way", "'last' is none of 'first', 'hold'")]),
+        ({}, [("here", "the required key 'name' is missing")]),
+        ({"name": "a", "way": "last"}, [("here.way", "'last' is not one of 'first', 'hold'")]),
         ({"name": "a", "numbers": [1, "x"]}, [("here.numbers[1]", "Expected `int`, got `str`")]),
         (7, [("here", "Expected `object`, got `int`")]),
     ],

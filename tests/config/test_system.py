@@ -43,7 +43,7 @@ def test_a_hierarchy_of_a_hundred_levels_runs_and_deeper_ones_are_refused(folder
 
     run_virtual(main)
     for levels in (101, 121, 1200):
-        with pytest.raises(ConfigError, match="start each other on more than 100 levels"):
+        with pytest.raises(ConfigError, match="are nested more than 100 deep"):
             load_system(written(folder, chain(levels), "robot.toml"))
 
 

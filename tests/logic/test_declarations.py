@@ -20,11 +20,11 @@ def test_other_agents_predicates_are_unknown_inputs():
 @pytest.mark.parametrize(
     ("declare", "message"),
     [
-        (lambda n: (n.define("a", "b"), n.define("b", "c"), n.define("c", "a")), r"circle: (a -> b|b -> c|c -> a)"),
-        (lambda n: n.define("a", "a"), "circle: a -> a"),
+        (lambda n: (n.define("a", "b"), n.define("b", "c"), n.define("c", "a")), r"cycle: (a -> b|b -> c|c -> a)"),
+        (lambda n: n.define("a", "a"), "cycle: a -> a"),
         (lambda n: (n.add_input("IsMoving"), n.define("b", "IsMovng")), r"'IsMovng'.*did you mean 'IsMoving'"),
         (lambda n: (n.add_input("a"), n.add_event("a")), "'a' is declared twice"),
-        (lambda n: (n.add_event("e"), n.define("b", "e")), "an event .* latch"),
+        (lambda n: (n.add_event("e"), n.define("b", "e")), "the event .* latch"),
         (lambda n: n.define("b", "not"), "formula of 'b'"),
     ],
 )

@@ -57,7 +57,7 @@ def test_python_operators_take_plain_booleans():
 
 
 def test_truth_value_is_refused():
-    with pytest.raises(TypeError, match="join formulas by &"):
+    with pytest.raises(TypeError, match="combine formulas with &"):
         bool(P("a") and P("b"))
 
 

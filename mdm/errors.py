@@ -1,4 +1,4 @@
-"""The errors that the library raises, each one sentence: what, where, what to do."""
+"""Errors of the library. Each message is one sentence: what is wrong, where, and what to do."""
 
 from __future__ import annotations
 
@@ -11,17 +11,25 @@ __all__ = ["ConfigError", "Error", "FormatError", "ModelError", "ModelWarning"]
 
 
 class Error(Exception):
-    """Base of every error that the library raises on purpose."""
+    """Base of all errors of the library.
+
+    Example::
+
+        try:
+            model = mdm.load_model(path)
+        except mdm.Error as error:
+            print(error)  # tiger.pomdp:9:15: -0.5 is not a probability
+    """
 
 
 class FormatError(Error):
-    """A file is not what its format asks for.
+    """A file cannot be read or written, or is malformed.
 
     Args:
         message: What is wrong and what was expected.
-        file: The file's path, as the caller named it.
-        line: The line, counted from 1, where one can be named.
-        column: The column, counted from 1, where one can be named.
+        file: The file's path, as given by the caller.
+        line: The line, from 1, if known.
+        column: The column, from 1, if known.
     """
 
     def __init__(
@@ -36,23 +44,23 @@ class FormatError(Error):
 
 
 class ModelError(Error):
-    """A model, policy or belief is not what it claims to be."""
+    """A model, policy or belief is invalid."""
 
 
 class ModelWarning(UserWarning):
-    """A model was accepted, but not quite as it was given."""
+    """A model was accepted with a change, such as normalised probabilities."""
 
 
 class ConfigError(Error):
-    """A configuration is wrong.
+    """A configuration is invalid.
 
     Args:
-        message: What is wrong and the way out.
-        file: The configuration file, where there is one.
+        message: What is wrong and what to do.
+        file: The configuration file, if any.
         key: The path of the key, such as ``ensembles.patrol.drive``.
 
     Attributes:
-        problems: Where several things are wrong, each of them; else the error itself.
+        problems: All problems as errors of their own; for a single problem the error itself.
     """
 
     def __init__(self, message: str, *, file: str | Path | None = None, key: str | None = None) -> None:

@@ -1,8 +1,8 @@
-"""Every message that crosses a channel: typed, frozen, and cheap to make.
+"""Messages on channels: typed, frozen and cheap to create.
 
-``time`` is always the clock's integer nanoseconds at which the *stimulus* of the turn happened, so that all messages
-of one turn carry the same stamp and a latency is one subtraction. Symbols are indices from 0; a joint index is
-row-major with the first factor or agent the most significant.
+``time`` is the clock's time of the turn's *stimulus* in integer nanoseconds: all messages of a turn have the same time,
+and a latency is one subtraction. Symbols are indices from 0; joint indices are row-major, with the first factor or
+agent the most significant.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ __all__ = [
 class Message(msgspec.Struct, frozen=True, gc=False):
     """Base of all messages.
 
-    Messages are kept out of the garbage collector's sight: they hold only scalars, strings, tuples and arrays, and so
-    can be part of no reference cycle.
+    The garbage collector does not track messages: they hold only scalars, strings, tuples and arrays, and cannot be
+    part of a reference cycle.
     """
 
     time: int
 
 
 class SensorUpdate(Message, frozen=True, gc=False):
-    """What the sensors said at one instant: new predicate values and raised events."""
+    """Sensor input of one instant: new predicate values and raised events."""
 
     predicates: tuple[tuple[str, bool | None], ...]
     events: tuple[str, ...] = ()
 
 
 class PredicateUpdate(Message, frozen=True, gc=False):
-    """The predicates that changed in one turn; ``counter`` grows by one with each update, so that a gap shows."""
+    """The predicates that changed in one turn; ``counter`` increases by one per update, so that gaps are detectable."""
 
     counter: int
     rising: tuple[str, ...]
@@ -79,7 +79,7 @@ class PredicateMap(Message, frozen=True, gc=False):
 
 
 class State(Message, frozen=True, gc=False):
-    """A joint state; ``index`` is ``None`` while a factor is unknown (its entry in ``values`` is then ``None``)."""
+    """A joint state; ``index`` is ``None`` while a factor is unknown, and so is that factor's entry in ``values``."""
 
     index: int | None
     values: tuple[int | None, ...]
@@ -88,7 +88,7 @@ class State(Message, frozen=True, gc=False):
 class Observation(Message, frozen=True, gc=False):
     """A joint observation; ``index`` is ``None`` while a component is missing.
 
-    ``mask`` says of each component whether an event made it new.
+    ``mask`` tells for each component whether an event has set it anew.
     """
 
     index: int | None
@@ -97,13 +97,13 @@ class Observation(Message, frozen=True, gc=False):
 
 
 class Belief(Message, frozen=True, gc=False):
-    """A probability distribution over states (a read-only array of S numbers)."""
+    """A probability distribution over states: a read-only array of S numbers."""
 
     probabilities: npt.NDArray[np.float64]
 
 
 class Action(Message, frozen=True, gc=False):
-    """A decided joint action, with the number of its decision since the last start."""
+    """A decided joint action, with the number of the decision since the last start."""
 
     epoch: int
     index: int
@@ -117,7 +117,7 @@ class Reward(Message, frozen=True, gc=False):
 
 
 class Decision(Message, frozen=True, gc=False):
-    """Everything about one decision, for logs, records and tests.
+    """A decision with its stimulus, information state and action.
 
     ``cause`` names the stimulus: ``start``, ``resume``, ``reset``, ``state``, ``observation``, ``belief``, ``tick``,
     ``episode`` (the stimulus after a horizon, which starts a new episode), or ``release`` (the end of a safe mode).
@@ -138,7 +138,7 @@ ActionStatus = Literal["running", "succeeded", "failed", "preempted", "timed_out
 
 
 class ActionLife(Message, frozen=True, gc=False):
-    """A step in the life of an action: ``running``, then exactly one of the ends."""
+    """A change in the life of an action: ``running``, then exactly one end."""
 
     ensemble: str
     life: int
@@ -157,7 +157,7 @@ ModeName = Literal["stopped", "deciding", "safe"]
 
 
 class Cause(msgspec.Struct, frozen=True, gc=False):
-    """Why an ensemble is safe: a kind, in words, and since when (nanoseconds)."""
+    """A cause of an ensemble's safe mode: its kind, a description, and its beginning in nanoseconds."""
 
     kind: str
     detail: str
@@ -165,7 +165,7 @@ class Cause(msgspec.Struct, frozen=True, gc=False):
 
 
 class Mode(Message, frozen=True, gc=False):
-    """The mode that an ensemble is in from now on, and why it is safe; ``since`` is when the mode began."""
+    """The new mode of an ensemble, and the causes if it is safe; ``since`` is the beginning of the mode."""
 
     ensemble: str
     mode: ModeName
@@ -174,7 +174,7 @@ class Mode(Message, frozen=True, gc=False):
 
 
 class Tick(Message, frozen=True, gc=False):
-    """A fixed-rate tick: ``time`` is when it was due, ``late`` how many nanoseconds later it came."""
+    """A fixed-rate tick: ``time`` is when it was due, ``late`` its delay in nanoseconds."""
 
     number: int
     late: int
@@ -182,14 +182,14 @@ class Tick(Message, frozen=True, gc=False):
 
 
 class Question(Message, frozen=True, gc=False):
-    """What a control layer asks its planner: the action for a state index or a belief; ``number`` counts questions."""
+    """A control layer's request to its planner for an action in a state or belief; ``number`` counts requests."""
 
     number: int
     at: Any
 
 
 class Answer(Message, frozen=True, gc=False):
-    """What a planner answers to the question of that number, and what chose it; ``action`` is None where nothing did.
+    """A planner's answer to the question of that number, and its origin; ``action`` is None without an answer.
 
     ``time`` is that of the question's stimulus.
     """
@@ -200,7 +200,7 @@ class Answer(Message, frozen=True, gc=False):
 
 
 class Fault(Message, frozen=True, gc=False):
-    """Something went wrong: who (an actor's path), what (a kind), and in words."""
+    """A fault: the actor's path, the kind, and a description."""
 
     source: str
     kind: str
@@ -208,7 +208,7 @@ class Fault(Message, frozen=True, gc=False):
 
 
 class StateChange(Message, frozen=True, gc=False):
-    """An actor's life moved on."""
+    """A change in the life of an actor."""
 
     actor: str
     state: Literal["starting", "running", "restarting", "stopping", "stopped", "failed"]

@@ -1,4 +1,4 @@
-"""Tools for tests of programs that use the library: virtual time, probes, and ways to disturb an actor."""
+"""Tools for testing programs that use the library: virtual time, probes, and disturbed actors."""
 
 from __future__ import annotations
 
@@ -21,11 +21,19 @@ T = TypeVar("T")
 
 
 def run_virtual(main: Callable[[Runtime], Coroutine[Any, Any, T]], **options: Any) -> T:
-    """Run a coroutine function in virtual time with a runtime of its own, and return what it returns.
+    """Run a coroutine function in virtual time with its own runtime, and return its result.
+
+    Example::
+
+        async def main(runtime: mdm.Runtime) -> None:
+            await runtime.start(robot)
+            await asyncio.sleep(60)  # takes no real time
+
+        run_virtual(main)
 
     Args:
-        main: Called with the runtime, inside its block.
-        options: For `Runtime`; the log is silent by default.
+        main: Called with the running runtime.
+        options: Options of `Runtime`; the log is off by default.
     """
     results: list[T] = []
 
@@ -38,7 +46,7 @@ def run_virtual(main: Callable[[Runtime], Coroutine[Any, Any, T]], **options: An
 
 
 def probe(channel: Channel[T]) -> list[T]:
-    """Return a list that grows by each message of a channel, the retained one first."""
+    """Return a list to which a channel's messages are appended, beginning with the retained one."""
     messages: list[T] = []
     channel.subscribe(messages.append)
     return messages
@@ -46,7 +54,14 @@ def probe(channel: Channel[T]) -> list[T]:
 
 @contextmanager
 def capture_decisions(runtime: Runtime) -> Iterator[list[Decision]]:
-    """Collect all decisions that are made inside the block."""
+    """Collect all decisions made inside the block.
+
+    Example::
+
+        with capture_decisions(runtime) as decisions:
+            battery_is_fine.set(False)
+        assert [decision.action_name for decision in decisions] == ["Charge"]
+    """
     decisions: list[Decision] = []
     subscription = runtime.decisions.subscribe(decisions.append)
     try:
@@ -56,13 +71,13 @@ def capture_decisions(runtime: Runtime) -> Iterator[list[Decision]]:
 
 
 def crash(actor: Actor, error: Exception | None = None) -> None:
-    """Let an actor fail, as if one of its handlers had raised."""
+    """Make an actor fail, as if one of its handlers had raised an error."""
     actor.fail(Error(f"actor {actor.path!r} was made to crash") if error is None else error)
 
 
 @contextmanager
 def block(actor: Actor) -> Iterator[list[Any]]:
-    """Hold back an actor's messages inside the block; they reach it, in order, when the block is left.
+    """Hold back an actor's messages inside the block, and deliver them in order at its end.
 
     Yields the list of messages held back.
     """
@@ -83,7 +98,7 @@ def block(actor: Actor) -> Iterator[list[Any]]:
 
 @contextmanager
 def delay(actor: Actor, seconds: float) -> Iterator[None]:
-    """Let an actor's messages reach it that much later, by the runtime's clock, inside the block."""
+    """Delay an actor's messages inside the block by a number of seconds of the runtime's clock."""
 
     def later(_: Subscription[Any], handler: Callable[[Any], object], message: Any) -> None:
         actor.call_later(seconds, lambda: handler(message))

@@ -17,7 +17,7 @@ import mdm
 
 PACKAGES = ("beliefs", "models", "policies", "simulation")
 NAMES = [f"{package}.{name}" for package in PACKAGES for name in importlib.import_module(f"mdm.{package}").__all__]
-NAMES += ["Controller"]
+NAMES += ["Controller", "Formula", "P", "System", "load_model", "load_policy", "parse"]
 WITHOUT = {  # protocols and results, which users do not make; and what a named class' example shows
     "beliefs.Drawn",
     "beliefs.DrawnInformation",

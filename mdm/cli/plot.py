@@ -42,7 +42,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         "--states",
         metavar=("A", "B"),
         nargs=2,
-        help="draw over beliefs in these two states; by default those that are most often mistaken for each other",
+        help="draw over beliefs in these two states; by default those that are most often confused",
     )
     policy.add_argument("--axes", metavar=("DOWN", "ACROSS"), nargs=2, help="draw over these two factors of the state")
     policy.add_argument("--columns", metavar="N", type=count, help="lay states without factors out in rows of N")
@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _of_policy(arguments: argparse.Namespace) -> Any:
     from mdm.cli.inputs import load, load_for  # noqa: PLC0415
     from mdm.errors import Error  # noqa: PLC0415
-    from mdm.views.belief import belief_figure, doubt_figure  # noqa: PLC0415
+    from mdm.views.belief import belief_figure, two_state_figure  # noqa: PLC0415
     from mdm.views.grid import grid_figure  # noqa: PLC0415
 
     policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
@@ -112,7 +112,7 @@ def _of_policy(arguments: argparse.Namespace) -> Any:
             raise UsageError("--states is for policies over beliefs; this one is over states")
         if by_state or (given and given != ["states"]) or (not given and len(model.state_space.factors) > 1):
             return grid_figure(model, policy, arguments.axes, arguments.columns)
-        return doubt_figure(model, policy, arguments.states, arguments.seed)
+        return two_state_figure(model, policy, arguments.states, arguments.seed)
     if policy.input != "belief":
         raise Error(f"{arguments.policy}: the policy sees the state; there is no belief to draw")
     return belief_figure(model, policy, arguments.steps, arguments.seed)

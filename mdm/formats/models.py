@@ -61,7 +61,7 @@ def load_model(path: str | Path, *, sparse: bool | None = None, normalize: bool 
     Example::
 
         model = mdm.load_model("tiger.pomdp")
-        model.transition("listen", "tiger-left")  # P(s' | s, a)
+        model.transition("listen", "tiger-left")  # [1, 0]
 
     Args:
         path: The file.

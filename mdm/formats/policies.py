@@ -82,6 +82,7 @@ def load_policy(
 
         model = mdm.load_model("tiger.pomdp")
         policy = mdm.load_policy("tiger.vf", model)
+        policy.value(model.initial_belief)  # 19.37
 
     Args:
         path: The file.

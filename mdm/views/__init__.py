@@ -1,1 +1,1 @@
-"""Pictures of policies, beliefs, bounds and networks; they need matplotlib (``mdm[plot]``)."""
+"""Plots of policies, beliefs, bounds and networks; they need matplotlib (``mdm[plot]``)."""

@@ -1,4 +1,4 @@
-"""Pictures of beliefs: what a policy does between two states, and a belief over an episode."""
+"""Plots over beliefs: a policy over beliefs in two states, and a belief over an episode."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.simulation.episodes import EpisodeStep
 
-__all__ = ["belief_figure", "doubt_figure"]
+__all__ = ["belief_figure", "two_state_figure"]
 
 _POINTS = 401
 _EPISODES = 20
@@ -30,20 +30,20 @@ _STEPS = 50
 _LIKELY = 6
 _ROWS = 25
 _NAMED = 30
-"""Decisions up to which actions and observations stand by name."""
+"""Number of decisions up to which actions and observations are labelled."""
 
 
-def doubt_figure(model: MDP, policy: Any, states: Sequence[str] | None, seed: int) -> Any:
+def two_state_figure(model: MDP, policy: Any, states: Sequence[str] | None, seed: int) -> Any:
     """Draw the value and the action of a policy over beliefs in two states.
 
     Args:
         model: The model.
         policy: The policy.
-        states: The two; by default those that share most of the belief in simulated episodes.
-        seed: Of these episodes.
+        states: The two states; by default those that share most belief in simulated episodes.
+        seed: Seed of these episodes.
     """
     if states is None:
-        pair = _in_doubt(model, policy, seed)
+        pair = _most_confused_pair(model, policy, seed)
     else:
         pair = model.state_space.index(states[0]), model.state_space.index(states[1])
         if pair[0] == pair[1]:
@@ -66,7 +66,7 @@ def doubt_figure(model: MDP, policy: Any, states: Sequence[str] | None, seed: in
         axes.plot(shares, each, color="#666666", lw=0.7)
     axes.plot(shares, values, color="black", lw=2)
     finite = values[np.isfinite(values)]
-    if len(finite):  # what actions that are never best are worth may lie far below
+    if len(finite):  # values of actions that are never best may lie far below
         margin = 0.25 * (finite.max() - finite.min()) or 1.0
         axes.set_ylim(finite.min() - margin, finite.max() + margin / 2)
     axes.set_xlim(0, 1)
@@ -76,8 +76,8 @@ def doubt_figure(model: MDP, policy: Any, states: Sequence[str] | None, seed: in
     return figure
 
 
-def _in_doubt(model: MDP, policy: Any, seed: int) -> tuple[int, int]:
-    """Return the two states that are most often mistaken for each other: with the greatest mean product of beliefs."""
+def _most_confused_pair(model: MDP, policy: Any, seed: int) -> tuple[int, int]:
+    """Return the two states with the greatest mean product of beliefs."""
     shared: defaultdict[tuple[int, int], float] = defaultdict(float)
     run = EpisodeRunner(model, policy)
     for stream in np.random.SeedSequence(seed).spawn(_EPISODES):
@@ -88,18 +88,18 @@ def _in_doubt(model: MDP, policy: Any, seed: int) -> tuple[int, int]:
                 shared[one, other] += float(belief[one] * belief[other])
     pair = max(shared, key=shared.__getitem__, default=None)
     if pair is None or not shared[pair] > 0:
-        raise Error("the state is never in doubt in this model: name two states with --states")
+        raise Error("this model's state is always certain: name two states with --states")
     return pair
 
 
 def belief_figure(model: MDP, policy: Any, steps: int, seed: int) -> Any:
-    """Draw the belief at each decision of an episode, the true state, what is done and what was seen.
+    """Draw the belief at each decision of an episode, with true states, actions and observations.
 
     Args:
         model: The model.
         policy: The policy.
-        steps: Decisions, at most.
-        seed: Of the episode.
+        steps: The maximum number of decisions.
+        seed: Seed of the episode.
     """
     moments: list[EpisodeStep] = []
     for moment in EpisodeRunner(model, policy)(seed):
@@ -108,12 +108,12 @@ def belief_figure(model: MDP, policy: Any, steps: int, seed: int) -> Any:
         if len(moments) == steps:
             break
     if not moments:
-        raise Error("the episode is over before it begins: nothing can be earned from its first state")
+        raise Error("the episode is empty: no reward can be reached from its first state")
     assert isinstance(model, POMDP)
     beliefs = np.array([_dense(moment.belief, model) for moment in moments]).T
     true = np.array([moment.state for moment in moments])
     peak = beliefs.max(axis=1)
-    peak[true] += 1  # the true states are shown whatever the belief says
+    peak[true] += 1  # true states are always shown
     kept = np.sort(np.argsort(-peak, kind="stable")[: min(_ROWS, int((peak > 1e-3).sum()))])
     width = 0.32 * len(moments) + 2
     figure, axes = pyplot().subplots(figsize=(float(np.clip(width, 6, 16)), 0.3 * len(kept) + 2))
@@ -133,7 +133,7 @@ def belief_figure(model: MDP, policy: Any, steps: int, seed: int) -> Any:
             for moment in moments
         ]
         axes.set_xticks(range(len(moments)), labels, rotation=90, fontsize=7)
-        axes.set_xlabel("decision: what was seen → what is done")
+        axes.set_xlabel("decision: observation → action")
     else:
         axes.set_xlabel("decision")
     return figure

@@ -1,4 +1,4 @@
-"""A picture of bounds over time, of one solver's run or of several."""
+"""Plot of the bounds of solver runs over time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def bounds_figure(paths: list[str]) -> Any:
     """Draw the histories in some files.
 
     Raises:
-        FormatError: If one is no history.
+        FormatError: If a file is not a history.
     """
     runs = [_read(Path(path)) for path in paths]
     figure, axes = pyplot().subplots(figsize=(8, 5))
@@ -41,18 +41,18 @@ def bounds_figure(paths: list[str]) -> Any:
                 seconds, values = zip(*points, strict=True)
                 style = {"marker": "."} if len(points) == 1 else {}
                 axes.step(seconds, values, where="post", color=f"C{place}", label=label, **style)
-                label = "_"  # the legend needs one of the two lines
+                label = "_"  # one of the two lines is enough for the legend
                 settled += values[len(values) // 2 :]
         both = [entry for entry in entries if None not in {entry.lower, entry.upper}]
         sides = ([getattr(entry, side) for entry in both] for side in ("lower", "upper"))
         axes.fill_between([entry.seconds for entry in both], *sides, step="post", color=f"C{place}", alpha=0.12)
-    if settled:  # bounds begin far off, and would leave nothing to see of where they end
+    if settled:  # the first bounds are so loose that they would hide the last ones
         margin = 0.05 * (max(settled) - min(settled)) or 1.0
         axes.set_ylim(min(settled) - margin, max(settled) + margin)
         axes.legend(frameon=False)
     axes.set_xscale("log")
     axes.set_xlabel("seconds")
-    axes.set_ylabel("value of the start")
+    axes.set_ylabel("value of the initial belief")
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
     return figure
@@ -62,7 +62,7 @@ def _read(path: Path) -> _Run:
     try:
         run = msgspec.json.decode(path.read_bytes(), type=_Run)
     except msgspec.MsgspecError as error:
-        raise FormatError(f"a history that mdm solve --history wrote was expected: {error}", file=path) from None
+        raise FormatError(f"a history written by mdm solve --history was expected: {error}", file=path) from None
     if not run.history:
         raise FormatError("the history is empty", file=path)
     return run

@@ -1,4 +1,4 @@
-"""matplotlib, where it is installed: without a window, imported when the first picture is drawn."""
+"""Access to matplotlib: without a window, imported for the first picture."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def pyplot() -> Any:
 
 
 def check_picture(path: str, *sources: str) -> None:
-    """Refuse a picture's file that could not be written, or that is read from, before there is something to draw.
+    """Check, before anything is drawn, that a picture's file can be written and is not an input.
 
     Raises:
-        Error: If its suffix is none of a picture, or the file cannot be written or is one of the sources.
+        Error: If the suffix is not that of a picture, or the file is an input or not writable.
     """
     check_place(path, *sources)
     if Path(path).suffix.lower() not in _SUFFIXES:
@@ -41,7 +41,7 @@ def check_picture(path: str, *sources: str) -> None:
 
 
 def keep(figure: Any, path: str) -> None:
-    """Write a figure into a file, whose suffix says of which kind: .png, .svg or .pdf.
+    """Write a figure in the format of the file's suffix: .png, .svg or .pdf.
 
     Raises:
         FormatError: If the file cannot be written.

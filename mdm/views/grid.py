@@ -1,4 +1,4 @@
-"""A picture of a policy over states: values as shades, actions as colours, over two factors of the state."""
+"""Plot of a policy over two factors of the state: values as shades, actions as colours."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["action_colours", "grid_figure"]
 
 _NAMED = 150
-"""Cells up to which actions stand in them by name, where names are short."""
+"""Number of cells up to which short names of actions are written into them."""
 _SHORT = 6
 _TICKS = 30
 _ARROWS = {"north": "↑", "up": "↑", "south": "↓", "down": "↓", "east": "→", "right": "→", "west": "←", "left": "←"}
@@ -29,14 +29,14 @@ _ARROWS = {"north": "↑", "up": "↑", "south": "↓", "down": "↓", "east": "
 def grid_figure(model: MDP, policy: Any, axes: Sequence[str] | None, columns: int | None) -> Any:
     """Draw a policy over the states of a model.
 
-    Where there are more than two factors, the others have the values of the likeliest first state. A policy over
-    beliefs is shown where the state is known.
+    Further factors have their values in the likeliest initial state. A policy over beliefs is drawn for certain
+    states.
 
     Args:
         model: The model.
         policy: The policy.
         axes: Two factors, by name; by default the two largest.
-        columns: For states without factors, how many stand in a row; by default as in a square.
+        columns: The number of states in a row, for states without factors; by default that of a square.
 
     Raises:
         ModelError: If there is no such factor.
@@ -49,11 +49,11 @@ def grid_figure(model: MDP, policy: Any, axes: Sequence[str] | None, columns: in
         labels, title = None, "states in rows, the first at the top left"
     else:
         down, across = _chosen(space, axes)
-        states, labels = _laid_out(model, down, across), (space.factors[down], space.factors[across])
+        states, labels = _cells(model, down, across), (space.factors[down], space.factors[across])
         title = _rest(model, down, across)
     used = states >= 0
     values, actions = np.full(states.shape, np.nan), np.full(states.shape, -1)
-    values[used], actions[used] = _judged(model, policy, states[used])
+    values[used], actions[used] = _evaluated(model, policy, states[used])
     plt = pyplot()
     rows, width = states.shape
     size = (2 * np.clip(0.45 * width, 3.5, 9) + 2.5, float(np.clip(0.45 * rows, 2.5, 9)) + 1)
@@ -80,7 +80,7 @@ def grid_figure(model: MDP, policy: Any, axes: Sequence[str] | None, columns: in
 
 
 def action_colours(model: MDP, actions: Sequence[int]) -> tuple[dict[int, Any], list[Any]]:
-    """Return a light colour for each of some actions, and what explains them in a legend."""
+    """Return a light colour per action, and the handles for a legend."""
     from matplotlib.patches import Patch  # noqa: PLC0415 - an extra
 
     palette = pyplot().get_cmap("tab20" if len(actions) > 10 else "tab10")
@@ -106,7 +106,7 @@ def _likely(model: MDP) -> tuple[int, ...]:
     return model.state_space.unravel(int(model.initial_belief.argmax()))
 
 
-def _laid_out(model: MDP, down: int, across: int) -> Any:
+def _cells(model: MDP, down: int, across: int) -> Any:
     """Return the index of the state in each cell."""
     space = model.state_space
     parts: list[Any] = list(_likely(model))
@@ -120,21 +120,21 @@ def _rest(model: MDP, down: int, across: int) -> str:
     return f"where {', '.join(rest)}" if rest else ""
 
 
-def _judged(model: MDP, policy: Any, states: Any) -> tuple[Vector, list[int]]:
-    """Return the value and the action of each of some states."""
+def _evaluated(model: MDP, policy: Any, states: Any) -> tuple[Vector, list[int]]:
+    """Return the values and actions of some states."""
     if policy.input == "state":
         values = exact_values(model, policy)
         if values is None:
             values = np.array([policy.value(state) for state in range(policy.num_states)])
         return values[states], [policy.action(state) for state in states.tolist()]
-    worth, actions = np.empty(len(states)), []
+    values, actions = np.empty(len(states)), []
     for place, state in enumerate(states.tolist()):
         belief = np.zeros(len(model.state_space))
         belief[state] = 1
-        worth[place] = policy.value(belief)
+        values[place] = policy.value(belief)
         actions.append(policy.action(belief))
-    worth[~np.isfinite(worth)] = np.nan
-    return worth, actions
+    values[~np.isfinite(values)] = np.nan
+    return values, actions
 
 
 def _arrow(name: str) -> str:

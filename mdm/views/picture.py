@@ -1,4 +1,4 @@
-"""A picture of a two-slice network: now on the left, next in the middle, what comes of it on the right."""
+"""Drawing of a two-slice network: current variables on the left, next states in the middle, outcomes on the right."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _WIDTH = 5.0
 
 
 def draw(network: TwoSliceNetwork, path: str) -> None:
-    """Draw a network into a file, whose suffix says of which kind: .png, .svg or .pdf.
+    """Draw a network into a file in the format of its suffix: .png, .svg or .pdf.
 
     Raises:
         Error: If matplotlib is not installed, or the file cannot be written.
@@ -41,7 +41,7 @@ def draw(network: TwoSliceNetwork, path: str) -> None:
     axes.set_xlim(-_WIDTH / 2, _WIDTH * 2.5)
     axes.set_ylim(-tallest / 2 - 0.3, tallest / 2 + 0.3)
     axes.axis("off")
-    figure.canvas.draw()  # boxes have no size before
+    figure.canvas.draw()  # boxes have no size before this
     inverse = axes.transData.inverted()
     spans = {name: box.get_bbox_patch().get_window_extent().transformed(inverse) for name, box in boxes.items()}
     for child, parent in _edges(network):
@@ -67,7 +67,7 @@ def _columns(network: TwoSliceNetwork) -> list[dict[Any, tuple[str, str]]]:
 
 
 def _edges(network: TwoSliceNetwork) -> list[tuple[Any, Any]]:
-    """Return pairs of a variable and one that it depends on."""
+    """Return pairs of a variable and one of its parents."""
     roles: tuple[Role, ...] = ("state", "next_state", "observation")
     nodes = [Node(role, place) for role in roles for place in range(len(network.factors(role)))]
     pairs: list[tuple[Any, Any]] = [(node, parent) for node in nodes for parent in network.parents(node)]

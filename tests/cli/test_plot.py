@@ -42,7 +42,7 @@ def test_pictures_are_drawn(mdm, tmp_path, arguments):
         ),
         ([*POLICY, "-o", "x.png", "--states", "0", "0"], 1, "two states are needed"),
         ([*POLICY, "-o", "x.png", "--axes", "x", "y"], 1, "no factor 'x'"),
-        (["bounds", TIGER, "-o", "x.png"], 1, "tiger.pomdp: a history that mdm solve --history wrote was expected"),
+        (["bounds", TIGER, "-o", "x.png"], 1, "tiger.pomdp: a history written by mdm solve --history was expected"),
         (["bounds", ROOT / "nothing.json", "-o", "x.png"], 1, "nothing.json"),
         ([*POLICY, "-o", "x.nothing"], 1, "its file ends in .png, .svg, .pdf"),
         ([*POLICY, "-o", "x"], 1, "its file ends in .png, .svg, .pdf"),

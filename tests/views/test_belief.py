@@ -9,7 +9,7 @@ from places import TIGER, TIGER_VECTORS
 from mdm import BeliefTracker, Error, ModelError, load_model, load_policy
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors
-from mdm.views.belief import belief_figure, doubt_figure
+from mdm.views.belief import belief_figure, two_state_figure
 
 pytest.importorskip("matplotlib")
 
@@ -17,7 +17,7 @@ pytest.importorskip("matplotlib")
 def test_doubt_is_drawn_where_it_is():
     model = load_model(TIGER)
     policy = load_policy(TIGER_VECTORS, model)
-    axes = doubt_figure(model, policy, None, 0).axes[0]
+    axes = two_state_figure(model, policy, None, 0).axes[0]
     shares, values = axes.lines[-1].get_data()
     np.testing.assert_allclose(values, [policy.value(np.array([1 - share, share])) for share in shares])
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["listen", "open-left", "open-right"]
@@ -41,10 +41,10 @@ def test_a_belief_is_that_of_its_episode():
 def test_two_states_are_named_or_told_apart_by_nothing():
     model = load_model(TIGER)
     policy = load_policy(TIGER_VECTORS, model)
-    axes = doubt_figure(model, policy, ["tiger-right", "tiger-left"], 0).axes[0]
+    axes = two_state_figure(model, policy, ["tiger-right", "tiger-left"], 0).axes[0]
     assert axes.get_xlabel() == "belief in 'tiger-left', the rest in 'tiger-right'"
     with pytest.raises(ModelError, match="two states are needed, not 'tiger-left' twice"):
-        doubt_figure(model, policy, ["tiger-left", "tiger-left"], 0)
+        two_state_figure(model, policy, ["tiger-left", "tiger-left"], 0)
     seen = POMDP([np.eye(2)], [np.eye(2)], [[1.0], [0]], discount=0.5, initial_belief=[1, 0])
-    with pytest.raises(Error, match="the state is never in doubt in this model: name two states"):
-        doubt_figure(seen, AlphaVectors([[2.0, 0]], [0], 1), None, 0)
+    with pytest.raises(Error, match="state is always certain: name two states"):
+        two_state_figure(seen, AlphaVectors([[2.0, 0]], [0], 1), None, 0)

@@ -33,8 +33,8 @@ def test_bounds_that_are_never_known_are_not_drawn(tmp_path):
     ("text", "words"),
     [
         ('{"solver": "s", "history": []}', "the history is empty"),
-        ('{"solver": "s"}', "a history that mdm solve --history wrote was expected"),
-        ("states: 2", "a history that mdm solve --history wrote was expected"),
+        ('{"solver": "s"}', "a history written by mdm solve --history was expected"),
+        ("states: 2", "a history written by mdm solve --history was expected"),
     ],
 )
 def test_what_is_no_history_is_refused(tmp_path, text, words):

@@ -34,7 +34,7 @@ def test_a_place_is_refused_before_there_is_something_to_draw(tmp_path):
         check_picture(str(tmp_path / "a.txt"))
     with pytest.raises(Error, match="No such file or directory"):
         check_picture(str(tmp_path / "none" / "a.png"))
-    with pytest.raises(Error, match="this file is read from"):
+    with pytest.raises(Error, match="this file is an input"):
         check_picture(str(tmp_path / "read.png"), str(tmp_path / "read.png"))
 
 

@@ -6,7 +6,7 @@ from copy import copy
 from typing import TYPE_CHECKING
 
 from mdm.actors.layer import Layer
-from mdm.actors.wiring import Wire, arrange, named, places
+from mdm.actors.wiring import Wire, arrange, check_name, index_order, named, places
 from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.messages import EventUpdate, Observation
@@ -26,8 +26,8 @@ class ObservationFactor:
 
     Args:
         name: The factor's name, as in the model where the model names its factors.
-        events: A list in the order of the model's symbols, or a mapping from the model's symbols; an event belongs to
-            one factor only.
+        events: A list in the order of the model's symbols, or a mapping from the model's symbols, by name or by index;
+            names without a model stand in the mapping's order. An event belongs to one factor only.
         idle: The symbol that stands for "no event". Of a list it is one of the events, which then need not be
             declared; of a mapping it is a symbol, which then needs no event.
         hold: Keep the last symbol where no event is new. Without ``idle`` and ``hold`` the component is missing, and
@@ -39,20 +39,26 @@ class ObservationFactor:
 
     __slots__ = ("events", "hold", "idle", "name", "symbols")
 
-    def __init__(self, name: str, events: Names, *, idle: str | None = None, hold: bool = False) -> None:
+    def __init__(self, name: str, events: Names, *, idle: str | int | None = None, hold: bool = False) -> None:
+        check_name(name, "an observation factor")
         what = f"observation factor {name!r}"
         given, self.symbols = named(events, what, "event")
+        if self.symbols and idle is not None and type(idle) is not type(self.symbols[0]):
+            raise ConfigError(f"the idle symbol {idle!r} of {what} is given as the others are", key=name)
         self.name = name
         self.events: tuple[str | None, ...] = given
         if self.symbols is not None and idle is not None and idle not in self.symbols:
             self.symbols, self.events = (*self.symbols, idle), (*given, None)
         if len(self.events) < 2:
             raise ConfigError(f"{what} needs at least two events, not {events!r}", key=name)
-        known = given if self.symbols is None else self.symbols
+        known: tuple[str | int, ...] = given if self.symbols is None else self.symbols
         if idle is not None and idle not in known:
             raise ConfigError(f"the idle symbol {idle!r} of {what} is none of {', '.join(given)}", key=name)
         if idle is not None and hold:
             raise ConfigError(f"{what} can take its idle symbol or hold the last one, not both", key=name)
+        if self.symbols is not None and (order := index_order(self.symbols, self.size, what)) is not None:
+            self.events = tuple(self.events[place] for place in order)
+            self.symbols = known = tuple(range(self.size))
         self.idle = None if idle is None else known.index(idle)
         self.hold = hold
 

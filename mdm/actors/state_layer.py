@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 from mdm.actors.layer import Layer
-from mdm.actors.wiring import Wire, arrange, named, places
+from mdm.actors.wiring import Wire, arrange, check_name, index_order, named, places
 from mdm.errors import ConfigError, Error
 from mdm.logic import P, similar
 from mdm.messages import PredicateUpdate, State
@@ -25,9 +25,9 @@ class StateFactor:
 
     Args:
         name: The factor's name, as in the model where the model names its factors.
-        predicates: A list in the order of the factor's values, or a mapping from the model's symbols. One predicate
-            makes two values: 0 where it is false and 1 where it is true; in a mapping, the symbol that it is given for
-            and the other one.
+        predicates: A list in the order of the factor's values, or a mapping from the model's symbols, by name or by
+            index; names without a model stand in the mapping's order. One predicate makes two values: 0 where it is
+            false and 1 where it is true; in a mapping, the symbol that it is given for and the other one.
         on_violation: What to do where none or several of k are true: take the ``first`` that is (where none is, as
             ``hold``), ``hold`` the last value, or ``error``. By default ``first`` for several and ``hold`` for none.
 
@@ -41,8 +41,10 @@ class StateFactor:
     def __init__(
         self, name: str, predicates: Names, on_violation: Literal["first", "hold", "error"] | None = None
     ) -> None:
+        check_name(name, "a state factor")
+        what = f"state factor {name!r}"
         self.name = name
-        self.predicates, self.symbols = named(predicates, f"state factor {name!r}", "predicate")
+        self.predicates, self.symbols = named(predicates, what, "predicate")
         if not self.predicates:
             raise ConfigError(f"state factor {name!r} needs a list of predicates, not {predicates!r}", key=name)
         if on_violation not in {None, "first", "hold", "error"}:
@@ -52,6 +54,11 @@ class StateFactor:
         self.on_violation = on_violation
         self.size = max(2, len(self.predicates))
         self.positive = 1
+        if self.symbols in {(0,), (1,)}:
+            self.positive = int(self.symbols[0])
+        elif self.symbols is not None and (order := index_order(self.symbols, self.size, what)) is not None:
+            self.predicates = tuple(self.predicates[place] for place in order)
+            self.symbols = tuple(range(self.size))
 
     @property
     def by_symbol(self) -> bool:

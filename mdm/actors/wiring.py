@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from mdm.models import Factor, Space
 
-__all__ = ["Names", "Wire", "Wired", "arrange", "named", "places"]
+__all__ = ["Names", "Wire", "Wired", "arrange", "check_name", "index_order", "named", "places"]
 
 Names = Sequence[str] | Mapping[str, str] | Mapping[int, str]
 """Predicates or events: in the order of a factor's symbols, or by symbol."""
@@ -70,14 +70,43 @@ def named(names: Names, what: str, of: str) -> tuple[tuple[str, ...], tuple[str 
     values = tuple(names.values()) if isinstance(names, Mapping) else names
     listed = isinstance(values, Sequence) and not isinstance(values, str)
     if not listed or not all(isinstance(value, str) for value in values) or not _are_symbols(symbols or ()):
-        raise ConfigError(f"{what} needs a list of {of}s, or {of}s by symbol, not {names!r}")
+        raise ConfigError(
+            f"{what} needs a list of {of}s, or a mapping from symbols to {of}s, by name or by index but not both, "
+            f"not {names!r}"
+        )
     if len(set(values)) != len(values):
         raise ConfigError(f"{what} names {'an' if of == 'event' else 'a'} {of} twice: {', '.join(values)}")
     return tuple(values), symbols
 
 
-def _are_symbols(keys: Iterable[object]) -> bool:
-    return all(isinstance(key, str | int) for key in keys)
+def _are_symbols(keys: Sequence[object]) -> bool:
+    """Whether they are all names, or all indices."""
+    return all(isinstance(key, str) for key in keys) or all(type(key) is int for key in keys)
+
+
+def check_name(name: object, kind: str) -> None:
+    """Refuse what is no name of a factor.
+
+    Raises:
+        ConfigError: If it is no text, or is empty.
+    """
+    if not isinstance(name, str) or not name:
+        raise ConfigError(f"the name of {kind} is a text, not {name!r}")
+
+
+def index_order(symbols: Sequence[str | int], size: int, what: str) -> list[int] | None:
+    """Return where each index from 0 stands among symbols that are indices; None where they are names.
+
+    Raises:
+        ConfigError: If one is missing or is no index of ``size`` values.
+    """
+    if all(isinstance(symbol, str) for symbol in symbols):
+        return None
+    if sorted(symbols) != list(range(size)):
+        raise ConfigError(
+            f"{what} has the indices 0 to {size - 1}, each of them once, not {', '.join(map(str, symbols))}"
+        )
+    return [symbols.index(place) for place in range(size)]
 
 
 def places(symbols: Iterable[str | int], factor: Factor, what: str, *, enough: int | None = None) -> list[int]:

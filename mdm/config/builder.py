@@ -193,8 +193,11 @@ class _Builder:
         self._ensembles[name] = None
         with self._problems.collecting(key):
             actions = self._actions(name, table, (*above, name))
-            states = self._factors(StateFactor, StateTable, table.states, f"{key}.states")
-            observations = self._factors(ObservationFactor, ObservationTable, table.observations, f"{key}.observations")
+            indices = table.model is None
+            states = self._factors(StateFactor, StateTable, table.states, f"{key}.states", indices=indices)
+            observations = self._factors(
+                *(ObservationFactor, ObservationTable, table.observations, f"{key}.observations"), indices=indices
+            )
             drive = self._drive(table.drive, f"{key}.drive")
             supervision = self._supervision(table.supervision, f"{key}.supervision")
             if name in self._invalid:
@@ -282,7 +285,10 @@ class _Builder:
             )
         return None
 
-    def _factors(self, factor: Callable[..., T], kind: Any, tables: dict[str, Any], key: str) -> list[T] | None:
+    def _factors(
+        self, factor: Callable[..., T], kind: Any, tables: dict[str, Any], key: str, *, indices: bool
+    ) -> list[T] | None:
+        """Build factors; where no model may call its symbols by digits, symbols in digits are ``indices``."""
         factors: list[T] = []
         names = kind.__struct_fields__[0]
         for name, value in tables.items():
@@ -296,7 +302,12 @@ class _Builder:
                     raise ConfigError(
                         f"a list of {names}, or a table of {names} by symbol, was expected, not {value!r}"
                     )
-                if fields.get(names) is not None:
+                given = fields.get(names)
+                if indices and isinstance(given, dict) and all(symbol.isdecimal() for symbol in given):
+                    fields[names] = {int(symbol): source for symbol, source in given.items()}
+                    idle = fields.get("idle")
+                    fields |= {"idle": int(idle)} if idle is not None and idle.isdecimal() else {}
+                if given is not None:
                     factors.append(factor(name, fields.pop(names), **fields))
         return factors if len(factors) == len(tables) else None
 

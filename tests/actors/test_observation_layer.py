@@ -104,3 +104,18 @@ def test_observation_factors_are_checked(factors, message, declared):
 def test_wrong_factors(make, message):
     with pytest.raises(ConfigError, match=message):
         make()
+
+
+def test_indices_are_indices_without_a_model():
+    assert ObservationFactor("d", {1: "Up", 0: "Down"}).events == ("Down", "Up")
+    factor = ObservationFactor("d", {2: "Up", 1: "Down"}, idle=0)
+    assert factor.events == (None, "Down", "Up")
+    assert factor.idle == 0
+
+
+def test_the_idle_symbol_is_an_index_where_the_others_are():
+    for idle in ("nothing", True):
+        with pytest.raises(ConfigError, match="idle symbol .* is given as the others are"):
+            ObservationFactor("d", {0: "Up", 1: "Down"}, idle=idle)
+    with pytest.raises(ConfigError, match="indices 0 to 2"):
+        ObservationFactor("d", {0: "Up", 1: "Down"}, idle=7)

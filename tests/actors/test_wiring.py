@@ -237,3 +237,20 @@ def test_the_wiring_is_told():
     ]
     listed = ObservationLayer([ObservationFactor("eye", ["Seen", "Lost"], idle="Lost")], manager)
     assert listed.wires() == (("eye", "0", "Seen", False), ("eye", "1", None, True))
+
+
+@pytest.mark.parametrize("kind", [StateFactor, ObservationFactor])
+@pytest.mark.parametrize(
+    "wires",
+    [{7: "X", 0: "Y"}, {1: "X", 2: "Y"}, {0: "X", -1: "Y"}, {False: "X", True: "Y"}, {0: "X", "one": "Y"}],
+)
+def test_what_is_no_index_is_refused(kind, wires):
+    with pytest.raises(ConfigError, match="factor 'a' (has the indices 0 to 1, each of them once|needs a list)"):
+        kind("a", wires)
+
+
+@pytest.mark.parametrize("kind", [StateFactor, ObservationFactor])
+@pytest.mark.parametrize("name", [5, None, "", True])
+def test_factors_are_called_by_a_text(kind, name):
+    with pytest.raises(ConfigError, match="the name of an? (state|observation) factor is a text, not"):
+        kind(name, ["Up", "Down"])

@@ -273,3 +273,20 @@ def test_what_is_wrong_with_a_search_is_told_with_its_key(tmp_path, search, opti
     with pytest.raises(mdm.ConfigError, match=text) as raised:
         searching(tmp_path, search, **options)
     assert "ensembles.tiger.search" in str(raised.value)
+
+
+@pytest.mark.parametrize(("wires", "first"), [('{ 1 = "A", 0 = "B" }', "B"), ('{ 0 = "B", 1 = "A" }', "B")])
+def test_digits_are_indices_where_there_is_no_model(folder, wires, first):
+    text = f"""
+        predicates = {{ A = {{}}, B = {{}} }}
+        [ensembles.robot]
+        policy = [0, 1]
+        states = {{ place = {wires} }}
+        actions = {{ 0 = "code:x", 1 = "code:y" }}
+    """
+    system = load_system(written(folder, text, "digits.toml"), callbacks=False)
+    layer = system.ensembles["robot"].state
+    assert layer is not None
+    assert layer.factors[0].predicates[0] == first
+    with pytest.raises(ConfigError, match=r"ensembles.robot.states.place: .*indices 0 to 1"):
+        load_system(written(folder, text.replace('1 = "A"', '7 = "A"'), "seven.toml"), callbacks=False)

@@ -1,0 +1,65 @@
+"""Bindings: what is called, with what, and what is no target."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import pytest
+
+from mdm import ConfigError, Ensemble, bind
+from mdm.policies import DeterministicPolicy
+
+
+async def drive():
+    pass
+
+
+class Button:
+    def press(self, action):
+        pass
+
+    def __call__(self):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("target", "plain", "takes_action"),
+    [
+        (lambda: None, True, False),
+        (lambda action: None, True, True),
+        (lambda action=None: None, True, False),
+        (lambda *parts: None, True, True),
+        (drive, False, False),
+        (Button().press, True, True),
+        (Button(), True, False),
+        (partial(Button().press, "fixed"), True, False),
+        (print, True, True),
+    ],
+)
+def test_a_function_gets_the_action_where_it_asks_for_an_argument(target, plain, takes_action):
+    binding = bind(target)
+    assert (binding.plain, binding.takes_action, binding.ensemble) == (plain, takes_action, None)
+
+
+def test_an_ensemble_is_started_and_stopped():
+    ensemble = Ensemble("below", policy=DeterministicPolicy([0]), actions={0: print})
+    binding = bind(ensemble, resume=True)
+    assert (binding.ensemble, binding.plain, binding.resume) == (ensemble, False, True)
+
+
+@pytest.mark.parametrize(
+    ("target", "options", "words"),
+    [
+        (7, {}, "a function or an ensemble, not 7"),
+        ("drive", {}, "a function or an ensemble, not 'drive'"),
+        (lambda one, two: None, {}, "asks for one, two"),
+        (lambda *, speed: None, {}, "asks for speed"),
+        (print, {"on_repeat": "again"}, "'continue' or 'restart', not 'again'"),
+        (print, {"timeout": 0}, "timeout"),
+        (print, {"grace": -1.0}, "grace"),
+        (print, {"grace": None}, "grace"),
+    ],
+)
+def test_what_is_no_binding_is_refused(target, options, words):
+    with pytest.raises(ConfigError, match=words):
+        bind(target, **options)

@@ -1,0 +1,36 @@
+"""Drives, as they are given: themselves, a word, or a rate."""
+
+from __future__ import annotations
+
+import pytest
+
+from mdm import ConfigError, Error, FixedRate, OnEvent
+from mdm.actors.drive import drive_of
+
+
+@pytest.mark.parametrize(
+    ("given", "drive"),
+    [
+        (None, OnEvent()),
+        ("event", OnEvent()),
+        (OnEvent(), OnEvent()),
+        (FixedRate(2.0), FixedRate(2.0)),
+        (10, FixedRate(10.0)),
+        (0.5, FixedRate(0.5)),
+    ],
+)
+def test_a_drive_is_given_in_several_ways(given, drive):
+    assert drive_of(given) == drive
+
+
+@pytest.mark.parametrize("given", ["tick", True, [10.0], OnEvent])
+def test_other_drives_are_refused(given):
+    with pytest.raises(ConfigError, match="'event', a number of decisions per second") as caught:
+        drive_of(given)
+    assert caught.value.key == "drive"
+
+
+@pytest.mark.parametrize("rate", [0, -1.0, float("nan"), float("inf"), 1e9])
+def test_a_rate_that_no_clock_can_keep_is_refused(rate):
+    with pytest.raises(Error, match="rate"):
+        FixedRate(rate)

@@ -1,0 +1,72 @@
+"""What a tree search reads of a model, and the bounds it begins with."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from random_models import dense, flat_models
+
+from mdm import ModelError
+from mdm.models import MDP
+from mdm.problems import tiger
+from mdm.solvers.online.tables import search_tables
+
+
+def row(rows, number, width):
+    """Return a row as an array."""
+    found = np.zeros(width)
+    entries = slice(int(rows.starts[number]), int(rows.starts[number + 1]))
+    np.add.at(found, rows.columns[entries].astype(int), rows.values[entries])
+    return found
+
+
+@given(flat_models(events=True, finer=False))
+@settings(max_examples=30)
+def test_rows_are_those_of_the_model(model):
+    model = model.with_discount(0.5)
+    tables = search_tables(model, upper=None, lower=None)
+    size = len(model.state_space)
+    for action in range(len(model.action_space)):
+        for state in range(size):
+            at = int(tables.transitions.first[action]) + state
+            np.testing.assert_allclose(row(tables.transitions, at, size), dense(model.transition_matrix(action))[state])
+            if not tables.by_transition:
+                seen = int(tables.observations.first[action]) + state
+                found = row(tables.observations, seen, tables.num_observations)
+                if model.kind == "MDP":
+                    np.testing.assert_array_equal(found, np.eye(size)[state])
+                else:
+                    np.testing.assert_allclose(found, dense(model.observation_matrix(action))[state])
+
+
+@given(flat_models(events=True, finer=False))
+@settings(max_examples=30)
+def test_each_action_s_value_lies_between_its_bounds(model):
+    model = model.with_discount(0.5)
+    tables = search_tables(model, upper=None, lower=None)
+    matrices = [dense(model.transition_matrix(a)) for a in range(len(model.action_space))]
+    known = np.zeros(len(model.state_space))
+    for _ in range(60):  # of who sees the state
+        known = np.max([model.rewards[:, a] + 0.5 * matrix @ known for a, matrix in enumerate(matrices)], axis=0)
+    for action, matrix in enumerate(matrices):
+        slack = 1e-4 * (1 + np.abs(model.rewards).max())
+        assert (tables.upper[:, action] >= model.rewards[:, action] + 0.5 * matrix @ known - slack).all()
+        blind = np.linalg.solve(np.eye(len(matrix)) - 0.5 * matrix, model.rewards[:, action])
+        assert (tables.lower[:, action] <= blind + slack).all()
+    assert tables.actions.tolist() == list(range(len(matrices)))
+
+
+def test_a_false_negative_is_an_observation_of_its_own_and_plans_are_added():
+    model = tiger(discount=0.5)
+    plain = search_tables(model, upper=None, lower=None)
+    missed = search_tables(model.with_false_negatives(0), upper=None, lower=(np.array([[7.0, 8.0]]), [2]))
+    assert set(plain.observations.columns.tolist()) == {0, 1}
+    assert set(missed.observations.columns.tolist()) == {1, 2}
+    assert missed.actions.tolist() == [0, 1, 2, 2]
+    assert missed.lower[:, -1].tolist() == [7, 8]
+
+
+def test_values_of_what_never_ends_have_no_bounds():
+    with pytest.raises(ModelError, match="needs a discount below 1"):
+        search_tables(MDP([np.eye(2)], [[0.0], [1.0]], discount=1), upper=None, lower=None)

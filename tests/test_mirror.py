@@ -1,0 +1,55 @@
+"""Each module has its tests in a file of the same place and name; what has none, or is none's, says why."""
+
+from __future__ import annotations
+
+from places import ROOT
+
+PACKAGE, TESTS = ROOT / "mdm", ROOT / "tests"
+
+UNTESTED_ALONE = {
+    "messages.py": "declares types alone",
+    "solvers/solution.py": "declares types alone",
+    "actors/layer.py": "a base: its layers are tested",
+    "problems/agents.py": "a line that the problems of teams share",
+    "policies/constant_policy.py": "with the random policy, which makes the same promises",
+    "beliefs/dense.py": "with every other filter, against one computation: test_filter",
+    "beliefs/compressed.py": "with every other filter, against one computation: test_filter",
+    "beliefs/support.py": "with every other filter, against one computation: test_filter",
+    "beliefs/kernels.py": "the loops of filters, which test_filter compares compiled and not",
+    "policies/alpha_kernels.py": "the loops of AlphaVectors, compared compiled and not by its tests",
+    "solvers/informed_sweep.py": "the loop of InformedBound, compared compiled and not by its tests",
+    "solvers/mdp/sweeps.py": "the loops of backups, which test_backups compares compiled and not",
+    "solvers/mdp/policy_iteration.py": "with every solver of MDPs, against linear programs: test_rounds",
+    "solvers/mdp/prioritised_sweeping.py": "with every solver of MDPs, against linear programs: test_rounds",
+}
+"""Modules that have no tests of their own, and where they are tested."""
+
+ACROSS = {
+    "cli/test_commands.py": "what all verbs have in common",
+    "actors/test_controller_run.py": "control layers that run the nodes of a plan",
+    "formats/test_policy_corpus.py": "the policies of other programs, in every format",
+    "formats/test_policy_fuzz.py": "damaged policies, in every format",
+    "problems/test_problems.py": "what all problems have in common",
+    "problems/test_files.py": "the problems against the files of others",
+    "problems/test_figures.py": "the problems against what others computed",
+    "simulation/test_maiss.py": "a hierarchy of robots, from a file to its decisions",
+    "test_benchmarks.py": "programs beside the package",
+    "test_examples.py": "programs beside the package",
+    "test_documentation.py": "pages",
+    "test_docstrings.py": "docstrings",
+    "test_public.py": "the public names",
+    "test_mirror.py": "this",
+}
+"""Tests of no single module."""
+
+
+def test_each_module_has_its_tests():
+    modules = {path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if not path.name.startswith("__")}
+    untested = {path.as_posix() for path in modules if not (TESTS / path.parent / f"test_{path.name}").is_file()}
+    assert untested == set(UNTESTED_ALONE)
+
+
+def test_each_file_of_tests_has_its_module():
+    files = {path.relative_to(TESTS) for path in TESTS.rglob("test_*.py")}
+    without = {path.as_posix() for path in files if not (PACKAGE / path.parent / path.name[5:]).is_file()}
+    assert without == set(ACROSS)

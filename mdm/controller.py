@@ -6,6 +6,7 @@ observations, and decides. The same calls give the same steps. Control layers, s
 
 from __future__ import annotations
 
+import copy
 import sys
 from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 
@@ -112,12 +113,9 @@ class Controller:
             raise ConfigError(wrong, key="policy")
         self.symbols = Symbols(whole, self.model, agent)
         self.policy: Policy = self.symbols.policy
-        seed = options.get("seed")
-        if seed is not None:
-            if not hasattr(self.policy, "seed"):
-                raise ConfigError("a seed is for policies that draw their actions, which this one does not", key="seed")
-            self.policy.seed(seed)
-        # A team's plan begins by the model's initial belief; the part of one agent does not.
+        if (seed := options.get("seed")) is not None:
+            self.policy = _seeded(self.policy, seed)
+        # What a plan knows at its start it takes from the team's model; an agent's own part knows nothing of it.
         self.information = self._informed(None if agent is not None else self.model, options.get("tracker"))
         tracked = getattr(self.policy, "input", "belief") == "belief" and options.get("tracker") is None
         if false_negative is not None and not tracked:
@@ -148,6 +146,8 @@ class Controller:
         # Looked up once, for every decision.
         self._choose = self.policy.action
         self._num_actions = self.policy.num_actions
+        space = self.symbols.observation_space
+        self._num_observations = 0 if space is None else len(space)
         self._name = self.symbols.action_name
         self._action_names = self.symbols.known_names
         table = getattr(self.policy, "table", None)
@@ -173,13 +173,16 @@ class Controller:
         Raises:
             ModelError: If there is no such state, or the belief is invalid.
         """
-        self.reset()
         if self.takes == "state":
             if at is None:
-                raise ModelError("a policy over states needs one: give the state to start at")
-            return self.see(at)  # type: ignore[arg-type]
-        if at is not None:
-            self.information.reset(self.symbols.belief_of(at))
+                raise ModelError("a policy over states decides when it sees one: give the state to start at")
+            state = self.symbols.state_index(at)  # type: ignore[arg-type]
+            self.reset()
+            return self.see(state)
+        belief = None if at is None else self.symbols.belief_of(at)
+        self.reset()
+        if belief is not None:
+            self.information.reset(belief)
         return self.decide()
 
     def observe(self, observation: Any = None) -> Step:
@@ -188,14 +191,16 @@ class Controller:
         After the last decision of an episode a new episode begins, and the observation is ignored.
 
         Args:
-            observation: By name or index; or a component per agent, with None for a missing one; or None for a time
-                step without an observation.
+            observation: By name or index; a component per agent, None where one is missing; or None where time has
+                passed and nothing was observed (a policy over states then decides on its state once more).
 
         Raises:
             ModelError: If there is no such observation, or the policy decides on states.
         """
-        if self.takes == "state" and observation is not None:
-            raise ModelError("the policy decides on states, not on observations: use see(state)")
+        if self.takes == "state":
+            if observation is not None:
+                raise ModelError("the policy decides on states, not on observations: tell it the state with see()")
+            return self.see(self._seen())
         if self.over:
             self.reset()
         else:
@@ -252,12 +257,17 @@ class Controller:
             ModelError: If there is no such observation; the information state is unchanged.
         """
         action, self.problem = self.last_action, None
-        if self.given:  # the belief from outside replaces the observation
+        observed: Any = None if self.takes == "state" else self._observed(observation)
+        if self.given:  # a belief from outside counts in place of what is observed
             return None
         if action is None and self.takes == "observation":
             self._probability = None
             return None
-        probability = self.information.update(action, observation)  # type: ignore[arg-type]
+        if self.takes == "state":
+            observed = self._seen() if observation is None else self.symbols.state_index(observation)
+        probability = self.information.update(action, observed)  # type: ignore[arg-type]
+        if self._own_tracker and not isinstance(probability, float | int | np.floating):
+            raise ModelError(f"the tracker's update returned {probability!r}, but a probability is needed")
         self._probability = probability
         if not probability > 0:  # true also for NaN, which a user's tracker may return
             self._probability = 0.0
@@ -268,7 +278,8 @@ class Controller:
         """Decide on the present information state, and count the decision.
 
         Args:
-            action: The action, if it was chosen elsewhere, as by a search in another process.
+            action: What was chosen elsewhere, such as by a search that takes its time, by name or index; by default the
+                policy chooses.
 
         Raises:
             ModelError: If the policy returns something else than an action, or cannot choose.
@@ -317,11 +328,7 @@ class Controller:
         Raises:
             ModelError: If it is not a belief over the states.
         """
-        checked = self.symbols.belief_of(belief)
-        held = snapshot(self.information)
-        self.information.reset(checked)
-        restore(self.information, held)
-        self._initial = checked
+        self._initial = self.symbols.belief_of(belief)
 
     @property
     def over(self) -> bool:
@@ -354,9 +361,9 @@ class Controller:
     def digest(self) -> str:
         """Return a hash of everything that determines further decisions.
 
-        It covers every bit of the model, policy, options and information state. Processes agree on it if numba is
-        installed in all or none of them. A policy of your own is represented by ``packed()``, or by the name of its
-        class.
+        It is a hash of the model, the policy, the options that count and the information, bit by bit, the same in
+        every process that tracks beliefs in the same way (with numba, or without). A policy of your own counts by
+        the name of its class, unless it has ``parameters()``.
         """
         return of_parts([self.snapshot()])
 
@@ -364,11 +371,7 @@ class Controller:
     def configuration(self) -> str:
         """The digest of the constant part: model, policy and options."""
         if self._configuration is None:
-            packed = getattr(self.policy, "packed", lambda: None)()
-            policy: list[Any] = [type(self.policy).__name__, self._num_actions]
-            if packed is not None:
-                sizes, arrays = packed
-                policy += [sorted(sizes.items()), *(part for name in sorted(arrays) for part in (name, arrays[name]))]
+            policy = [type(self.policy).__name__, self._num_actions, *getattr(self.policy, "parameters", list)()]
             model = None if self.model is None else digest(self.model)
             tracked = type(self.information).__name__
             rewards = [] if self._rewards is None else self._rewards
@@ -378,7 +381,10 @@ class Controller:
     _configuration: str | None = None
 
     def snapshot(self) -> bytes:
-        """Return the state of the process. After `restore`, the same calls give the same steps."""
+        """Return what it takes to go on from here: with `restore`, the same calls then give the same steps.
+
+        Of a tracker of your own without ``snapshot`` and ``restore`` its ``current`` alone is kept.
+        """
         held = [
             self.configuration,
             self.epoch,
@@ -413,7 +419,11 @@ class Controller:
         if tracker is None:
             return self.policy.information(model)
         if getattr(self.policy, "input", "belief") != "belief":
-            raise ConfigError("a tracker needs a policy over beliefs, which this one is not", key="tracker")
+            raise ConfigError("a tracker needs a policy over beliefs", key="tracker")
+        if isinstance(tracker, type):
+            raise ConfigError(
+                f"a tracker is an object, not the class {tracker.__name__}: make one of it", key="tracker"
+            )
         missing = [name for name in ("current", "reset", "update") if not hasattr(tracker, name)]
         if missing:
             raise ConfigError(
@@ -450,10 +460,16 @@ class Controller:
         if given is None and self.model is None:
             return None
         rewards = self.model.rewards if given is None and self.model is not None else given
-        array = np.asarray(rewards, dtype=np.float64)
-        if array.ndim != 2 or not np.isfinite(array).all():
+        try:
+            array = np.asarray(rewards, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"rewards are a states x actions array of numbers: {error}", key="rewards") from None
+        if array.ndim != 2:
+            raise ConfigError(f"rewards are a states x actions array, not of shape {array.shape}", key="rewards")
+        if not np.isfinite(array).all():
+            state, action = (int(place[0]) for place in np.nonzero(~np.isfinite(array)))
             raise ConfigError(
-                f"rewards are a states x actions array of finite numbers, not {array.shape}", key="rewards"
+                f"the reward of action {action} in state {state} is {array[state, action]}", key="rewards"
             )
         states, actions = array.shape
         if (states, actions) != (self.symbols.num_states or states, self.policy.num_actions):
@@ -463,6 +479,21 @@ class Controller:
                 key="rewards",
             )
         return list(np.ascontiguousarray(array.T))
+
+    def _observed(self, observation: Any) -> int | tuple[int | None, ...] | None:
+        """Return an observation by index or components, as information states take it."""
+        if observation is None or self.symbols.observation_space is None:
+            return observation  # type: ignore[no-any-return]
+        if observation.__class__ is int and -1 < observation < self._num_observations:
+            return observation
+        index, components = self.symbols.observed(observation)
+        return components if index is None else index
+
+    def _seen(self) -> int:
+        state: int | None = getattr(self.information, "state", None)
+        if state is None:
+            raise ModelError("the policy has seen no state yet: tell it one with see()")
+        return state
 
     # -- Checks --------------------------------------------------------------------------------------------------
 
@@ -480,6 +511,8 @@ class Controller:
             self.information.update(self.last_action, None)
 
     def _checked(self, action: Any) -> int:
+        if isinstance(action, str) and self.symbols.action_space is not None:
+            return self.symbols.action_space.index(action)
         if isinstance(action, int | np.integer) and not isinstance(action, bool):
             if 0 <= action < self._num_actions:
                 return int(action)
@@ -505,3 +538,14 @@ def _with_false_negatives(model: MDP | None, symbol: Symbol) -> POMDP:
         return model.with_false_negatives(symbol)
     except ModelError as error:
         raise ConfigError(str(error), key="false_negative") from None
+
+
+def _seeded(policy: Policy, seed: int) -> Policy:
+    """Return a policy that draws by a seed; the one that was given stays as it is."""
+    if not hasattr(policy, "seed"):
+        raise ConfigError("a seed is for policies that draw their actions, which this one does not", key="seed")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ConfigError(f"a seed is a whole number from 0 on, not {seed!r}", key="seed")
+    own = copy.copy(policy)
+    own.seed(int(seed))
+    return own

@@ -70,6 +70,7 @@ def policy_of(given: GivenPolicy, model: MDP | None = None) -> Policy:
         not isinstance(given, type)
         and callable(getattr(given, "information", None))
         and callable(getattr(given, "action", None))
+        and hasattr(given, "num_actions")
     ):
         return cast("Policy", given)
     missing = [name for name in ("num_actions", "information", "action") if not hasattr(given, name)]

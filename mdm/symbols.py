@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+import operator
+from typing import TYPE_CHECKING, Any, Literal, SupportsIndex
 
 import numpy as np
 
 from mdm.beliefs import Support
 from mdm.errors import ConfigError, ModelError
 from mdm.models import Factor, Space
+from mdm.models.matrices import distribution
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -84,8 +86,10 @@ class Symbols:
             return self._states.index(state)
         count = self.num_states
         if isinstance(state, str):
-            raise ModelError(f"states have no names without a model: give the index of {state!r}")
-        index = int(state)  # type: ignore[arg-type]
+            raise ModelError(f"without a model states have no names: give the index of {state!r}")
+        if isinstance(state, bool) or not isinstance(state, SupportsIndex):
+            raise ModelError(f"{state!r} is no state: give its index")
+        index = operator.index(state)
         if count is not None and not 0 <= index < count:
             raise ModelError(f"there is no state {index}; the policy is for {count} states, which count from 0")
         return index
@@ -120,13 +124,23 @@ class Symbols:
         if self.takes == "state":
             raise ModelError("the policy is over states: it takes no belief")
         if isinstance(given, str | int | np.integer):
+            if isinstance(given, bool):
+                raise ModelError(f"{given!r} is no belief: give numbers, or the name or index of a state")
             if self.num_states is None:
                 raise ModelError("the nodes of the plan have no values: give no belief")
             certain: Vector = np.zeros(self.num_states)
             certain[self.state_index(given)] = 1
             return certain
-        belief: Any = given if isinstance(given, Support) else np.asarray(given, dtype=np.float64)
-        return belief  # type: ignore[no-any-return]
+        if self.num_states is None:
+            raise ModelError("the nodes of the plan have no values: give no belief")
+        if isinstance(given, Support):
+            given = given.dense(self.num_states)
+        try:
+            return distribution(given, what="the belief", size=self.num_states)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ModelError(
+                f"a belief is {self.num_states} numbers, or the name or index of a state: {error}"
+            ) from None
 
     def action_name(self, action: int) -> str:
         """Return the name of an action; its index if it has none."""

@@ -234,6 +234,73 @@ def test_a_tracker_of_one_s_own():
     assert controller.observe(1) == again
 
 
+def test_names_and_components_for_plans_and_trackers_of_one_s_own():
+    """What is told by name reaches plans and trackers as indices."""
+    team = Controller(JointController([FiniteStateController([0, 1], [[0, 1]] * 2, 3)] * 2), dec_tiger())
+    team.start()
+    assert team.observe(("hear-left", "hear-right")).action == 1
+    assert team.observe(("hear-right", None)).action == 3 + 1
+    assert team.observe("hear-left hear-left").action == 0
+    alone = Controller(JointController([FiniteStateController([0, 1], [[0, 1]] * 2, 3)] * 2), dec_tiger(), agent=0)
+    alone.start()
+    assert alone.observe("hear-right").action == 1
+    own = Controller(EXAMPLES / "tiger.vf", tiger(), tracker=Halving())
+    own.start()
+    own.observe("hear-left")
+    np.testing.assert_allclose(own.belief, [0.75, 0.25])
+    for wrong in (-1, "bogus", 2, True, 0.0):
+        with pytest.raises(mdm.ModelError, match="symbol"):
+            own.observe(wrong)
+
+
+def test_what_a_user_holds_is_not_written_to_and_not_looked_at_again():
+    belief = np.array([0.9, 0.1])
+    controller = Controller(EXAMPLES / "tiger.vf", tiger(), initial_belief=belief)
+    belief[:] = [0.2, 0.8]
+    controller.start()
+    np.testing.assert_allclose(controller.belief, [0.9, 0.1])
+    policy = RandomPolicy(3, 2, seed=5)
+    Controller(policy, tiger(), seed=1)
+    drawn, expected = Controller(policy, tiger()), Controller(RandomPolicy(3, 2, seed=5), tiger())
+    assert [drawn.start().action for _ in range(9)] == [expected.start().action for _ in range(9)]
+
+
+def test_a_search_draws_by_the_belief_and_keeps_nothing():
+    """Restored, it decides the same; two that share a search do not disturb each other; its limits are digested."""
+    model = figures.model("grid_small")
+
+    def controller(**options):
+        limits = {"expansions": 20, "particles": 1, "seed": 3} | options
+        return Controller(mdm.solvers.TreeSearch(model, **limits), model)
+
+    one = controller()
+    one.start()
+    snapshot = one.snapshot()
+    first = [one.observe(None).action for _ in range(4)]
+    one.restore(snapshot)
+    assert [one.observe(None).action for _ in range(4)] == first
+    assert len({controller().digest(), controller(seed=4).digest(), controller(expansions=21).digest()}) == 3
+
+
+def test_a_start_that_is_refused_changes_nothing():
+    controller = Controller(EXAMPLES / "tiger.vf", tiger())
+    controller.start()
+    controller.observe(0)
+    before = controller.digest()
+    with pytest.raises(mdm.ModelError):
+        controller.start([2, 2])
+    assert controller.digest() == before
+
+
+def test_a_state_that_is_not_seen_again_stays():
+    controller = Controller([0, 1, 1], horizon=2)
+    with pytest.raises(mdm.ModelError, match="has seen no state yet"):
+        controller.observe()
+    with pytest.raises(mdm.ModelError, match="there is no state 7"):
+        controller.advance(7)
+    assert [controller.see(1).action, controller.observe().action, controller.observe().epoch] == [1, 1, 0]
+
+
 class Broken(Halving):
     def update(self, action, observation):
         self.current = np.array([np.nan, 1.0])
@@ -300,6 +367,9 @@ class Half:
         ([0, 1], None, {"on_impossible": "ignore"}, "on_impossible is 'predict', 'keep', 'reset' or 'safe_action'"),
         ([0, 1], None, {"tracker": Halving()}, "a tracker needs a policy over beliefs"),
         ([0, 1], None, {"seed": 1}, "a seed is for policies that draw"),
+        (RandomPolicy(2, 2, input="state"), None, {"seed": "x"}, "a seed is a whole number from 0 on, not 'x'"),
+        (Cautious(), EXAMPLES / "tiger.pomdp", {"tracker": Halving}, "not the class Halving: make one of it"),
+        (Cautious(), EXAMPLES / "tiger.pomdp", {"rewards": "x"}, "rewards are a states x actions array of numbers"),
         ([0, 1], None, {"initial_belief": [0.5, 0.5]}, "it takes no belief"),
         (PLAN, None, {"rewards": [[0, 0, 0]]}, "a plan has no belief to expect rewards by"),
         (PLAN, None, {"agent": 0}, "one controller for the whole team"),
@@ -319,7 +389,12 @@ def test_what_cannot_be_told_is_refused():
         (states.start, "give the state to start at"),
         (lambda: states.see(2), "there is no state 2"),
         (lambda: states.see(-1), "there is no state -1"),
-        (lambda: states.see("full"), "states have no names without a model"),
+        (lambda: states.see("full"), "without a model states have no names"),
+        (lambda: states.see(1.7), "1.7 is no state: give its index"),
+        (lambda: states.see(True), "True is no state"),
+        (lambda: beliefs.believe({}), "the belief"),
+        (lambda: beliefs.start(["tiger-left"]), "the belief"),
+        (lambda: beliefs.observe(1.0), "1.0 is no symbol: give a name, an index"),
         (lambda: beliefs.see(0), "decides on observations, not on states"),
         (lambda: beliefs.start([0.5, 0.6]), "sums to 1.1"),
         (lambda: beliefs.believe("tiger-lft"), "did you mean 'tiger-left'"),

@@ -151,7 +151,7 @@ class Planner(Layer):
             self._timer = self.call_at(question.time + round(self._patience * 1e9), self._on_silence)
 
     def _send(self, process: SearchProcess, question: Question) -> None:
-        process.ask(question.number, *self.policy.belief_of(question.at), self._count)
+        process.ask(question.number, *self.policy.belief_of(question.at))
 
     def _on_found(self, found: tuple[int, Found]) -> None:
         number, result = found

@@ -31,7 +31,7 @@ class SearchProcess:
     def __init__(self, policy: Deliberating) -> None:
         self._policy = policy
         self._process: asyncio.subprocess.Process | None = None
-        self._waiting: tuple[int, npt.NDArray[Any], npt.NDArray[Any], int] | None = None
+        self._waiting: tuple[int, npt.NDArray[Any], npt.NDArray[Any]] | None = None
         self._sending: asyncio.Task[None] | None = None
 
     @property
@@ -58,12 +58,12 @@ class SearchProcess:
         self._input.write(await asyncio.to_thread(frame, self._policy.parts()))
         await self._receive()
 
-    def ask(self, number: int, states: npt.NDArray[Any], weights: npt.NDArray[Any], count: int) -> None:
+    def ask(self, number: int, states: npt.NDArray[Any], weights: npt.NDArray[Any]) -> None:
         """Send a question, in place of one that is not answered yet; returns at once.
 
         Where the process does not read, the newest question alone waits.
         """
-        self._waiting = (number, states, weights, count)
+        self._waiting = (number, states, weights)
         if self._sending is not None and not self._sending.done():
             return
         if self._input.transport.get_write_buffer_size():

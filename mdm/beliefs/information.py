@@ -74,6 +74,12 @@ class KnownState:
     def __init__(self) -> None:
         self.current: Any = None
 
+    @property
+    def state(self) -> int | None:
+        """The state's index; None until one is seen."""
+        state: int | None = self.current
+        return state
+
     def reset(self, belief: npt.ArrayLike | None = None) -> None:
         """Forget the state.
 
@@ -124,6 +130,12 @@ class DrawnInformation:
         self.expected = getattr(of, "expected", None)
         self._generator = np.random.PCG64(seed)
         self._number: float | None = None
+
+    @property
+    def state(self) -> int | None:
+        """The state's index, where it is seen."""
+        state: int | None = getattr(self._of, "state", None)
+        return state
 
     @property
     def current(self) -> Drawn:

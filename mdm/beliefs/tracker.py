@@ -53,6 +53,10 @@ class BeliefTracker:
     """
 
     def __init__(self, model: POMDP, *, by_support: bool = False) -> None:
+        if not hasattr(model, "observation_space"):
+            raise ModelError(
+                f"a belief is tracked by a POMDP, not by {model!r}: load its file, or give it observations"
+            )
         self._space = model.observation_space
         self._actions = model.action_space
         self._by_support = by_support

@@ -111,6 +111,8 @@ class Factor:
         Raises:
             ModelError: If there is no such symbol; the message suggests similar ones.
         """
+        if isinstance(symbol, bool) or not isinstance(symbol, str | SupportsIndex):
+            raise ModelError(f"{symbol!r} is no symbol of {self.name!r}: give a name or an index")
         if isinstance(symbol, str):
             found = self.names.find(symbol) if isinstance(self.names, _Counted) else self._index.get(symbol)
             if found is not None:
@@ -271,10 +273,12 @@ class Space:
                 return self.factors[0].index(symbol)
             if symbol.isdecimal():
                 return self.index(int(symbol))
-        elif isinstance(symbol, SupportsIndex):
+        elif isinstance(symbol, SupportsIndex) and not isinstance(symbol, bool):
             index = operator.index(symbol)
             self.unravel(index)
             return index
+        elif not isinstance(symbol, Sequence):
+            raise ModelError(f"{symbol!r} is no symbol: give a name, an index, or one of these for each component")
         words: Sequence[str | int] = self._words(symbol) if isinstance(symbol, str) else symbol
         if len(words) != len(self.factors):
             agents = ", ".join(factor.name for factor in self.factors)

@@ -153,6 +153,14 @@ class Kind:
         """Return its sizes and arrays; None if files cannot hold its kind."""
         return None
 
+    def parameters(self) -> list[Any]:
+        """Return what decides besides the information, as numbers, strings, lists and arrays; digests contain it."""
+        packed = self.packed()
+        if packed is None:
+            return []
+        sizes, arrays = packed
+        return [sorted(sizes.items()), *(part for name in sorted(arrays) for part in (name, arrays[name]))]
+
     def batch(self, model: MDP) -> Batch | None:  # noqa: ARG002 - for kinds that support it
         """Return its decisions for a batch of episodes; None if it decides for one at a time."""
         return None

@@ -46,6 +46,11 @@ class StagedState(KnownState):
         self.horizon = horizon
         self._stage = -1
 
+    @property
+    def state(self) -> int | None:
+        """The state's index; None until one is seen."""
+        return None if self.current is None else int(self.current.state)
+
     def reset(self, belief: npt.ArrayLike | None = None) -> None:
         """Forget the state, and begin at the first stage."""
         super().reset(belief)

@@ -431,7 +431,7 @@ def test_messages_are_published_action_first():
         ({"policy": AlphaVectors([[0.0] * 3], [0], 3)}, "for 3 states and 3 actions, but the model has 2 and 3"),
         ({"policy": AlphaVectors([[0.0] * 2], [0], 4)}, "for 2 states and 4 actions, but the model has 2 and 3"),
         ({"rewards": [[0, 1]]}, "for 1 states and 2 actions"),
-        ({"rewards": [[0, np.nan, 1], [0, 0, 0]]}, "finite"),
+        ({"rewards": [[0, np.nan, 1], [0, 0, 0]]}, "in state 0 is nan"),
         ({"drive": lambda: FixedRate(0)}, "rate"),
         ({"initial_belief": [0.5, 0.6]}, "sums to 1.1"),
         ({"actions": {"listen": nothing}}, "'open-left', 'open-right'"),

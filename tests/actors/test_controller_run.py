@@ -123,7 +123,7 @@ def test_an_observation_that_there_is_not_is_reported_and_moves_nothing():
     decisions, faults = decided(ROUND, see(0), unknown)
     assert decisions[-1] == (2, "observation", 7, 1)
     assert [(fault.kind, fault.detail) for fault in faults] == [
-        ("observation", "there is no observation 7; the controller's 2 count from 0")
+        ("observation", "there is no symbol 7; the 2 symbols count from 0")
     ]
 
 
@@ -181,8 +181,8 @@ def test_a_belief_means_nothing_where_the_nodes_values_are_not_known():
     decisions, faults = decided(ROUND, see(0), believe(0.5, 0.5), initial, see(1))
     assert [action for *_, action in decisions] == [0, 1, 1]
     assert [fault.kind for fault in faults] == ["belief", "belief", "impossible_observation"]
-    assert "refused a belief on robot/external_belief: the controller's nodes have no values" in faults[0].detail
-    with pytest.raises(ConfigError, match="nodes have no values"):
+    assert "refused a belief on robot/external_belief: the nodes of the plan have no values" in faults[0].detail
+    with pytest.raises(ConfigError, match="nodes of the plan have no values"):
         Ensemble("robot", policy=ROUND, actions={0: nothing, 1: nothing}, initial_belief=[1, 0])
 
 

@@ -382,7 +382,7 @@ def test_a_process_that_is_stopped_has_the_newest_question_alone_waiting(tiger):
             await process.start()
             os.kill(process.pid, signal.SIGSTOP)
             for number in range(5000):
-                process.ask(number, *question, number)
+                process.ask(number, *question)
             kept = process._process.stdin.transport.get_write_buffer_size()
             os.kill(process.pid, signal.SIGCONT)
             numbers = [(await process.answer())[0]]

@@ -14,6 +14,7 @@ improve a rough policy. Nearly optimal alpha vectors are faster, and as good.
 
 from __future__ import annotations
 
+import hashlib
 import time
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -99,13 +100,12 @@ class Search:
     def prepare(self) -> None:
         """Allocate the tree, and compile, so that the first search is not slower than others."""
         if self._tree is None:
-            self.run(np.zeros(1, dtype=np.int64), np.ones(1), 0, stopped=lambda: True)
+            self.run(np.zeros(1, dtype=np.int64), np.ones(1), stopped=lambda: True)
 
     def run(
         self,
         states: npt.NDArray[np.int64],
         weights: npt.NDArray[np.float64],
-        number: int,
         *,
         stopped: Callable[[], bool] = lambda: False,
         timed: bool = True,
@@ -115,7 +115,6 @@ class Search:
         Args:
             states: The states of the belief.
             weights: Their probabilities.
-            number: The same number, belief and seed draw the same.
             stopped: Asked every millisecond whether to give up.
             timed: Whether its seconds count; without, its number of expansions alone ends it.
         """
@@ -123,7 +122,8 @@ class Search:
 
         began = self._clock()
         tree = self._room()
-        generator = np.random.default_rng([self._seed, number])
+        drawn_by = hashlib.blake2b(states.tobytes() + weights.tobytes(), digest_size=8).digest()
+        generator = np.random.default_rng([self._seed, int.from_bytes(drawn_by, "big")])
         plant(self._tables, tree, states, weights, generator, self._particles)
         seconds = self._seconds if timed else float("inf")
         done, step = 0, 1
@@ -228,6 +228,9 @@ class TreeSearch(Kind):
         self.false_negative = model.false_negative
         """The index of the observation that is the model's false negative, if there is one."""
         self._options = limits
+        # What digests are made of; the tables follow from it and the model.
+        self._given: list[Any] = [] if bound is None else [bound.values]
+        self._given += [] if plans is None else [plans.vectors, list(plans.actions)]
         self._tables = search_tables(
             model,
             upper=None if bound is None else bound.values,
@@ -238,7 +241,6 @@ class TreeSearch(Kind):
     def seed(self, seed: int | None) -> None:
         """Begin the samples anew."""
         self._seed = seed
-        self._number = 0
         self._search: Search | None = None
 
     def mismatch(self, model: MDP) -> str | None:
@@ -254,6 +256,11 @@ class TreeSearch(Kind):
     def parts(self) -> tuple[SearchTables, dict[str, Any]]:
         """Return the arguments of a `Search`, for another process."""
         return self._tables, {**self._options, "seed": self._seed}
+
+    def parameters(self) -> list[Any]:
+        """Return what decides besides the information: limits, seed, and the policies that it goes by."""
+        fallback: list[Any] = getattr(self.fallback, "parameters", list)()
+        return [sorted(self._options.items()), self._seed, type(self.fallback).__name__, *fallback, *self._given]
 
     def prepare(self) -> None:
         """Compile, and take the tree's memory: the first decision is then no slower than others."""
@@ -292,8 +299,7 @@ class TreeSearch(Kind):
             timed: Whether its seconds count; without, its number of expansions alone ends it.
         """
         states, weights = self.belief_of(x)
-        self._number += 1
-        return self._own().run(states, weights, self._number, timed=timed)
+        return self._own().run(states, weights, timed=timed)
 
     def action(self, x: Any) -> int:
         """Return the action for a state index (MDP) or a belief, after a search."""

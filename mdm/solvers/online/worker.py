@@ -62,7 +62,7 @@ def main() -> None:
         os.nice(_NICE)  # from now on: to compile, once after an installation, takes long enough
         _send(answers, None)
         while True:
-            number, states, weights, count = _receive(questions)
-            _send(answers, (number, search.run(states, weights, count, stopped=lambda: bool(poll.poll(0)))))
+            number, states, weights = _receive(questions)
+            _send(answers, (number, search.run(states, weights, stopped=lambda: bool(poll.poll(0)))))
     except (EOFError, BrokenPipeError):
         return

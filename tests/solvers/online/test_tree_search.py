@@ -199,7 +199,7 @@ def test_time_is_kept(tiger):
     tables = search_tables(tiger, upper=None, lower=None)
     clock = lambda: next(ticks) * 0.01
     search = Search(tables, seconds=0.1, expansions=None, particles=10, memory=10**7, seed=1, clock=clock)
-    result = search.run(np.array([0, 1]), np.array([0.5, 0.5]), 1)
+    result = search.run(np.array([0, 1]), np.array([0.5, 0.5]))
     assert result.seconds == pytest.approx(0.11)
     assert 0 < result.expansions < 100
 
@@ -208,7 +208,7 @@ def test_it_gives_up_when_told(tiger):
     tables = search_tables(tiger, upper=None, lower=None)
     search = Search(tables, seconds=None, expansions=None, particles=10, memory=10**7, seed=1)
     asked = []
-    result = search.run(np.array([0, 1]), np.array([0.5, 0.5]), 1, stopped=lambda: asked.append(1) or len(asked) > 3)
+    result = search.run(np.array([0, 1]), np.array([0.5, 0.5]), stopped=lambda: asked.append(1) or len(asked) > 3)
     assert len(asked) == 4
     assert result.expansions > 0
 

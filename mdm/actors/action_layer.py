@@ -114,6 +114,7 @@ class ActionLayer(Layer):
         self._current: _Life | None = None
         self._pending: tuple[str, Binding, Action] | None = None
         self._beside: dict[str, _Life] = {}
+        self._left: dict[str, Work] = {}
         self._idle: list[Callable[[], None]] = []
         self._halted = True
         self._secure: Secured | None = None
@@ -194,7 +195,7 @@ class ActionLayer(Layer):
         """Abandon what still lives, where its own grace has not done so, as when the layer itself has failed."""
         for life in set(lives).intersection(self._living()):
             if life.work is not None:
-                self.abandon(life.work)
+                self._leave(life.name, life.work)
             self._finish(life, "abandoned", "had not ended when the safe action was due")
 
     def _living(self) -> tuple[_Life, ...]:
@@ -237,7 +238,7 @@ class ActionLayer(Layer):
             return
         index = action.index if self._component is None else self._component(action.index)
         binding = self.bindings[index]
-        if not binding.plain or self._current is not None or binding.concurrent or self._lives.heard:
+        if not binding.plain or self._current is not None or binding.concurrent or self._lives.heard or self._left:
             self._choose(self.names[index], binding, action)
             return
         # Hot path: a plain function, while nothing lives and nobody listens to lives, needs no record of its own.
@@ -297,6 +298,8 @@ class ActionLayer(Layer):
         """Start a life. Hot path for plain functions."""
         self.started = number = self.started + 1
         life = _Life(number, name, binding, action, secures=secures)
+        if self._left:
+            self._tell_left(name)
         if self._lives.heard:
             self._tell(life, "running")
         ensemble = binding.ensemble
@@ -341,8 +344,19 @@ class ActionLayer(Layer):
 
     def _abandon(self, life: _Life) -> None:
         if life.work is not None:
-            self.abandon(life.work)
+            self._leave(life.name, life.work)
             self._finish(life, "abandoned", f"did not end within {life.binding.grace:g} s of being cancelled")
+
+    def _leave(self, name: str, work: Work) -> None:
+        self.abandon(work)
+        self._left[name] = work
+
+    def _tell_left(self, name: str) -> None:
+        """Tell the action that begins next what it runs beside."""
+        running = [repr(left) for left, work in self._left.items() if not work.done]
+        self._left.clear()
+        if running:
+            self.report("action", f"action {name!r} begins while {' and '.join(running)}, abandoned, still runs")
 
     def _work_ended(self, life: _Life, work: Work) -> None:
         if work.error is not None:

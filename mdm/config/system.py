@@ -63,6 +63,7 @@ class System(Actor):
     async def _run_task(self, task: Callable[[System], Any]) -> None:
         try:
             await task(self)
+            self.report("task", f"task {task.__name__!r} has returned: what it drove gets nothing more from it")
         except Exception as error:
             raise ActorFailure(f"task {task.__name__!r} failed: {describe(error)}") from error
 

@@ -86,6 +86,7 @@ class Actor:
         self.__work: dict[Work, None] = {}
         self.__works = False
         self.__received = 0
+        self.__skipped = 0
         self.__failures = 0
         self.__restarts = 0
         self.__request: Request = "none"
@@ -566,6 +567,8 @@ class Actor:
         self.__subscriptions.clear()
         for timer in self.__timers:
             timer.cancel()
+            if isinstance(timer, Ticker):
+                self.__skipped += timer.missed
         self.__timers.clear()
 
     def __change(self, life: Literal["starting", "running", "restarting", "stopping", "stopped", "failed"]) -> None:
@@ -582,6 +585,7 @@ class Actor:
             failures=self.__failures,
             restarts=self.__restarts,
             work=len(self.__work),
+            skipped_ticks=self.__skipped + sum(timer.missed for timer in self.__timers if isinstance(timer, Ticker)),
         )
 
 

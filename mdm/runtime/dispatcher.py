@@ -6,9 +6,11 @@ publishes only enqueues, so no handler is ever re-entered and all subscribers se
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from threading import get_ident
 from typing import TYPE_CHECKING, Any
+from weakref import WeakSet
 
 from mdm.errors import Error
 from mdm.runtime.inbox import Inbox
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 __all__ = ["Dispatcher"]
 
 _SLICE = 256
+_MOST_CUTS = 64
+_OPEN: WeakSet[Dispatcher] = WeakSet()
 
 
 class Dispatcher:
@@ -36,10 +40,13 @@ class Dispatcher:
     """
 
     __slots__ = (
+        "__weakref__",
         "_clock",
+        "_forked",
         "_from_threads",
         "_inbox",
         "_interrupted",
+        "_lasting",
         "_loop",
         "_max_nanoseconds",
         "_max_slices",
@@ -48,6 +55,7 @@ class Dispatcher:
         "_turns",
         "_woken",
         "active",
+        "on_endless",
         "on_overflow",
         "queue",
         "thread",
@@ -64,6 +72,9 @@ class Dispatcher:
         self._inbox = Inbox()
         self._overflowing: set[Channel[Any]] = set()
         self.on_overflow: Callable[[str], object] = str
+        self.on_endless: Callable[[str], object] = str
+        self._forked = False
+        self._lasting = (0, 0)
         self._woken = False
         self._turns = 0
         self._interrupted = 0
@@ -74,6 +85,13 @@ class Dispatcher:
         """Take the calling thread and its event loop as the place where turns run."""
         self._loop = loop
         self.thread = get_ident()
+        _OPEN.add(self)
+
+    def leave_to_parent(self) -> None:
+        """Run nothing in a forked child: what it publishes is refused."""
+        self._forked = True
+        self._loop = None
+        self.thread = 0
 
     def close(self) -> None:
         """Deliver what waits, as far as one turn may go, then accept no more from other threads."""
@@ -123,7 +141,20 @@ class Dispatcher:
             self._resume_later()
             raise
         self._interrupted += 1
+        self._look_for_end()
         self._resume_later()
+
+    def _look_for_end(self) -> None:
+        """Tell, once, of a turn that was cut short so often that it may have no end."""
+        turn, times = self._lasting
+        times = times + 1 if turn == self._turns else 1
+        self._lasting = (self._turns, times)
+        if times == _MOST_CUTS:
+            channels = {waiting.channel.name for waiting, _ in self.queue if waiting.channel is not None}
+            self.on_endless(
+                f"one turn has been cut short {times} times and goes on: handlers may publish to each other without "
+                f"end, on {', '.join(map(repr, sorted(channels)[:5]))}"
+            )
 
     def _resume_later(self) -> None:
         # `active` stays true: whatever is published meanwhile queues behind what the turn still has to deliver.
@@ -141,6 +172,11 @@ class Dispatcher:
         loop = self._loop
         if loop is None or loop.is_closed():
             self._refused += 1
+            if self._forked:
+                raise Error(
+                    f"channel {channel.name!r} got a message in a forked process, but its runtime is the parent's: "
+                    f"send it there through a pipe or a queue"
+                )
             raise Error(f"channel {channel.name!r} got a message while its runtime did not run")
         self._inbox.put(channel, message)
         if not self._woken:
@@ -185,3 +221,12 @@ class Dispatcher:
             lost=self._inbox.lost,
             refused=self._refused,
         )
+
+
+def _leave_to_parent() -> None:
+    for dispatcher in _OPEN:
+        dispatcher.leave_to_parent()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_to_parent)

@@ -17,6 +17,7 @@ from mdm.runtime.actor import Actor
 from mdm.runtime.channel import Channel
 from mdm.runtime.clock import Clock, WallClock, check_seconds
 from mdm.runtime.dispatcher import Dispatcher
+from mdm.runtime.executors import unwatch, watch
 from mdm.runtime.handler import check_plain
 from mdm.runtime.log import Log
 from mdm.runtime.sharing import Sharing
@@ -106,6 +107,7 @@ class Runtime:
         self.clock = _clock_of_the_loop() if clock is None else clock
         self.dispatcher = Dispatcher(self.clock)
         self.dispatcher.on_overflow = lambda detail: self._alarm("overflow", detail)
+        self.dispatcher.on_endless = lambda detail: self._alarm("endless_turn", detail)
         self.abandoned: list[Work] = []
         self._channels: dict[str, Channel[Any]] = {}
         self.root = Actor("")
@@ -236,6 +238,7 @@ class Runtime:
             )
         self.clock.open(loop)
         self.dispatcher.open(loop)
+        watch(loop)
         if self._log is not None:
             self._log.open(self)
         if self._watchdog is not None:
@@ -305,6 +308,7 @@ class Runtime:
                 channel.close()
             self.dispatcher.close()
             self.clock.close()
+            unwatch(tree.get_loop())
             if self._log is not None:
                 self._log.close()
 

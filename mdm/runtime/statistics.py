@@ -37,7 +37,7 @@ class ChannelStatistics(msgspec.Struct, frozen=True):
 
 
 class ActorStatistics(msgspec.Struct, frozen=True):
-    """What an actor received, how often it failed and restarted, and how much work it has under way."""
+    """What an actor received, how often it failed and restarted, its work under way, and ticks that came too late."""
 
     path: str
     state: str
@@ -45,6 +45,7 @@ class ActorStatistics(msgspec.Struct, frozen=True):
     failures: int
     restarts: int
     work: int
+    skipped_ticks: int
 
 
 class DispatcherStatistics(msgspec.Struct, frozen=True):

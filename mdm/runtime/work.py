@@ -6,6 +6,7 @@ import asyncio
 import inspect
 from typing import TYPE_CHECKING, Any
 
+from mdm.runtime.executors import OWNER
 from mdm.runtime.supervision import LEAVING
 
 if TYPE_CHECKING:
@@ -17,8 +18,9 @@ __all__ = ["Work", "wait_all"]
 class Work:
     """A running coroutine of one actor.
 
-    Work is cancelled once, as asyncio does it, and not again at each later ``await`` as an anyio task group would:
-    what it awaits while it cleans up is left in peace until its owner's patience ends.
+    It has ended when its task has, and all that it handed to executors. Work is cancelled once, as asyncio does it, and
+    not again at each later ``await`` as an anyio task group would: what it awaits while it cleans up is left in peace
+    until its owner's patience ends.
 
     Args:
         awaitable: What to run.
@@ -26,7 +28,7 @@ class Work:
         ended: Called once, when it has ended, from the event loop.
     """
 
-    __slots__ = ("_awaitable", "_ended", "_leaving", "abandoned", "interrupted", "name", "task")
+    __slots__ = ("_awaitable", "_ended", "_jobs", "_leaving", "abandoned", "interrupted", "name", "over", "task")
 
     def __init__(self, awaitable: Awaitable[Any], name: str, ended: Callable[[Work], object]) -> None:
         self.name = name
@@ -36,10 +38,13 @@ class Work:
         self._ended = ended
         self._awaitable = awaitable
         self._leaving: BaseException | None = None
+        self._jobs = 0
+        self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self.task: asyncio.Task[Any] = asyncio.get_running_loop().create_task(self._run(), name=name)
         self.task.add_done_callback(self._done)
 
     async def _run(self) -> Any:
+        OWNER.set(self)
         try:
             return await self._awaitable
         except LEAVING as error:
@@ -51,7 +56,21 @@ class Work:
             self._awaitable.close()  # which has not begun, where it was cancelled at once
         if not task.cancelled():
             task.exception()  # looked at here, so that asyncio does not report it a second time
-        self._ended(self)
+        self._settle()
+
+    def begin_job(self) -> None:
+        """Count what was handed to an executor."""
+        self._jobs += 1
+
+    def end_job(self) -> None:
+        """Count down, when it has ended there."""
+        self._jobs -= 1
+        self._settle()
+
+    def _settle(self) -> None:
+        if self.done and not self.over.done():
+            self.over.set_result(None)
+            self._ended(self)
 
     @property
     def is_calling(self) -> bool:
@@ -72,7 +91,7 @@ class Work:
     @property
     def done(self) -> bool:
         """Whether it has ended."""
-        return self.task.done()
+        return self.task.done() and not self._jobs
 
     @property
     def cancelled(self) -> bool:
@@ -96,7 +115,7 @@ class Work:
 
 async def wait_all(work: Iterable[Work], seconds: float) -> None:
     """Wait until all of it has ended, or so many seconds have passed."""
-    await asyncio.wait([piece.task for piece in work], timeout=seconds)
+    await asyncio.wait([piece.over for piece in work], timeout=seconds)
 
 
 def hide(task: asyncio.Task[Any] | None) -> None:

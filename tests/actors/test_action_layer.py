@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections import Counter
 
 import pytest
@@ -508,3 +509,55 @@ def test_random_lives(data):
 
     run(main, virtual=True)
     assert max(most, default=0) <= 1
+
+
+def test_a_thread_of_an_action_ends_before_the_next_one_begins():
+    begun, free, log = threading.Event(), threading.Event(), []
+
+    def drive():
+        begun.set()
+        free.wait(10)
+        log.append("A ends")
+
+    async def main():
+        ensemble = robot({"A": lambda: asyncio.to_thread(drive), "B": lambda: log.append("B")})
+        async with Runtime(log=None) as runtime:
+            await runtime.start(ensemble)
+            ensemble.publish_state(0)
+            async with asyncio.timeout(10):
+                while not begun.is_set():
+                    await asyncio.sleep(0.001)
+                ensemble.publish_state(1)
+                await asyncio.sleep(0.01)
+                assert log == []
+                free.set()
+                while len(log) < 2:
+                    await asyncio.sleep(0.001)
+            assert log == ["A ends", "B"]
+            assert ensemble.action.ended == {"preempted": 1, "succeeded": 1}
+            assert runtime.abandoned == []
+
+    run(main)
+
+
+def test_an_action_is_told_of_the_abandoned_thread_that_it_runs_beside():
+    free, log = threading.Event(), []
+
+    async def drive():
+        await asyncio.to_thread(free.wait, 10)
+
+    async def main(runtime):
+        ensemble = robot({"A": drive, "B": lambda: log.append("B")})
+        await runtime.start(ensemble)
+        faults = probe(runtime.faults)
+        ensemble.publish_state(0)
+        await asyncio.sleep(0)
+        ensemble.publish_state(1)
+        await asyncio.sleep(10)
+        assert log == ["B"]
+        assert ensemble.action.ended == {"abandoned": 1, "succeeded": 1}
+        assert len(runtime.abandoned) == 1
+        assert faults[-1].detail == "action 'B' begins while 'A', abandoned, still runs"
+        free.set()
+
+    run_virtual(main)

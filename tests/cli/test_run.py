@@ -91,7 +91,8 @@ def test_an_action_that_never_ends_keeps_no_signal_from_ending_the_program(tmp_p
     assert (process.returncode, output) == (status, "safe\n")
     records = [json.loads(line) for line in errors.splitlines()]
     assert [record["detail"] for record in records if record["event"] == "fault"] == [
-        "action 'Drive' abandoned: did not end within 0.1 s of being cancelled"
+        "action 'Drive' abandoned: did not end within 0.1 s of being cancelled",
+        "action 'safe action' begins while 'Drive', abandoned, still runs",
     ]
     assert records[-1]["event"] == "stopped"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
 from loading import written
 from robot_file import CALLBACKS, GOOD
@@ -11,7 +13,7 @@ from mdm import (
     ConfigError,
     load_system,
 )
-from mdm.testing import run_virtual
+from mdm.testing import probe, run_virtual
 
 
 def test_a_task_that_fails_is_named(folder):
@@ -22,6 +24,16 @@ def test_a_task_that_fails_is_named(folder):
     (folder / "robot_code.py").write_text(CALLBACKS.replace('system.predicates.sense("A", True)', "1 / 0"))
     with pytest.raises(ActorFailure, match=r"task 'sense' failed: ZeroDivisionError: division by zero \(at .*:4\)"):
         run_virtual(main)
+
+
+def test_a_task_that_returns_is_told(folder):
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        await runtime.start(load_system(written(folder, GOOD, "robot.toml")))
+        await asyncio.sleep(1)
+        return [fault.detail for fault in faults if fault.kind == "task"]
+
+    assert run_virtual(main) == ["task 'sense' has returned: what it drove gets nothing more from it"]
 
 
 def chain(levels):

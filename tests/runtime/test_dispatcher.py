@@ -304,3 +304,59 @@ def test_what_threads_say_does_not_pile_up_behind_a_turn_without_end():
         return runtime.statistics().dispatcher
 
     assert run_virtual(main).lost == 5 * 3000 - 2048
+
+
+def test_a_turn_without_end_is_told_once():
+    class Ping(Actor):
+        def on_start(self):
+            self.own = self.channel("own", State)
+            self.subscribe(self.own, self.own.publish)
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        actor = Ping("ping")
+        await runtime.start(actor)
+        asyncio.get_running_loop().call_soon(actor.own.publish, state(0))
+        while runtime.statistics().dispatcher.interrupted < 140:
+            await asyncio.sleep(0)
+        actor.subscriptions[0].cancel()
+        await asyncio.sleep(0)
+        await asyncio.sleep(1)
+        assert [fault.kind for fault in faults] == ["endless_turn"]
+        assert "'ping/own'" in faults[0].detail
+
+    run_virtual(main)
+
+
+FORK = """
+import os, sys, warnings, mdm
+warnings.simplefilter("ignore")
+
+async def main():
+    predicates = mdm.PredicateManager()
+    sensor = predicates.sensor("A", initial=False)
+    states = [mdm.StateFactor("a", ["A"])]
+    actions = {0: lambda: None, 1: lambda: print("drives", os.getpid() == parent, flush=True)}
+    async with mdm.Runtime(log=None) as runtime:
+        await runtime.start(mdm.Ensemble("robot", policy=[0, 1], predicates=predicates, states=states, actions=actions))
+        child = os.fork()
+        if child == 0:
+            try:
+                sensor.set(True)
+            except mdm.Error as error:
+                print(error, flush=True)
+            os._exit(0)
+        os.waitpid(child, 0)
+        sensor.set(True)
+
+parent = os.getpid()
+mdm.run(main)
+"""
+
+
+def test_a_forked_child_runs_nothing_of_its_parent():
+    with python("-c", FORK) as process:
+        output, errors = process.communicate(timeout=30)
+    first, *rest = output.splitlines()
+    assert "in a forked process" in first, errors
+    assert rest == ["drives True"]

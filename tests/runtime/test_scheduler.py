@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from fractions import Fraction
 
 import pytest
 
-from mdm import Actor
+from mdm import Actor, Runtime, run
 from mdm.runtime import Clock, Ticker
 from mdm.testing import run_virtual
 
@@ -71,3 +72,20 @@ def test_overruns_are_skipped_and_counted_or_made_up_for(overrun, expected):
     assert [tick.number for tick in ticks] == expected
     assert (ticker.missed, ticker.ticks) == (2 if overrun == "skip" else 0, len(expected))
     assert [tick.late for tick in ticks][-2:] == [100_000_000, 0]
+
+
+def test_ticks_that_a_held_loop_skipped_are_in_the_statistics():
+    async def main():
+        async with Runtime(log=None) as runtime:
+            actor, late = Actor("actor"), []
+            await runtime.start(actor)
+            ticker = actor.every(1000, late.append)
+            time.sleep(0.02)  # noqa: ASYNC251 - holds the loop
+            while not ticker.missed:
+                await asyncio.sleep(0.001)
+            counted = actor.statistics().skipped_ticks
+            assert counted == ticker.missed
+            await runtime.stop(actor)
+            assert actor.statistics().skipped_ticks >= counted > 0
+
+    run(main)

@@ -1,0 +1,114 @@
+"""Executors: what work hands to threads and processes is known to it, and outlives no more than its grace.
+
+A thread goes on when whoever awaits it is cancelled. An event loop whose `run_in_executor` is watched, which
+`asyncio.to_thread` calls too, tells the work that called it when its jobs have really ended.
+"""
+
+from __future__ import annotations
+
+import threading
+from contextlib import suppress
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import asyncio
+    from collections.abc import Callable
+    from concurrent.futures import Executor, Future
+
+    from mdm.runtime.work import Work
+
+__all__ = ["OWNER", "unwatch", "watch"]
+
+OWNER: ContextVar[Work | None] = ContextVar("mdm_work", default=None)
+"""The work whose code runs, its own tasks included."""
+
+
+def watch(loop: asyncio.AbstractEventLoop) -> None:
+    """Watch what a loop hands to executors; each call is taken back by one of `unwatch`."""
+    watched = vars(loop).get("run_in_executor")
+    if not isinstance(watched, _Watched):
+        watched = _Watched(loop)
+        loop.run_in_executor = watched  # type: ignore[method-assign,assignment]
+    watched.users += 1
+
+
+def unwatch(loop: asyncio.AbstractEventLoop) -> None:
+    """Give the loop its own way back, where nobody else watches it."""
+    watched = vars(loop).get("run_in_executor")
+    if isinstance(watched, _Watched):
+        watched.users -= 1
+        if not watched.users:
+            del loop.run_in_executor
+
+
+class _Watched:
+    """A loop's `run_in_executor`."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self.users = 0
+        self._loop = loop
+        self._original = loop.run_in_executor
+
+    def __call__(self, executor: Executor | None, function: Callable[..., Any], *args: Any) -> Any:
+        work = OWNER.get()
+        if work is None:
+            return self._original(executor, function, *args)
+        job = _Job(self._loop, work)
+        if executor is not None:
+            return self._original(_Submitting(executor, job), function, *args)  # type: ignore[arg-type]
+        future: asyncio.Future[Any] = self._original(None, job.run, function, *args)
+        future.add_done_callback(job.answered)
+        return future
+
+
+class _Job:
+    """What one piece of work has handed to an executor, once."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, work: Work) -> None:
+        self._loop = loop
+        self._work = work
+        self._lock = threading.Lock()
+        self._state = "waiting"
+        work.begin_job()
+
+    def run(self, function: Callable[..., Any], *args: Any) -> Any:
+        """Run a function in the executor's thread, unless nobody waited for it before it began."""
+        with self._lock:
+            if self._state == "dropped":
+                return None
+            self._state = "running"
+        try:
+            return function(*args)
+        finally:
+            self.ended()
+
+    def answered(self, _: object) -> None:
+        """Drop what has not begun where its future is done, that is cancelled."""
+        with self._lock:
+            if self._state != "waiting":
+                return
+            self._state = "dropped"
+        self._work.end_job()
+
+    def ended(self, _: object = None) -> None:
+        """Tell the work, from whatever thread."""
+        with suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(self._work.end_job)
+
+
+class _Submitting:
+    """Another executor, whose jobs may run in other processes: their futures tell when they end."""
+
+    def __init__(self, executor: Executor, job: _Job) -> None:
+        self._executor = executor
+        self._job = job
+
+    def submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]:
+        try:
+            future = self._executor.submit(function, *args)
+        except BaseException:
+            self._job.ended()
+            raise
+        future.add_done_callback(self._job.ended)
+        return future

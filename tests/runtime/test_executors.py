@@ -1,0 +1,122 @@
+"""Executors: a piece of work has ended when its threads have."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import pytest
+
+from mdm import Actor, Runtime, run
+from mdm.testing import probe, run_virtual
+
+
+async def soon(condition):
+    """Let the event loop turn until something is so; it fails after ten seconds."""
+    async with asyncio.timeout(10):
+        while not condition():
+            await asyncio.sleep(0.001)
+
+
+@pytest.mark.parametrize("uvloop", [False, True])
+@pytest.mark.parametrize("own", [False, True])
+def test_cancelled_work_has_ended_when_its_thread_has(uvloop, own):
+    if uvloop:
+        pytest.importorskip("uvloop")
+
+    async def main():
+        pool = ThreadPoolExecutor() if own else None
+        begun, free, ended = threading.Event(), threading.Event(), []
+
+        def drive():
+            begun.set()
+            free.wait(10)
+
+        async def work():
+            await asyncio.gather(asyncio.get_running_loop().run_in_executor(pool, drive))
+
+        async with Runtime(log=None) as runtime:
+            actor = Actor("actor")
+            await runtime.start(actor)
+            piece = actor.spawn(work(), ended.append)
+            await soon(begun.is_set)
+            piece.cancel()
+            await soon(piece.task.done)
+            assert (piece.done, ended) == (False, [])
+            free.set()
+            await soon(lambda: piece.done)
+            assert ended == [piece]
+            assert piece.cancelled
+        if pool is not None:
+            pool.shutdown()
+
+    run(main, uvloop=uvloop)
+
+
+def test_what_no_thread_has_begun_is_dropped():
+    async def main():
+        begun, free, ran = threading.Event(), threading.Event(), []
+        asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(max_workers=1))
+
+        def hold():
+            begun.set()
+            free.wait(10)
+
+        async with Runtime(log=None) as runtime:
+            actor = Actor("actor")
+            await runtime.start(actor)
+            holding = asyncio.create_task(asyncio.to_thread(hold))
+            await soon(begun.is_set)
+            piece = actor.spawn(asyncio.to_thread(ran.append, 1))
+            await asyncio.sleep(0)
+            piece.cancel()
+            await soon(lambda: piece.done)
+            free.set()
+            await holding
+            await asyncio.to_thread(int)
+        assert ran == []
+
+    run(main)
+
+
+def test_a_process_pool_works_as_before():
+    async def main():
+        with ProcessPoolExecutor(max_workers=1) as pool:
+            async with Runtime(log=None) as runtime:
+                actor = Actor("actor")
+                await runtime.start(actor)
+                piece = actor.spawn(asyncio.get_running_loop().run_in_executor(pool, abs, -7), lambda _: None)
+                await soon(lambda: piece.done)
+                return piece.result
+
+    assert run(main) == 7
+
+
+def test_a_thread_beyond_its_grace_is_abandoned_and_listed():
+    free = threading.Event()
+
+    async def main(runtime):
+        actor = Actor("actor", grace=2.0)
+        faults = probe(runtime.faults)
+        await runtime.start(actor)
+        piece = actor.spawn(asyncio.to_thread(free.wait, 10), name="drive")
+        await asyncio.sleep(0)
+        await runtime.stop(actor)
+        assert runtime.abandoned == [piece]
+        assert "drive did not end within 2 s" in faults[0].detail
+        free.set()
+
+    run_virtual(main)
+
+
+def test_the_loop_gets_its_own_way_back():
+    async def main():
+        loop = asyncio.get_running_loop()
+        async with Runtime(log=None):
+            async with Runtime(log=None):
+                pass
+            assert "run_in_executor" in vars(loop)
+        assert "run_in_executor" not in vars(loop)
+
+    run(main)

@@ -35,9 +35,9 @@ def hallway(maze: str = _HALLWAY, *, discount: float = 0.95) -> POMDP:
     """Return the hallway problem: a robot in a corridor finds a goal by the walls around it and landmarks.
 
     The robot has a place and a heading. It stays, goes forward or turns by a quarter or two, all but the first with
-    errors, and sees on which sides of it there are walls, with errors too. A landmark is seen for sure by who looks
-    south beside it. In the goal, which is seen for sure, every action pays nothing and leads to a cell and heading at
-    random; entering it pays 1.
+    errors, and sees on which sides of it there are walls, with errors too. In a cell with a landmark, a robot facing
+    south sees it for sure. In the goal, which is seen for sure, every action pays nothing and leads to a cell and
+    heading at random; entering it pays 1.
 
     60 states (15 cells x 4 headings), 5 actions, 21 observations. Numbers that files of this problem round to six
     digits are exact here.

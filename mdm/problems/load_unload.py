@@ -32,7 +32,7 @@ def load_unload(positions: int = 8, *, discount: float = 0.95) -> POMDP:
     if positions < 2:
         raise ModelError(f"the track needs at least its two ends, not {positions} positions")
     last = positions - 1
-    # Empty at 0 .. last - 1, then loaded at 1 .. last: who is at an end is unloaded or loaded there.
+    # Empty at 0 .. last - 1, then loaded at 1 .. last: at the ends the cart is unloaded or loaded at once.
     place = np.r_[0:last, 1 : last + 1]
     loaded = np.arange(2 * last) >= last
     transitions = np.zeros((2, 2 * last, 2 * last))

@@ -16,7 +16,7 @@ _WEAR, _REPAIRED = 0.03, 0.8
 _FLAWLESS = (0.0, 0.75, 0.95, 1.0)
 """By a component's condition, with which probability it does not spoil a product."""
 _LOOKS_GOOD = (0.02, 0.05, 0.8, 0.97)
-"""By a component's condition, with which probability it looks good to who inspects it."""
+"""The probability that an inspected component looks good, by its condition."""
 
 
 def machine_maintenance(components: int = 4, *, discount: float = 0.999) -> FactoredPOMDP:

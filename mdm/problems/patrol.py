@@ -125,7 +125,7 @@ def _seen(rooms: int) -> Vector:
 
 
 def _rewards(rooms: int) -> Vector:
-    """Return what an action of a robot is worth: actions x rooms x places of the goose."""
+    """Return the rewards of a robot's actions: actions x rooms x places of the goose."""
     values = np.full((len(_ACTIONS), rooms, rooms + 1), -0.5)
     values[_CATCH] = np.where(np.eye(rooms, rooms + 1, k=1), 10, -5)
     values[_SPAWN] = np.where(np.eye(1, rooms + 1), 10, -5)

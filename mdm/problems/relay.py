@@ -13,7 +13,7 @@ _SHUFFLE, _EXCHANGE, _SENSE = range(3)
 
 
 def relay(accuracy: float = 0.9, *, discount: float = 0.95) -> POMDP:
-    """Return the problem of two agents in neighbouring rooms, who can exchange packets where both are at the door.
+    """Return the problem of two agents in neighbouring rooms, who exchange packets when both are at the door.
 
     Each room has two places, of which the first is at the door. ``shuffle`` ends in either place; ``sense`` tells with
     errors whether the door is there; ``exchange`` pays 50 if both exchange at the door, whereupon both are anywhere,

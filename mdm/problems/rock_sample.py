@@ -19,7 +19,7 @@ _MAPS: dict[Place, Sequence[Place]] = {
     (10, 10): [(0, 3), (0, 7), (1, 8), (3, 3), (3, 8), (4, 3), (5, 8), (6, 1), (9, 3), (9, 9)],
     (11, 11): [(0, 3), (0, 7), (1, 8), (2, 4), (3, 3), (3, 8), (4, 3), (5, 8), (6, 1), (9, 3), (9, 9)],
 }
-"""Where the rocks of published instances are, by size and number."""
+"""The rocks' positions in published instances, by size and number."""
 
 _STEPS = {"north": (0, 1), "east": (1, 0), "south": (0, -1), "west": (-1, 0)}
 _ACTION, _ROBOT, _ROBOT_THEN = Node("action", 0), Node("state", 0), Node("next_state", 0)
@@ -40,7 +40,7 @@ def rock_sample(
     whether it is good; it is right with a probability of (1 + 2^(-distance / half distance)) / 2. Leaving to the east
     pays 10 and ends the problem; leaving elsewhere, or sampling where no rock is, pays -100 and ends it, too.
 
-    (size^2 + 1) x 2^rocks states (the rover's cell or the end, fully observed, and each rock's worth), rocks + 5
+    (size^2 + 1) x 2^rocks states (the rover's cell or the end, fully observed, and each rock's quality), rocks + 5
     actions, 2 observations: 12 800, 13 and 2 by default. The paper counts one state for the end, 12 545 in all.
 
     Source: T. Smith and R. Simmons, *Heuristic search value iteration for POMDPs*, Uncertainty in Artificial
@@ -53,7 +53,7 @@ def rock_sample(
             the published instances (7, 8), (10, 10) and (11, 11); for others they are drawn at random, but always the
             same.
         start: The rover's first cell; by default the middle of the west side.
-        half_distance: At which distance a check's efficiency 2^(-distance / half distance) is one half.
+        half_distance: The distance at which a check's efficiency 2^(-distance / half distance) is one half.
         discount: In (0, 1].
 
     Raises:
@@ -146,7 +146,7 @@ class _Field:
         return np.append(np.where(inside, x * self.size + y, self.end), self.end)
 
     def sight(self, rock: int) -> npt.NDArray[np.float64]:
-        """Return how a rock looks, good or bad, from each cell, where it is bad or good; from the end always good."""
+        """Return the probabilities of "good" and "bad" for a rock: cells and the end x its quality x observations."""
         x, y = np.divmod(np.arange(self.end), self.size)
         rock_x, rock_y = divmod(self.rocks[rock], self.size)
         right = (1 + 2 ** (-np.hypot(x - rock_x, y - rock_y) / self.half_distance)) / 2

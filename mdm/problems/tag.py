@@ -24,12 +24,12 @@ _CATCH = len(_MOVES)
 
 
 def tag(field: str = _FIELD, *, discount: float = 0.95) -> FactoredPOMDP:
-    """Return tag: a robot is to catch a target, which it sees only where it stands in the same cell.
+    """Return tag: a robot is to catch a target, which it sees only from the same cell.
 
-    The robot knows its own cell and moves without errors. The target moves away from it: it stays with a probability
-    of 0.2, and goes along either axis with one of 0.4, to the side where the robot is not, or to either side where the
-    robot is neither. A step pays -1, catching 10 in the target's cell, where the problem ends, and -10 elsewhere.
-    After the end, catching pays nothing, but every step still pays -1.
+    The robot knows its own cell and moves without errors. The target stays with probability 0.2, and moves along each
+    axis with probability 0.4: away from the robot, or to a random side if the robot is on neither. A step pays -1,
+    catching 10 in the target's cell, where the problem ends, and -10 elsewhere. After the end, catching pays nothing,
+    but every step still pays -1.
 
     870 states (29 cells x 29 cells and the end), 5 actions, 30 observations. The robot's cell is a fully observed
     factor. The cells count from the south-west, row by row.

@@ -13,8 +13,8 @@ __all__ = ["tiger"]
 def tiger(accuracy: float = 0.85, *, discount: float = 0.95) -> POMDP:
     """Return the tiger problem: two doors, behind one of them a tiger.
 
-    Listening tells on which side the tiger is, with errors, at a cost of 1. The door without the tiger pays 10, the
-    other costs 100, and either is followed by a new tiger behind a door at random.
+    Listening tells the tiger's side, with errors, at a cost of 1. Opening the door without the tiger pays 10, the other
+    costs 100; then the tiger is behind a door at random again.
 
     2 states, 3 actions, 2 observations. Optimal values of the initial belief: 19.3713 at a discount of 0.95, 1.9334 at
     0.75.

@@ -7,7 +7,7 @@ Every action has one exact life: ``running``, then one of ``succeeded``, ``faile
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -23,7 +23,7 @@ from mdm.runtime.clock import check_seconds
 from mdm.runtime.supervision import LEAVING, describe
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.predicate_manager import PredicateManager
@@ -423,8 +423,13 @@ def _bindings(
     bindings: Mapping[str, Callback | Ensemble | Binding] | Mapping[int, Callback | Ensemble | Binding],
 ) -> tuple[Binding, ...]:
     """Return the binding of each action, in order."""
+    if not isinstance(bindings, Mapping):
+        raise ConfigError(
+            f"actions are a mapping from every action's name or index to a function or an ensemble, not {bindings!r}",
+            key="actions",
+        )
     keys = list(bindings)
-    if any(isinstance(key, str) for key in keys) and any(isinstance(key, int) for key in keys):
+    if not (all(isinstance(key, str) for key in keys) or all(type(key) is int for key in keys)):
         raise ConfigError("actions are bound by name or by index, not both", key="actions")
     by_key: dict[object, Callback | Ensemble | Binding] = dict(bindings.items())
     wanted: list[object] = list(names) if keys and isinstance(keys[0], str) else list(range(len(names)))

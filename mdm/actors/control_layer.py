@@ -22,6 +22,7 @@ from mdm.errors import ConfigError, Error, ModelError
 from mdm.messages import Action, Answer, Belief, Control, Decision, Fault, Observation, Question, Reward, State, Tick
 from mdm.options import ControllerOptions, check_options
 from mdm.runtime import ActorStatistics, Histogram, Latencies
+from mdm.runtime.clock import check_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -126,8 +127,8 @@ class ControlLayer(Layer):
         self.controller = Controller(policy, model, agent=agent, **rest)
         self.drive = drive_of(own.get("drive"))
         self.deadline: float | None = own.get("deadline")
-        if self.deadline is not None and not self.deadline > 0:
-            raise ConfigError(f"a deadline is a number of seconds above 0, not {self.deadline}", key="deadline")
+        if self.deadline is not None:
+            check_seconds(self.deadline, "a deadline", key="deadline")
         self.on_no_observation: str = own.get("on_no_observation", "predict")
         self._no_observation = self._no_observation_symbol()
         self.guard: Guard | None = None
@@ -166,6 +167,11 @@ class ControlLayer(Layer):
     # -- Checks --------------------------------------------------------------------------------------------------
 
     def _no_observation_symbol(self) -> int | Literal["predict", "repeat"]:
+        if not isinstance(self.on_no_observation, str):
+            raise ConfigError(
+                f"on_no_observation is 'predict', 'repeat' or an observation's name, not {self.on_no_observation!r}",
+                key="on_no_observation",
+            )
         if self.on_no_observation == "predict":
             return "predict"
         if self.on_no_observation == "repeat":

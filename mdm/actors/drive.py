@@ -5,6 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from mdm.errors import ConfigError
+from mdm.number import is_number
 from mdm.runtime.scheduler import check_rate
 
 __all__ = ["Drive", "FixedRate", "OnEvent", "drive_of"]
@@ -20,7 +21,8 @@ class FixedRate(msgspec.Struct, frozen=True):
     rate: float
 
     def __post_init__(self) -> None:
-        check_rate(self.rate)
+        check_rate(self.rate, key="drive")
+        msgspec.structs.force_setattr(self, "rate", float(self.rate))
 
 
 Drive = OnEvent | FixedRate
@@ -32,11 +34,11 @@ def drive_of(given: Drive | float | str | None) -> Drive:
     Raises:
         ConfigError: If it is nothing of these.
     """
-    if given is None or given == "event":
+    if given is None or (isinstance(given, str) and given == "event"):
         return OnEvent()
     if isinstance(given, OnEvent | FixedRate):
         return given
-    if isinstance(given, int | float) and not isinstance(given, bool):
+    if is_number(given):
         return FixedRate(float(given))
     raise ConfigError(
         f"a drive is 'event', a number of decisions per second, OnEvent() or FixedRate(rate), not {given!r}",

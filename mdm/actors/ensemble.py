@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Unpack
 
 import anyio
@@ -13,6 +14,7 @@ from mdm.actors.control_layer import ControlLayer, ControlOptions
 from mdm.actors.drive import FixedRate
 from mdm.actors.layer import Layer
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
+from mdm.actors.predicate_manager import PredicateManager
 from mdm.actors.safety import Safety, SafetyOptions
 from mdm.actors.state_layer import StateFactor, StateLayer
 from mdm.errors import ConfigError
@@ -22,12 +24,11 @@ from mdm.runtime import ActorStatistics
 from mdm.symbols import agent_index
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     import numpy.typing as npt
 
     from mdm.actors.binding import Binding, Callback
-    from mdm.actors.predicate_manager import PredicateManager
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.space import Symbol
     from mdm.runtime import Supervision
@@ -94,10 +95,13 @@ class Ensemble(Layer):
         supervision: Supervision = "escalate",
         **options: Unpack[SafetyOptions],
     ) -> None:
-        super().__init__(name, supervision=supervision)
-        self.predicates = predicates
-        self._idle: list[Callable[[], None]] = []
+        if not isinstance(name, str) or not name:
+            raise ConfigError(f"the name of an ensemble is a text, not {name!r}", key="ensembles")
         try:
+            super().__init__(name, supervision=supervision)
+            self.predicates = predicates
+            self._idle: list[Callable[[], None]] = []
+            _check_settings(predicates, states, observations, agent, local=local)
             check_options(options, SafetyOptions)
             control: Any = {key: value for key, value in options.items() if key in ControlOptions.__annotations__}
             self.control = ControlLayer(policy, model, agent=agent if local else None, **control)
@@ -370,13 +374,28 @@ class Ensemble(Layer):
         return self.settling + (0.0 if safe is None else 2 * (self.action.safe_timeout + safe.grace))
 
 
+def _check_settings(predicates: object, states: object, observations: object, agent: object, *, local: object) -> None:
+    """Refuse settings of another kind than an ensemble takes."""
+    if predicates is not None and not isinstance(predicates, PredicateManager):
+        raise ConfigError(f"predicates is a PredicateManager, not {predicates!r}", key="predicates")
+    for key, given, kind in (("states", states, StateFactor), ("observations", observations, ObservationFactor)):
+        if not isinstance(given, list | tuple) or not all(isinstance(factor, kind) for factor in given):
+            raise ConfigError(f"{key} is a list of {kind.__name__}(...), not {given!r}", key=key)
+    if isinstance(agent, bool) or not isinstance(agent, int | str):
+        raise ConfigError(f"an agent is given by index or by name, not by {agent!r}", key="agent")
+    if not isinstance(local, bool):
+        raise ConfigError(f"local is True or False, not {local!r}", key="local")
+
+
 def _agent_actions(
     control: ControlLayer, actions: Mapping[Any, Any], agent: int | str
 ) -> tuple[tuple[str, ...], Callable[[int], int] | None]:
     """Return the names of one agent's actions, and how to find its component of what is decided."""
     space, count = control.controller.symbols.action_space, control.controller.policy.num_actions
     if space is None:
-        if actions and all(isinstance(key, str) for key in actions):
+        if agent != 0:
+            raise ConfigError(f"there is no agent {agent!r}: without a model there is one, 0", key="agent")
+        if isinstance(actions, Mapping) and actions and all(isinstance(key, str) for key in actions):
             if len(actions) != count:
                 raise ConfigError(f"the policy has {count} actions, but {len(actions)} are bound", key="actions")
             return tuple(actions), None

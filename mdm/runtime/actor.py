@@ -12,6 +12,7 @@ import anyio
 from mdm.errors import Error
 from mdm.messages import Fault, StateChange, Tick
 from mdm.runtime.channel import Channel, Subscription
+from mdm.runtime.clock import check_seconds
 from mdm.runtime.handler import check_plain, kind_of
 from mdm.runtime.scheduler import Ticker
 from mdm.runtime.start import Start
@@ -22,6 +23,7 @@ from mdm.runtime.supervision import (
     Restart,
     RestartBudget,
     Supervision,
+    check_supervision,
     describe,
     failure,
     was_cancelled,
@@ -70,8 +72,12 @@ class Actor:
     """
 
     def __init__(self, name: str, *, supervision: Supervision = "escalate", grace: float = 5.0) -> None:
+        if not isinstance(name, str):
+            raise Error(f"an actor's name is a text, not {name!r}")
         if "/" in name:
             raise Error(f"an actor's name has no '/': {name!r} would read as a path")
+        check_supervision(supervision)
+        check_seconds(grace, "grace", key="grace")
         self.name = name
         self.supervision = supervision
         self.grace = grace
@@ -175,6 +181,8 @@ class Actor:
         for name in vars(child).keys() & vars(Actor).keys():
             if name not in _OVERRIDABLE:
                 raise Error(_hidden(type(child), name))
+        if not child.name:
+            raise Error(f"a child of actor {self.path!r} needs a name that is not empty")
         if child.parent is not None:
             raise Error(f"actor {child.name!r} is already a child of {child.parent.path!r}")
         if any((sibling.name, sibling.__place) == (child.name, child.__place) for sibling in self.children):  # noqa: SLF001

@@ -17,6 +17,7 @@ from time import monotonic_ns
 from typing import TYPE_CHECKING
 
 from mdm.errors import ConfigError
+from mdm.number import is_number
 from mdm.runtime import timerfd
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def check_seconds(seconds: object, what: str, *, key: str | None = None) -> None
     Raises:
         ConfigError: If it is no number above 0, or above 10^9 (which are 31 years).
     """
-    if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0 < seconds <= 1e9:
+    if not is_number(seconds) or not 0 < seconds <= 1e9:
         raise ConfigError(f"{what} is a number of seconds above 0 and at most 10^9, not {seconds!r}", key=key)
 
 

@@ -145,6 +145,8 @@ def _misuse(program: object, seconds: float | None) -> str | None:
     """Return what is wrong with what was to be run, if anything."""
     if _loop_runs():
         return "an event loop runs already: await the program there, or enter `async with mdm.Runtime()`"
+    if isinstance(program, type):
+        return f"a program is an actor itself, not its class: make one, {program.__name__}(...)"
     if not isinstance(program, Actor):
         if not callable(program) and not inspect.iscoroutine(program):
             return f"a program is an ensemble, a system, another actor or an async function, not {program!r}"

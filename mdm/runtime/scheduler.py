@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from mdm.errors import ConfigError
 from mdm.messages import Tick
+from mdm.number import is_number
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,14 +17,14 @@ if TYPE_CHECKING:
 __all__ = ["Ticker", "check_rate"]
 
 
-def check_rate(rate: float) -> None:
+def check_rate(rate: object, *, key: str | None = None) -> None:
     """Refuse a rate, in ticks per second, that no clock could serve.
 
     Raises:
-        ConfigError: If it is below a millionth, or above a million.
+        ConfigError: If it is no number, below a millionth, or above a million.
     """
-    if not 1e-6 <= rate <= 1e6:
-        raise ConfigError(f"a rate is at least 0.000001 and at most 1,000,000 a second, not {rate}")
+    if not is_number(rate) or not 1e-6 <= rate <= 1e6:
+        raise ConfigError(f"a rate is at least 0.000001 and at most 1,000,000 a second, not {rate!r}", key=key)
 
 
 class Ticker:
@@ -62,7 +63,7 @@ class Ticker:
     ) -> None:
         check_rate(rate)
         self._clock = clock
-        period = 1_000_000_000 / Fraction(rate).limit_denominator(1_000_000)
+        period = 1_000_000_000 / Fraction(float(rate)).limit_denominator(1_000_000)
         self._numerator, self._denominator = period.numerator, period.denominator
         self._deliver = deliver
         self._overrun = overrun

@@ -9,9 +9,19 @@ from typing import Literal
 
 import msgspec
 
-from mdm.errors import Error
+from mdm.errors import ConfigError, Error
 
-__all__ = ["LEAVING", "ActorFailure", "Restart", "RestartBudget", "Supervision", "describe", "failure", "was_cancelled"]
+__all__ = [
+    "LEAVING",
+    "ActorFailure",
+    "Restart",
+    "RestartBudget",
+    "Supervision",
+    "check_supervision",
+    "describe",
+    "failure",
+    "was_cancelled",
+]
 
 LEAVING = (SystemExit, KeyboardInterrupt)
 """What ends the program, in order, in place of being one actor's failure."""
@@ -39,6 +49,16 @@ class Restart(msgspec.Struct, frozen=True):
 
 Supervision = Restart | Literal["stop", "escalate"]
 """What a failure means: start anew, stop that actor alone, or let it be the parent's failure."""
+
+
+def check_supervision(given: object) -> None:
+    """Refuse what says nothing about a failure.
+
+    Raises:
+        ConfigError: If it is no supervision.
+    """
+    if not isinstance(given, Restart) and not (isinstance(given, str) and given in {"stop", "escalate"}):
+        raise ConfigError(f"supervision is 'stop', 'escalate' or Restart(...), not {given!r}", key="supervision")
 
 
 class RestartBudget:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import mdm
-from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, VirtualClock
+from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, ObservationFactor, StateFactor, VirtualClock
 from mdm.messages import Action, Belief, Control, Observation, Reward, State
 from mdm.models import MDP, POMDP
 from mdm.policies import AlphaVectors, BeliefPolicy, DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
@@ -439,7 +439,24 @@ def test_messages_are_published_action_first():
         ({"actions": {"listen": nothing, 1: nothing}}, "by name or by index, not both"),
         ({"actions": {0: nothing, 1: nothing, 2: 7}}, "not 7"),
         ({"actions": {0: nothing, 1: nothing, 2: lambda a, b: None}}, "asks for a, b"),
+        ({"actions": {False: nothing, True: nothing, 2: nothing}}, "by name or by index, not both"),
+        ({"actions": [nothing] * 3}, "actions are a mapping"),
+        ({"actions": None}, "actions are a mapping"),
         ({"agent": 1}, "no agent 1"),
+        ({"agent": None}, "by index or by name, not by None"),
+        ({"agent": 3, "policy": [0, 1, 2], "model": None}, "no agent 3: without a model there is one"),
+        ({"agent": "x", "policy": [0, 1, 2], "model": None}, "no agent 'x': without a model there is one"),
+        ({"local": "yes"}, "local is True or False, not 'yes'"),
+        ({"predicates": 5}, "predicates is a PredicateManager, not 5"),
+        ({"states": StateFactor("a", ["A"])}, "states is a list of StateFactor"),
+        ({"observations": ObservationFactor("a", ["A", "B"])}, "observations is a list of ObservationFactor"),
+        ({"observations": [StateFactor("a", ["A"])]}, "observations is a list of ObservationFactor"),
+        ({"states": None}, "states is a list of StateFactor.*, not None"),
+        ({"supervision": "x"}, "supervision is 'stop', 'escalate' or Restart.*, not 'x'"),
+        ({"supervision": 5}, "supervision is 'stop'"),
+        ({"deadline": True}, "a deadline is a number of seconds above 0 .*, not True"),
+        ({"deadline": "x"}, "a deadline is a number of seconds above 0 .*, not 'x'"),
+        ({"on_no_observation": 5}, "on_no_observation is 'predict', 'repeat' or an observation's name, not 5"),
         ({"safe_action": "Stop"}, "'Stop' is none of the actions"),
     ],
 )
@@ -451,6 +468,17 @@ def test_wrong_options_are_refused_with_the_key(options, message):
     if "drive" not in options and "initial_belief" not in options:
         with pytest.raises(ConfigError, match="ensembles.robot"):
             ensemble(**options)
+
+
+@pytest.mark.parametrize("name", ["", None, 5])
+def test_an_ensemble_is_called_by_a_text(name):
+    with pytest.raises(ConfigError, match="the name of an ensemble is a text, not"):
+        Ensemble(name, policy=[0, 0], actions={0: nothing})
+
+
+def test_a_wrong_rate_is_told_with_its_key():
+    with pytest.raises(ConfigError, match=r"^ensembles\.robot\.drive: a rate is at least"):
+        ensemble(drive=-1)
 
 
 def ring(size=6000):

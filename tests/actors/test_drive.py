@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
+import numpy as np
 import pytest
 
 from mdm import ConfigError, Error, FixedRate, OnEvent
@@ -33,4 +36,17 @@ def test_other_drives_are_refused(given):
 @pytest.mark.parametrize("rate", [0, -1.0, float("nan"), float("inf"), 1e9])
 def test_a_rate_that_no_clock_can_keep_is_refused(rate):
     with pytest.raises(Error, match="rate"):
+        FixedRate(rate)
+
+
+@pytest.mark.parametrize("given", [np.int64(3), np.float32(3), np.float64(3), Fraction(3), FixedRate(3)])
+def test_numbers_of_any_kind_are_rates(given):
+    drive = drive_of(given)
+    assert drive == FixedRate(3.0)
+    assert type(drive.rate) is float
+
+
+@pytest.mark.parametrize("rate", [True, np.True_, "3", None])
+def test_what_is_no_number_is_no_rate(rate):
+    with pytest.raises(ConfigError, match=r"^drive: a rate is at least 0\.000001"):
         FixedRate(rate)

@@ -216,3 +216,26 @@ def test_a_deep_path_costs_as_much_as_it_is_long():
     for parent, child in itertools.pairwise(actors):
         parent.add(child)
     assert actors[-1].path == "/".join(actor.name for actor in actors)
+
+
+@pytest.mark.parametrize("name", [None, 5])
+def test_a_name_is_a_text(name):
+    with pytest.raises(Error, match="an actor's name is a text, not"):
+        Actor(name)
+
+
+def test_a_child_has_a_name():
+    with pytest.raises(Error, match="a child of actor 'a' needs a name"):
+        Actor("a").add(Actor(""))
+
+
+@pytest.mark.parametrize("supervision", ["nonsense", None, 5, Restart])
+def test_what_is_no_supervision_is_refused(supervision):
+    with pytest.raises(Error, match=r"supervision is 'stop', 'escalate' or Restart\(\.\.\.\), not"):
+        Actor("a", supervision=supervision)
+
+
+@pytest.mark.parametrize("grace", [0, "x", True, None])
+def test_grace_is_a_number_of_seconds(grace):
+    with pytest.raises(Error, match="grace is a number of seconds above 0"):
+        Actor("a", grace=grace)

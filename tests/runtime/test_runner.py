@@ -215,3 +215,8 @@ def test_run_works_in_another_thread():
     thread.start()
     thread.join()
     assert results == ["ran"]
+
+
+def test_a_class_is_no_program():
+    with pytest.raises(Error, match=r"an actor itself, not its class: make one, Ensemble\(\.\.\.\)"):
+        run(Ensemble)

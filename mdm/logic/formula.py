@@ -9,12 +9,15 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, NoReturn
 
+from mdm.errors import Error
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 __all__ = ["And", "Constant", "Formula", "Implies", "Not", "Or", "P", "Xor"]
 
 _BARE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(?:[./:][A-Za-z0-9_]+)*")
+_DEEPEST = 270
 _WORDS = frozenset({"and", "or", "not", "xor", "implies", "true", "false"})
 
 
@@ -31,12 +34,15 @@ class Formula:
         waiting.evaluate({"PersonIsNear": None, "IsMoving": True})  # False
     """
 
-    __slots__ = ("parts",)
+    __slots__ = ("depth", "parts")
     _symbol = ""
     _level = 0
 
     def __init__(self, *parts: Formula) -> None:
         self.parts = parts
+        self.depth: int = 1 + max((part.depth for part in parts), default=0)
+        if self.depth > _DEEPEST:
+            raise Error(f"a formula nests at most {_DEEPEST} deep: define a part of this one as a predicate of its own")
 
     @property
     def names(self) -> frozenset[str]:

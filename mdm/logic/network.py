@@ -49,7 +49,7 @@ class Network(Declarations):
         self._events: dict[str, int] = {}
         self._functions: list[Callable[[list[int]], int] | None] = []
         self._dependents: list[tuple[int, ...]] = []
-        self._downstream: list[tuple[int, ...]] = []
+        self._downstream: dict[int, tuple[int, ...]] = {}
         self._holds: dict[int, tuple[str, int]] = {}
         self._flags: dict[str, int] = {}
         self._rises: dict[int, int] = {}
@@ -124,19 +124,25 @@ class Network(Declarations):
                 dependents[reader].add(index)
                 dependents[self._flags[node.name]].add(index)
         self._dependents = [tuple(sorted(found)) for found in dependents]
-        downstream: list[set[int]] = [set() for _ in self._names]
-        for index in reversed(range(len(self._names))):
-            readers = set(self._dependents[index])
-            if index in self._rises:
-                readers.add(self._rises[index])
-            downstream[index] = readers.union(*(downstream[reader] for reader in readers))
-        self._downstream = [
-            tuple(reader for reader in sorted(found) if self._functions[reader] is not None) for found in downstream
-        ]
+
+    def _below(self, index: int) -> tuple[int, ...]:
+        """Return all that depends on a node, in order; found when it is first asked for, since chains may be long."""
+        order = self._downstream.get(index)
+        if order is None:
+            found: set[int] = set()
+            waiting = [index]
+            while waiting:
+                at = waiting.pop()
+                readers = [*self._dependents[at], *([self._rises[at]] if at in self._rises else [])]
+                waiting += [reader for reader in readers if reader not in found]
+                found.update(readers)
+            order = tuple(reader for reader in sorted(found) if self._functions[reader] is not None)
+            self._downstream[index] = order
+        return order
 
     def _plan(self, index: int) -> _Plan | None:
         """Return the nodes to evaluate when an input changes, in order, if they are few and plain formulas."""
-        order = self._downstream[index]
+        order = self._below(index)
         simple = all(self._names[at] is not None and self._nodes[str(self._names[at])].kind == "define" for at in order)
         if len(order) > _LONGEST_PLAN or not simple:
             return None
@@ -267,11 +273,11 @@ class Network(Declarations):
         """Update everything downstream of changed inputs and raised events; return the change."""
         dependents = self._dependents
         if len(changed) == 1 and not raised:
-            order = self._downstream[changed[0]]
+            order = self._below(changed[0])
             dirty = set(dependents[changed[0]])
         else:
             roots = changed + raised
-            order = tuple(sorted({at for root in roots for at in self._downstream[root]}))
+            order = tuple(sorted({at for root in roots for at in self._below(root)}))
             dirty = {at for root in roots for at in dependents[root]}
         armed: list[str] = []
         disarmed: list[str] = []

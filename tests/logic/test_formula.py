@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import operator
 from itertools import product
 
 import pytest
 from hypothesis import given
 from random_formulas import VALUES, formulas
 
-from mdm.logic import Formula, P, parse
+from mdm import Error
+from mdm.logic import Formula, Network, P, parse
 
 
 def possible(value: bool | None) -> tuple[bool, ...]:
@@ -64,3 +66,19 @@ def test_truth_value_is_refused():
 def test_other_operands_are_refused():
     with pytest.raises(TypeError, match="'b'"):
         P("a") & "b"
+
+
+@pytest.mark.parametrize("connect", [operator.and_, operator.or_, operator.xor, operator.rshift])
+def test_deep_formulas_work_or_are_refused_where_they_are_made(connect):
+    formula, depth = P("a"), 1
+    with pytest.raises(Error, match="nests at most 270 deep: define a part"):
+        while True:
+            formula = connect(formula, P("b"))
+            depth += 1
+    assert depth == 270
+    network = Network()
+    network.add_input("a", True)
+    network.add_input("b", True)
+    network.define("c", formula)
+    network.compile()
+    assert network.value("c") is formula.evaluate({"a": True, "b": True})

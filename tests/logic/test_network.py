@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import pytest
 from hypothesis import given, strategies as st
 
@@ -220,3 +222,19 @@ def test_wrong_updates_are_refused_and_change_nothing(arguments, message):
     with pytest.raises(Error, match=message):
         network.update(*arguments)
     assert network.values() == before
+
+
+def test_a_chain_of_thousands_of_predicates_takes_no_square_of_it():
+    length = 3000
+    network = Network()
+    network.add_input("p0", False)
+    for place in range(1, length):
+        network.define(f"p{place}", ~P(f"p{place - 1}"))
+    tracemalloc.start()
+    network.compile()
+    change = network.update([("p0", True)])
+    used = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(change.rising) + len(change.falling) == length
+    assert network.value(f"p{length - 1}") is False
+    assert used < 50e6  # all that depends on each one took 380 MB

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from mdm.models.dynamics import Dynamics, Joint
     from mdm.models.matrices import Vector
+    from mdm.solvers.limits import Limits
 
 __all__ = [
     "InformedBound",
@@ -50,6 +51,8 @@ _INFORMED_CLOSE = 2e-6
 """How near the fast informed bound comes to its limit, as a share of the range of its values."""
 _EACH = 15
 """One of so many sweeps over known states finds the best actions."""
+_KNOWN_TIME, _INFORMED_TIME = 0.2, 0.1
+"""The parts of the time that is left for sweeps over known states, and for those of the fast informed bound."""
 _ROUNDING = 1e-12
 _LARGE = 10_000
 """From so many numbers in a sweep on its compilation pays."""
@@ -142,17 +145,19 @@ def staged_values(dynamics: Dynamics, horizon: int) -> Vector:
     return values
 
 
-def informed_values(dynamics: Dynamics, goes_on: Callable[[], bool] = lambda: True) -> Vector:
-    """Return the fast informed bound, S x A.
+def informed_values(dynamics: Dynamics, limits: Limits, bound: InformedBound | None = None) -> Vector:
+    """Return the fast informed bound, S x A, as near to its limit as a part of the time allows.
 
     Args:
         dynamics: A POMDP; its discount is below 1.
-        goes_on: Asked after each sweep; False ends them.
+        limits: When to stop.
+        bound: The backups, where some observations are left out.
 
     Raises:
         ModelError: If the rewards are too large for numbers.
     """
-    return InformedBound(dynamics).lowered(known_state_values(dynamics, goes_on), goes_on)
+    table = known_state_values(dynamics, limits.part(_KNOWN_TIME))
+    return (InformedBound(dynamics) if bound is None else bound).lowered(table, limits.part(_INFORMED_TIME))
 
 
 def _close(dynamics: Dynamics) -> float:

@@ -101,9 +101,10 @@ class Limits:
         """How many seconds it has left; below 0 where they are used up or it was interrupted."""
         return -1.0 if self._interrupted else self._time - self.seconds
 
-    def leaves(self, share: float) -> bool:
-        """Return whether more than a share of the time is left."""
-        return self.remaining > share * self._time if self._time < float("inf") else self.remaining > 0
+    def part(self, share: float) -> Callable[[], bool]:
+        """Return a function that tells whether there is time left of a share of what remains now."""
+        end = self.seconds + share * self.remaining
+        return lambda: not self._interrupted and self.seconds < end
 
     @property
     def room(self) -> int:

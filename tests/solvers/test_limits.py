@@ -97,16 +97,14 @@ def test_limits_below_zero_and_bounds_that_are_no_numbers_are_refused():
         Limits().ends(float("nan"), 1, iterations=1, size=1)
 
 
-def test_a_share_of_the_time_is_left():
+def test_a_part_of_the_time():
     limits = Limits(time=10, clock=ticking())
     with limits:
-        left = [limits.leaves(0.5) for _ in range(10)]
+        goes_on = limits.part(0.5)
+        left = [goes_on() for _ in range(10)]
+        assert 1 <= left.count(True) <= 5
+        assert left == sorted(left, reverse=True)
+        rest = limits.part(1.0)
         limits.interrupt()
-        assert not limits.leaves(0.0)
-    assert left == [True] * left.count(True) + [False] * left.count(False)
-    assert 3 <= left.count(True) <= 5
-    endless = Limits()
-    with endless:
-        assert endless.leaves(0.9)
-        endless.interrupt()
-        assert not endless.leaves(0.9)
+        assert not rest()
+    assert Limits().part(0.1)()

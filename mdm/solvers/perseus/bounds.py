@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.solvers.bounds import InformedBound, known_state_values
+from mdm.solvers.bounds import InformedBound, informed_values
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector
@@ -14,9 +14,6 @@ if TYPE_CHECKING:
     from mdm.solvers.perseus.joint_dynamics import JointDynamics
 
 __all__ = ["upper_bound"]
-
-_LEFT = 0.9
-"""The share of the time that is left for the search."""
 
 
 def upper_bound(dynamics: JointDynamics, starts: Vector, limits: Limits, horizon: int | None = None) -> float:
@@ -33,11 +30,7 @@ def upper_bound(dynamics: JointDynamics, starts: Vector, limits: Limits, horizon
     """
     informed = InformedBound(dynamics.dynamics, dynamics.joints, dynamics.earned if dynamics.waits else None)
     if horizon is None:
-
-        def goes_on() -> bool:
-            return limits.leaves(_LEFT)
-
-        table = informed.lowered(known_state_values(dynamics.dynamics, goes_on), goes_on)
+        table = informed_values(dynamics.dynamics, limits, informed)
     else:
         table = np.zeros((dynamics.size, dynamics.num_actions))
         for _ in range(horizon):

@@ -35,8 +35,6 @@ from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, parts_of, p
 from mdm.solvers.sarsop.search import add_node, add_vector, explore, refresh
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy.typing as npt
 
     from mdm.models.matrices import Vector
@@ -46,8 +44,6 @@ __all__ = ["sarsop"]
 
 _BINS = 50
 _DEPTH = 1000
-_LEFT = 0.9
-"""The share of the time that is left for the search when the first bounds are done."""
 _SLACK = 1e-12
 """Slack of the upper bound for rounding, as a share of the values."""
 _ROUNDING = 4e-12
@@ -77,7 +73,7 @@ def sarsop(model: POMDP, *, limits: Limits | None = None) -> Solution:
         raise ModelError("SARSOP needs a discount below 1: bounds without end never meet; give one (--discount)")
     _warm_up()
     with Limits() if limits is None else limits as run:
-        search = _Search(model, lambda: run.leaves(_LEFT))
+        search = _Search(model, run)
         lower, upper = search.bounds()
         while not run.ends(lower, upper, iterations=search.backups, size=search.size):
             search.run(run)
@@ -95,20 +91,21 @@ def _warm_up() -> None:
         text = "SARSOP runs uncompiled, a hundred times slower: for numba, pip install 'markov-decision-making[fast]'"
         warnings.warn(text, ModelWarning, stacklevel=4)
     tiny = POMDP([np.eye(2)] * 2, [np.eye(2)] * 2, np.eye(2), discount=0.5)
-    search = _Search(tiny)
+    limits = Limits(gap=0.0)
+    search = _Search(tiny, limits)
     search.bounds()
-    search.run(Limits(gap=0.0))
+    search.run(limits)
 
 
 class _Search:
     """The state of a run."""
 
-    def __init__(self, model: POMDP, goes_on: Callable[[], bool] = lambda: True) -> None:
+    def __init__(self, model: POMDP, limits: Limits) -> None:
         self._model = model
         dynamics = Dynamics(model)
         self._layout, self._order = layout_of(model, dynamics)
         blind = blind_values(dynamics)[:, self._order]
-        informed = informed_values(dynamics, goes_on)[self._order].T
+        informed = informed_values(dynamics, limits)[self._order].T
         self._informed = np.ascontiguousarray(informed + _SLACK * np.abs(informed).max())
         self._graph = new_graph(self._layout, _BINS)
         self._scratch = new_scratch(self._layout, _DEPTH)

@@ -13,8 +13,8 @@ from mdm.solvers.sarsop.solver import _Search
 
 
 def searched():
-    search = _Search(load_model(TIGER).with_discount(0.95))
     limits = Limits(gap=1e-4)
+    search = _Search(load_model(TIGER).with_discount(0.95), limits)
     while search.bounds()[1] - search.bounds()[0] > 1e-4:
         search.run(limits)
     return search

@@ -19,7 +19,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         help="list all problems of an ensemble, model or policy file",
         description=(
             "Check a file without running anything: an ensemble's TOML file, a model or a policy. All problems are "
-            "told at once; notes tell what is allowed, but odd: states that cannot be reached or left, observations "
+            "listed at once; notes list what is allowed but odd: states that cannot be reached or left, observations "
             "that never occur, actions that change nothing."
         ),
         epilog="example: mdm check examples/patrol/patrol.toml",

@@ -46,11 +46,11 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.models import MDP  # noqa: PLC0415
 
     check_place(arguments.target, arguments.source, arguments.model)
-    told = is_policy(arguments.source)
-    content = load(arguments.source).content if told is None else None
+    known = is_policy(arguments.source)
+    content = load(arguments.source).content if known is None else None
     if isinstance(content, System):
         raise UsageError("a TOML file holds ensembles, which have no other format")
-    if told or (content is not None and not isinstance(content, MDP)):
+    if known or (content is not None and not isinstance(content, MDP)):
         if arguments.discount is not None or arguments.normalize:
             raise UsageError("--discount and --normalize are for models; this file holds a policy")
         model = None if arguments.model is None else load_model(arguments.model)

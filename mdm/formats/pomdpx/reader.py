@@ -84,7 +84,7 @@ class _Document:
             elif element.tag == "Func" and section == "RewardFunction":
                 self._read_reward(element)
             elif element.tag in {"CondProb", "Func"}:
-                element.fail(f"<{element.tag}> stands in <{section or 'pomdpx'}>, where it is not allowed")
+                element.fail(f"<{element.tag}> is not allowed in <{section or 'pomdpx'}>")
             else:
                 section = element.tag
         if not discounted:

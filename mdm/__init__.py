@@ -10,7 +10,21 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mdm import beliefs, models, policies, problems, simulation, solvers, testing
+    from mdm import (
+        actors,
+        beliefs,
+        config,
+        formats,
+        logic,
+        messages,
+        models,
+        policies,
+        problems,
+        runtime,
+        simulation,
+        solvers,
+        testing,
+    )
     from mdm.actors import (
         ActionLayer,
         Binding,
@@ -50,6 +64,8 @@ if TYPE_CHECKING:
     from mdm.simulation import World, evaluate, simulate
     from mdm.solvers import solve
 
+    __version__: str
+
 __all__ = [
     "ActionLayer",
     "Actor",
@@ -87,18 +103,25 @@ __all__ = [
     "VirtualEventLoop",
     "WallClock",
     "World",
+    "__version__",
+    "actors",
     "beliefs",
     "bind",
+    "config",
     "evaluate",
+    "formats",
     "load_model",
     "load_policy",
     "load_rewards",
     "load_system",
+    "logic",
+    "messages",
     "models",
     "parse",
     "policies",
     "problems",
     "run",
+    "runtime",
     "save_model",
     "save_policy",
     "simulate",
@@ -108,7 +131,10 @@ __all__ = [
     "testing",
 ]
 
-_PACKAGES = ("beliefs", "models", "policies", "problems", "simulation", "solvers", "testing")
+_PACKAGES = (
+    *("beliefs", "models", "policies", "problems", "simulation", "solvers", "testing"),
+    *("actors", "config", "formats", "logic", "messages", "runtime"),
+)
 _HOMES = {
     "actors": (
         *("ActionLayer", "Binding", "ControlLayer", "Drive", "Ensemble", "EventSource", "FixedRate"),
@@ -139,6 +165,8 @@ def __getattr__(name: str) -> Any:
         value = getattr(importlib.import_module(f"mdm.{_HOME_OF[name]}"), name)
         globals()[name] = value
         return value
+    if name == "__version__":
+        return _version()
     raise AttributeError(f"module 'mdm' has no attribute {name!r}{_elsewhere(name)}")
 
 
@@ -148,10 +176,25 @@ def __dir__() -> list[str]:
 
 
 def _elsewhere(name: str) -> str:
-    """Return where a name that is no name of this module stands, if it is public in one of the packages."""
+    """Return where a name that is no name of this module stands, or which public names are like it."""
     if name.startswith("_"):
         return ""
+    known = {public: f"mdm.{public}" for public in __all__}
     for package in _PACKAGES:
-        if name in importlib.import_module(f"mdm.{package}").__all__:
-            return f"; it is mdm.{package}.{name}"
-    return ""
+        for public in importlib.import_module(f"mdm.{package}").__all__:
+            known.setdefault(public, f"mdm.{package}.{public}")
+    if name in known:
+        return f"; it is {known[name]}"
+    import difflib  # noqa: PLC0415 - only a mistake needs it
+
+    close = difflib.get_close_matches(name, known, n=2, cutoff=0.75)
+    return f"; did you mean {' or '.join(known[each] for each in close)}?" if close else ""
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - it takes longer than all else here
+
+    try:
+        return version("markov-decision-making")
+    except PackageNotFoundError:
+        return "(not installed)"

@@ -73,3 +73,24 @@ print(sorted(name for name in sys.modules if name.startswith(unwanted)))
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("[]")
+
+
+def test_a_misspelt_name_gets_a_suggestion():
+    with pytest.raises(AttributeError, match=r"did you mean mdm\.models\.POMDP"):
+        _ = mdm.POMPD
+    with pytest.raises(AttributeError, match=r"did you mean mdm\.Ensemble"):
+        _ = mdm.Ensembel
+
+
+@pytest.mark.parametrize("name", ["actors", "config", "formats", "logic", "messages", "runtime"])
+def test_a_package_is_there_without_an_import_of_its_own(name):
+    program = f"import mdm; print(mdm.{name}.__name__)"
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == (
+        f"mdm.{name}\n"
+    )
+
+
+def test_the_version_is_that_of_the_installation():
+    from importlib.metadata import version
+
+    assert mdm.__version__ == version("markov-decision-making")

@@ -9,6 +9,7 @@ import sys
 import warnings
 from typing import TYPE_CHECKING
 
+import mdm
 from mdm.cli.usage import UsageError
 from mdm.errors import Error
 
@@ -43,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ),
         epilog="example: mdm run examples/patrol/patrol.toml",
     )
-    parser.add_argument("--version", action="version", version=f"mdm {_version()}")
+    parser.add_argument("--version", action="version", version=f"mdm {mdm.__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     for verb in VERBS:
         module = importlib.import_module(f"mdm.cli.{verb}")
@@ -111,12 +112,3 @@ def _sentence(error: Exception) -> str:
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     print(f"mdm: warning: {message}", file=sys.stderr)
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415
-
-    try:
-        return version("markov-decision-making")
-    except PackageNotFoundError:
-        return "(not installed)"

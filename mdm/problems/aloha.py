@@ -8,10 +8,12 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import POMDP, Factor, Space
+from mdm.problems.parameters import checked
 
 __all__ = ["aloha"]
 
 
+@checked
 def aloha(levels: int = 10, *, arrivals: float = 0.9, discount: float = 0.999) -> POMDP:
     """Return the slotted ALOHA problem: with which probability stations that wait for a channel should transmit.
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from mdm.models import POMDP
 from mdm.problems.agents import agents
+from mdm.problems.parameters import checked
 
 __all__ = ["box_pushing"]
 
@@ -23,6 +24,7 @@ _Pose = tuple[int, str]
 _Poses = tuple[_Pose, _Pose]
 
 
+@checked
 def box_pushing(success: float = 0.9, *, discount: float = 1.0) -> POMDP:
     """Return the problem of two agents below three boxes, which they are to push upwards.
 

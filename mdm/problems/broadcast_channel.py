@@ -6,11 +6,14 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import POMDP
+from mdm.number import is_number
 from mdm.problems.agents import agents
+from mdm.problems.parameters import checked
 
 __all__ = ["broadcast_channel"]
 
 
+@checked
 def broadcast_channel(
     arrivals: tuple[float, float] = (0.9, 0.1), *, accuracy: float = 0.9, discount: float = 1.0
 ) -> POMDP:
@@ -37,8 +40,8 @@ def broadcast_channel(
     Raises:
         ModelError: If there are not two probabilities of a message.
     """
-    if len(arrivals) != 2:
-        raise ModelError(f"two nodes share the channel: give a probability of a message for each, not {len(arrivals)}")
+    if not isinstance(arrivals, list | tuple) or len(arrivals) != 2 or not all(map(is_number, arrivals)):
+        raise ModelError(f"two nodes share the channel: give a probability of a message for each, not {arrivals!r}")
     send, full = 0, 1
     # Per node: its actions x (no message, a message) x the same at the next step.
     filled = [

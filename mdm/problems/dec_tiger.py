@@ -6,10 +6,12 @@ import numpy as np
 
 from mdm.models import POMDP
 from mdm.problems.agents import agents
+from mdm.problems.parameters import checked
 
 __all__ = ["dec_tiger"]
 
 
+@checked
 def dec_tiger(accuracy: float = 0.85, *, left: float = 0.5, discount: float = 1.0) -> POMDP:
     """Return the tiger problem for two agents, who hear each for themselves and open the doors together.
 

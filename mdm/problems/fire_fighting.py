@@ -9,6 +9,7 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.models import Factor, FactoredPOMDP, Node, Space, Table, Tree, TwoSliceNetwork
 from mdm.problems.agents import agents
+from mdm.problems.parameters import checked
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,6 +25,7 @@ _SHRINKS = 0.6  # where one agent fights while a house burns beside it
 _SEES_FLAMES = (0.2, 0.5, 0.8)  # no fire, a small one, any larger one
 
 
+@checked
 def fire_fighting(houses: int = 3, team: int = 2, fire_levels: int = 3, *, discount: float = 1.0) -> FactoredPOMDP:
     """Return the problem of a team that fights fires in a row of houses, each agent at any house.
 
@@ -81,6 +83,7 @@ def fire_fighting(houses: int = 3, team: int = 2, fire_levels: int = 3, *, disco
     return FactoredPOMDP(network, discount=discount)
 
 
+@checked
 def fire_fighting_graph(team: int = 3, fire_levels: int = 3, *, discount: float = 1.0) -> FactoredPOMDP:
     """Return the problem of a team that fights fires in a row of houses, each agent between two of them.
 

@@ -6,10 +6,12 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import MDP
+from mdm.problems.parameters import checked
 
 __all__ = ["forest"]
 
 
+@checked
 def forest(
     ages: int = 3, *, fire: float = 0.1, old_reward: float = 4.0, cut_reward: float = 2.0, discount: float = 0.9
 ) -> MDP:

@@ -11,6 +11,7 @@ from mdm.errors import ModelError
 from mdm.models import MDP
 from mdm.models.compressed import csr
 from mdm.problems.grid import DIRECTIONS, Grid
+from mdm.problems.parameters import checked
 
 __all__ = ["grid_world"]
 
@@ -21,6 +22,7 @@ s...
 """
 
 
+@checked
 def grid_world(
     layout: str = _RUSSELL_NORVIG,
     *,

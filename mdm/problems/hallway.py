@@ -10,6 +10,7 @@ import numpy.typing as npt
 from mdm.errors import ModelError
 from mdm.models import POMDP, Factor, Space
 from mdm.problems.grid import DIRECTIONS, Grid
+from mdm.problems.parameters import checked
 
 __all__ = ["hallway", "hallway2"]
 
@@ -31,6 +32,7 @@ _TURNS = ((0.1, 0.7, 0.1, 0.1), (0.1, 0.15, 0.6, 0.15), (0.1, 0.1, 0.1, 0.7))
 _WALL_SEEN, _WALL_IMAGINED = 0.9, 0.05
 
 
+@checked
 def hallway(maze: str = _HALLWAY, *, discount: float = 0.95) -> POMDP:
     """Return the hallway problem: a robot in a corridor finds a goal by the walls around it and landmarks.
 
@@ -79,6 +81,7 @@ def hallway(maze: str = _HALLWAY, *, discount: float = 0.95) -> POMDP:
     )
 
 
+@checked
 def hallway2(*, discount: float = 0.95) -> POMDP:
     """Return the second hallway problem: a larger maze than that of `hallway`, without landmarks.
 

@@ -6,10 +6,12 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import POMDP
+from mdm.problems.parameters import checked
 
 __all__ = ["load_unload"]
 
 
+@checked
 def load_unload(positions: int = 8, *, discount: float = 0.95) -> POMDP:
     """Return the load/unload problem: a cart that goes to and fro on a track, and sees only its two ends.
 

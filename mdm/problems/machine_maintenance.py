@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from mdm.errors import ModelError
 from mdm.models import Factor, FactoredPOMDP, Node, Potential, Space, Table, Tree, TwoSliceNetwork
+from mdm.problems.parameters import checked
 
 __all__ = ["machine_maintenance"]
 
@@ -19,6 +20,7 @@ _LOOKS_GOOD = (0.02, 0.05, 0.8, 0.97)
 """The probability that an inspected component looks good, by its condition."""
 
 
+@checked
 def machine_maintenance(components: int = 4, *, discount: float = 0.999) -> FactoredPOMDP:
     """Return the machine maintenance problem: components wear out unseen, and spoil what the machine makes.
 

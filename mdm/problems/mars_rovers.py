@@ -8,6 +8,7 @@ import numpy as np
 
 from mdm.models import POMDP, Factor, Space
 from mdm.problems.agents import agents
+from mdm.problems.parameters import checked
 
 __all__ = ["mars_rovers"]
 
@@ -25,6 +26,7 @@ _ALONE = {_DRILL: -10.0, _SAMPLE: 2.0}
 _AGAIN, _MOVE = -1.0, -0.1
 
 
+@checked
 def mars_rovers(success: float = 0.9, *, discount: float = 1.0) -> POMDP:
     """Return the problem of two rovers on Mars, who visit four sites to drill or to take samples.
 

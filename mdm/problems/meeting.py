@@ -9,6 +9,7 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.models import POMDP, Factor, Space
 from mdm.problems.agents import agents
+from mdm.problems.parameters import checked
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
@@ -18,6 +19,7 @@ __all__ = ["grid_small", "meeting"]
 _STEPS = {"up": (-1, 0), "down": (1, 0), "left": (0, -1), "right": (0, 1)}
 
 
+@checked
 def grid_small(success: float = 0.6, *, discount: float = 0.9) -> POMDP:
     """Return meeting in a grid of 2 x 2 cells, where a robot sees on which of its sides there is a wall.
 
@@ -53,6 +55,7 @@ def grid_small(success: float = 0.6, *, discount: float = 0.9) -> POMDP:
     )
 
 
+@checked
 def meeting(size: int = 3, *, success: float = 0.6, discount: float = 1.0) -> POMDP:
     """Return meeting in one of two corners of a square grid, where a robot sees in which cell it is.
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import Factor, FactoredPOMDP, Node, Space, Table, Tree, TwoSliceNetwork
+from mdm.problems.parameters import checked
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -31,6 +32,7 @@ _PHASES = 3
 _MISSED = 0.9
 
 
+@checked
 def patrol(rooms: int = 6, robots: int = 1, *, discount: float = 0.9) -> FactoredPOMDP:
     """Return the problem of robots that look for a goose in a building, and decide at events.
 

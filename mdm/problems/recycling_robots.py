@@ -8,6 +8,7 @@ import numpy as np
 
 from mdm.models import POMDP, Factor, Space
 from mdm.problems.agents import agents
+from mdm.problems.parameters import checked
 
 __all__ = ["recycling_robots"]
 
@@ -15,6 +16,7 @@ _RECHARGE, _LITTLE, _BIG = range(3)
 _HIGH, _LOW = range(2)
 
 
+@checked
 def recycling_robots(*, discount: float = 0.9) -> POMDP:
     """Return the problem of two robots that search for cans until their batteries are low.
 

@@ -6,12 +6,14 @@ import numpy as np
 
 from mdm.models import POMDP
 from mdm.problems.agents import agents
+from mdm.problems.parameters import checked
 
 __all__ = ["relay"]
 
 _SHUFFLE, _EXCHANGE, _SENSE = range(3)
 
 
+@checked
 def relay(accuracy: float = 0.9, *, discount: float = 0.95) -> POMDP:
     """Return the problem of two agents in neighbouring rooms, who exchange packets when both are at the door.
 

@@ -6,10 +6,12 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import MDP
+from mdm.problems.parameters import checked
 
 __all__ = ["river_swim"]
 
 
+@checked
 def river_swim(
     length: int = 6, *, left_reward: float = 5.0, right_reward: float = 10_000.0, discount: float = 0.95
 ) -> MDP:

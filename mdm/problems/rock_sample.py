@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence  # noqa: TC003 - the command line reads the annotations
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import ModelError
 from mdm.models import Factor, FactoredPOMDP, Node, Potential, Space, Table, Tree, TwoSliceNetwork
+from mdm.number import is_whole
+from mdm.problems.parameters import checked
 
 __all__ = ["field_vision_rock_sample", "rock_sample"]
 
@@ -25,6 +27,7 @@ _STEPS = {"north": (0, 1), "east": (1, 0), "south": (0, -1), "west": (-1, 0)}
 _ACTION, _ROBOT, _ROBOT_THEN = Node("action", 0), Node("state", 0), Node("next_state", 0)
 
 
+@checked
 def rock_sample(
     size: int = 7,
     rocks: int = 8,
@@ -69,6 +72,7 @@ def rock_sample(
     return FactoredPOMDP(network, discount=discount)
 
 
+@checked
 def field_vision_rock_sample(
     size: int = 5,
     rocks: int = 5,
@@ -107,6 +111,10 @@ def field_vision_rock_sample(
     return FactoredPOMDP(_network(field, [], seen, sights), discount=discount)
 
 
+def _is_place(given: object) -> bool:
+    return isinstance(given, Sequence) and len(given) == 2 and all(map(is_whole, given))
+
+
 class _Field:
     """Where the rover may be and where the rocks are; after the cells comes the end."""
 
@@ -120,16 +128,20 @@ class _Field:
         if positions is None:
             drawn = np.random.default_rng(0).choice(size * size, rocks, replace=False).tolist()
             positions = _MAPS.get((size, rocks), [divmod(cell, size) for cell in drawn])
+        if not isinstance(positions, Sequence) or not all(map(_is_place, positions)):
+            raise ModelError(f"positions are a list of pairs of whole numbers, not {positions!r}")
+        if start is not None and not _is_place(start):
+            raise ModelError(f"the start is a pair of whole numbers, not {start!r}")
         if len(positions) != rocks or len(set(map(tuple, positions))) != rocks:
             raise ModelError(f"{rocks} rocks need as many positions, each another one, not {list(positions)}")
         self.size = size
         self.half_distance = half_distance
         self.end = size * size
         self.rocks = [self._cell(place, "a rock") for place in positions]
-        self.start = self._cell(start or (0, size // 2), "the start")
+        self.start = self._cell((0, size // 2) if start is None else start, "the start")
 
     def _cell(self, place: Place, what: str) -> int:
-        if len(place) != 2 or not all(0 <= number < self.size for number in place):
+        if not all(0 <= number < self.size for number in place):
             raise ModelError(f"{what} is at {tuple(place)}, outside the field of {self.size} x {self.size} cells")
         return place[0] * self.size + place[1]
 

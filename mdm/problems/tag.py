@@ -8,6 +8,7 @@ import numpy.typing as npt
 from mdm.errors import ModelError
 from mdm.models import Factor, FactoredPOMDP, Node, Space, Table, Tree, TwoSliceNetwork
 from mdm.problems.grid import Grid
+from mdm.problems.parameters import checked
 
 __all__ = ["tag"]
 
@@ -23,6 +24,7 @@ _MOVES = {"north": 0, "south": 2, "east": 1, "west": 3}
 _CATCH = len(_MOVES)
 
 
+@checked
 def tag(field: str = _FIELD, *, discount: float = 0.95) -> FactoredPOMDP:
     """Return tag: a robot is to catch a target, which it sees only from the same cell.
 

@@ -6,10 +6,12 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import POMDP
+from mdm.problems.parameters import checked
 
 __all__ = ["tiger"]
 
 
+@checked
 def tiger(accuracy: float = 0.85, *, discount: float = 0.95) -> POMDP:
     """Return the tiger problem: two doors, behind one of them a tiger.
 

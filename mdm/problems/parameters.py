@@ -1,0 +1,47 @@
+"""Parameters of problems: each is of the kind that its annotation says."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+from mdm.errors import ModelError
+from mdm.number import is_number, is_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["checked"]
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_KINDS: dict[str, tuple[Callable[[object], bool], type, str]] = {
+    "int": (is_whole, int, "a whole number"),
+    "float": (is_number, float, "a number"),
+    "str": (lambda given: isinstance(given, str), str, "a text"),
+}
+
+
+def checked(problem: Callable[P, T]) -> Callable[P, T]:
+    """Return a problem that refuses numbers and texts of another kind than it takes; numpy's become plain ones.
+
+    Its module keeps annotations as text; parameters of other kinds than ``int``, ``float`` and ``str`` are its own
+    affair.
+    """
+    signature = inspect.signature(problem)
+
+    @functools.wraps(problem)
+    def check(*positional: P.args, **named: P.kwargs) -> T:
+        given = signature.bind(*positional, **named)
+        arguments: dict[str, Any] = given.arguments
+        for name, value in arguments.items():
+            if (kind := _KINDS.get(signature.parameters[name].annotation)) is not None:
+                fits, convert, what = kind
+                if not fits(value):
+                    raise ModelError(f"{name} is {what}, not {value!r}")
+                arguments[name] = convert(value)
+        return problem(*given.args, **given.kwargs)
+
+    return check

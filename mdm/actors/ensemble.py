@@ -195,6 +195,10 @@ class Ensemble(Layer):
                 lines += [f"  {name}: {first}", *(f"  {line}" for line in rest)]
         return "\n".join(lines)
 
+    def __repr__(self) -> str:
+        """Return its name, what it is and its mode."""
+        return f"<Ensemble {self.name!r}: {self.summary()}, {self.mode}>"
+
     def summary(self) -> str:
         """Return what kind of process it is, in a few words."""
         policy, drive = self.controller.policy, self.control.drive

@@ -50,6 +50,10 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     function = _problem(arguments.words[0])
     parser = _parser(function)
+    if len(arguments.words) > 1 and not arguments.words[1].startswith("-"):
+        options = [_option(name) for name in inspect.signature(function).parameters]
+        value = arguments.words[1]
+        raise UsageError(f"parameters are given by name, such as {options[0]} {value}: there are {', '.join(options)}")
     try:
         given = vars(parser.parse_args(arguments.words[1:]))
     except SystemExit as stop:

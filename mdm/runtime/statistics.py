@@ -78,6 +78,15 @@ class Histogram(msgspec.Struct, frozen=True):
     maximum: float
     counts: tuple[int, ...]
 
+    def __repr__(self) -> str:
+        """Return how many there were and how long they took, in place of the buckets."""
+        if not self.count:
+            return "Histogram(count=0)"
+        mean, late = self.total / self.count, self.quantile(0.99)
+        return (
+            f"Histogram(count={self.count}, mean={mean:.3g} s, 99 % within {late:.3g} s, maximum={self.maximum:.3g} s)"
+        )
+
     def quantile(self, fraction: float) -> float:
         """Return the upper bound in seconds of the bucket in which the given fraction of all latencies has come.
 

@@ -57,6 +57,13 @@ class Solution(msgspec.Struct, frozen=True):
     reason: Reason
     history: tuple[Progress, ...]
 
+    def __repr__(self) -> str:
+        """Return the certificate, without the history."""
+        return (
+            f"Solution({self.policy!r}, {self.solver}, value {self.lower:.6g} to {self.upper:.6g}, "
+            f"{self.iterations} iterations in {self.seconds:.3g} s, stopped: {self.reason})"
+        )
+
     @property
     def gap(self) -> float:
         """How far the bounds are apart."""

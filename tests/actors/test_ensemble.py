@@ -473,3 +473,7 @@ def test_a_callback_that_raises_a_cancellation_leaves_other_ensembles_alone():
 
     run_virtual(main)
     assert decided in ({"first": 51, "second": 51}, {"first": 50, "second": 50})
+
+
+def test_an_ensemble_prints_what_it_is_and_its_mode():
+    assert repr(leaf("robot")) == "<Ensemble 'robot': MDP, 2 states, 2 actions, event-driven, stopped>"

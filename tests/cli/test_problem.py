@@ -63,6 +63,7 @@ def test_texts_and_negative_numbers(mdm, tmp_path):
         (["tigre"], "there is no problem 'tigre'; did you mean tiger?"),
         (["xyzzy"], "`mdm problem` lists them"),
         (["--list", "tiger"], "--list goes without"),
+        (["aloha", "10"], "parameters are given by name, such as --levels 10: there are --levels, --arrivals"),
         (["tiger"], "required: -o"),
         (["tiger", "--acuracy", "0.8", "-o", "x.pomdp"], "unrecognized arguments: --acuracy"),
         (["tiger", "--accuracy", "high", "-o", "x.pomdp"], "--accuracy: a number was expected, not 'high'"),

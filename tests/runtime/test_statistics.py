@@ -21,3 +21,13 @@ def test_latencies_are_exact_to_an_eighth_of_an_octave(values):
         rank = max(1, -(-fraction * len(values) // 1))
         exact = sorted(values)[int(rank) - 1] / 1e9
         assert exact <= histogram.quantile(fraction) * (1 + 1e-9) <= exact * 1.2 + 2e-9
+
+
+def test_a_histogram_prints_in_one_line():
+    latencies = Latencies()
+    assert repr(latencies.snapshot()) == "Histogram(count=0)"
+    for _ in range(4):
+        latencies.record(2_000_000)
+    text = repr(latencies.snapshot())
+    assert text.startswith("Histogram(count=4, mean=0.002 s, ")
+    assert text.endswith("maximum=0.002 s)")

@@ -64,6 +64,7 @@ def test_texts_and_negative_numbers(mdm, tmp_path):
         (["xyzzy"], "`mdm problem` lists them"),
         (["--list", "tiger"], "--list goes without"),
         (["aloha", "10"], "parameters are given by name, such as --levels 10: there are --levels, --arrivals"),
+        (["rock_sample", "--size", "-1", "-o", "x.npz"], "mdm problem rock_sample: error: a field of -1 x -1"),
         (["tiger"], "required: -o"),
         (["tiger", "--acuracy", "0.8", "-o", "x.pomdp"], "unrecognized arguments: --acuracy"),
         (["tiger", "--accuracy", "high", "-o", "x.pomdp"], "--accuracy: a number was expected, not 'high'"),

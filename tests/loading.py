@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import warnings
 
-from mdm import load_model
+import pytest
+
+from mdm import FormatError, load_model
 from mdm.errors import ModelWarning
 
 
@@ -22,3 +24,14 @@ def written(folder, text, name="x.policy"):
     path = folder / name
     path.write_text(text)
     return path
+
+
+def assert_refused_where_it_breaks(path, expected):
+    """Have a broken file refused: at its line, where one is expected, and in the words that are."""
+    with pytest.raises(FormatError) as caught:
+        load(path)
+    assert caught.value.file == str(path)
+    if expected["line"] is not None:
+        assert caught.value.line == expected["line"]
+    for words in expected["message_mentions"]:
+        assert words in str(caught.value)

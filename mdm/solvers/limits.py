@@ -71,7 +71,8 @@ class Limits:
 
     def __enter__(self) -> Self:
         self._began = self._clock()
-        if threading.current_thread() is threading.main_thread():
+        ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN  # by a shell that runs this in the background
+        if threading.current_thread() is threading.main_thread() and not ignored:
             self._previous = signal.signal(signal.SIGINT, self._on_signal)
         return self
 

@@ -12,25 +12,12 @@ from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, ObservationFact
 from mdm.messages import Action, Belief, Control, Observation, Reward, State
 from mdm.models import MDP, POMDP
 from mdm.policies import AlphaVectors, BeliefPolicy, DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
+from mdm.problems import tiger
 from mdm.testing import capture_decisions, probe, run_virtual
 
 
 def nothing():
     pass
-
-
-def tiger(discount=0.95):
-    hear = [[0.85, 0.15], [0.15, 0.85]]
-    half = np.full((2, 2), 0.5)
-    return POMDP(
-        [np.eye(2), half, half],
-        [hear, half, half],
-        [[-1, -100, 10], [-1, 10, -100]],
-        discount=discount,
-        states=["left", "right"],
-        actions=["listen", "open-left", "open-right"],
-        observation_names=["hear-left", "hear-right"],
-    )
 
 
 # open a door when surer than 0.9, else listen

@@ -16,7 +16,7 @@ from programs import python
 import mdm
 from mdm.actors import ControlLayer
 from mdm.actors.search_process import SearchProcess
-from mdm.messages import Answer, State
+from mdm.messages import Answer, Question, State
 from mdm.testing import capture_decisions, probe, run_virtual
 
 TIGER = EXAMPLES / "tiger.pomdp"
@@ -169,16 +169,16 @@ def test_a_stimulus_meanwhile_is_taken_in_and_asked_about_anew(tiger):
 def test_what_was_asked_before_a_reset_decides_nothing(tiger):
     async def main(runtime):
         one = ensemble(tiger, drive=mdm.FixedRate(20.0), seconds=0.01)
+        made = runtime.decisions.stream()
         with capture_decisions(runtime) as decisions:
+            questions = runtime.channel("tiger/question", Question).stream()
             await runtime.start(one)
-            while not (asked := one.control.planner.statistics().asked):  # nothing answers before there is a process
-                await asyncio.sleep(0.005)
+            asked = (await anext(questions)).number  # nothing answers before there is a process
             one.reset()
             runtime.channel("tiger/answer", Answer).publish(Answer(runtime.clock.now(), asked, 1, "search"))
             assert not decisions
             await one.ready()
-            while not decisions:
-                await asyncio.sleep(0.005)
+            await anext(made)
         assert (decisions[0].epoch, decisions[0].cause, decisions[0].action) == (0, "tick", 0)
 
     live(main)
@@ -188,9 +188,9 @@ def test_at_a_fixed_rate_what_was_asked_is_asked_anew_from_a_belief_from_outside
     async def main(runtime):
         one = ensemble(tiger, drive=mdm.FixedRate(20.0), seconds=0.01)
         with capture_decisions(runtime) as decisions:
+            questions = runtime.channel("tiger/question", Question).stream()
             await runtime.start(one)
-            while not (asked := one.control.planner.statistics().asked):  # nothing answers before there is a process
-                await asyncio.sleep(0.005)
+            asked = (await anext(questions)).number  # nothing answers before there is a process
             one.publish_belief([1.0, 0.0])
             one.publish_belief([np.nan, 0.0])
             for number in (asked, asked + 1):
@@ -407,18 +407,17 @@ def test_a_process_that_is_stopped_is_told_where_nothing_else_decides(tiger, mon
         answers = runtime.channel("tiger/answer", Answer).stream()
         await one.ready()
         await anext(answers)
-        faults = probe(runtime.faults)
+        faults, told = probe(runtime.faults), runtime.faults.stream()
         os.kill(one.control.planner.pid, signal.SIGSTOP)
         try:
-            for _ in range(2):
-                one.publish_observation(0)
-                while not faults:
-                    await asyncio.sleep(0.01)
-            told = len(faults)
+            one.publish_observation(0)
+            await anext(told)
+            one.publish_observation(0)
+            count = len(faults)
         finally:
             os.kill(one.control.planner.pid, signal.SIGCONT)
         await anext(answers)
-        return told, faults[0]
+        return count, faults[0]
 
     told, fault = live(main)
     assert told == 1

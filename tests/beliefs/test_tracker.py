@@ -14,6 +14,7 @@ from mdm import load_model
 from mdm.beliefs import BeliefTracker, Support
 from mdm.errors import ModelError, ModelWarning
 from mdm.models import POMDP, Factor, Space
+from mdm.problems import tiger
 
 FILES = ("Access_Synch.pgmx", "DTPGMX.pgmx", "fireFighting_2_3_3.dpomdp.gz")
 
@@ -141,11 +142,6 @@ def as_matrices(model, *, sparse):
     )
 
 
-def tiger():
-    listen = [[0.85, 0.15], [0.15, 0.85]]
-    return POMDP([np.eye(2)], [listen], [[-1.0], [-1.0]], discount=0.95)
-
-
 def test_a_belief_that_was_handed_out_never_changes():
     tracker = BeliefTracker(tiger())
     tracker.update(0, 0)
@@ -258,7 +254,7 @@ def test_what_is_no_distribution_is_refused_and_changes_nothing(belief):
 
 @pytest.mark.parametrize(
     ("action", "observation", "message"),
-    [(1, 0, "no action 1"), (-1, 0, "no action -1"), (0, 2, "no observation 2"), (0, -1, "no observation -1")]
+    [(3, 0, "no action 3"), (-1, 0, "no action -1"), (0, 2, "no observation 2"), (0, -1, "no observation -1")]
     + [
         (0, (0, None), "1 components, not 2"),
         (0, (0, 1), "needs a component for each of agent"),

@@ -5,23 +5,12 @@ from __future__ import annotations
 import json
 
 import pytest
-from places import ROOT, TIGER, TIGER_VECTORS
+from places import MODELS, ROOT, TIGER, TIGER_VECTORS
 
 from mdm import save_policy
 from mdm.policies import FiniteStateController
 
-CHAIN = """discount: 0.9
-values: reward
-states: 3
-actions: stay go
-T: stay identity
-T: go
-0 1 0
-0 0 1
-0 0 1
-R: go : 1 : * : * 5
-R: * : 2 : * : * 1
-"""
+CHAIN = MODELS / "chain.mdp"
 
 
 def test_a_policy_over_beliefs_is_simulated(mdm, facts):
@@ -47,13 +36,12 @@ def test_a_wrong_claim_is_contradicted(mdm, by, told, words, facts, shifted):
 
 
 def test_tables_and_controllers_have_exact_values(tmp_path, facts):
-    chain, table, graph = tmp_path / "chain.mdp", tmp_path / "table.policy", tmp_path / "listen.npz"
-    chain.write_text(CHAIN)
+    table, graph = tmp_path / "table.policy", tmp_path / "listen.npz"
     table.write_text("[3](1,1,0)")
-    found = facts("evaluate", chain, table)
+    found = facts("evaluate", CHAIN, table)
     assert found["exact"] == pytest.approx((10 + 14 + 0.9 * 14) / 3)
     assert (found["exact_min"], found["exact_max"], found["mean"]) == (pytest.approx(10), pytest.approx(14), None)
-    found = facts("evaluate", chain, table, "--episodes", "500", "--seed", "1")
+    found = facts("evaluate", CHAIN, table, "--episodes", "500", "--seed", "1")
     assert abs(found["mean"] - found["exact"]) < 4 * found["standard_error"]
     save_policy(FiniteStateController([0], [[0, 0]], 3), graph)
     assert facts("evaluate", TIGER, graph)["exact"] == pytest.approx(-20)

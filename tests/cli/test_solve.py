@@ -9,27 +9,15 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from places import ROOT
+from places import MODELS, TIGER
 
 from mdm import evaluate, load_model, load_policy
 from mdm.models import MDP
 from mdm.policies import AlphaVectors
 from mdm.solvers import SOLVERS, Limits, exact_values
 
-TIGER = ROOT / "examples" / "tiger.pomdp"
-LAMP = ROOT / "tests" / "data" / "models" / "lamp.pomdpx"
-CHAIN = """discount: 0.9
-values: reward
-states: 3
-actions: stay go
-T: stay identity
-T: go
-0 1 0
-0 0 1
-0 0 1
-R: go : 1 : * : * 5
-R: * : 2 : * : * 1
-"""
+LAMP = MODELS / "lamp.pomdpx"
+CHAIN = MODELS / "chain.mdp"
 
 
 @pytest.fixture
@@ -119,9 +107,7 @@ def test_false_negatives_choose_a_solver_that_plans_for_them(mdm, tmp_path):
     status, _, errors = mdm("solve", *given, "--solver", "sarsop")
     assert (status, len(errors.splitlines())) == (1, 1)
     assert "SARSOP does not support false negatives" in errors
-    chain = tmp_path / "chain.mdp"
-    chain.write_text(CHAIN)
-    status, _, errors = mdm("solve", chain, "--false-negative", "0")
+    status, _, errors = mdm("solve", CHAIN, "--false-negative", "0")
     assert (status, errors) == (1, "mdm solve: an MDP has no observations, and so no false negatives\n")
 
 
@@ -169,8 +155,7 @@ def test_a_policy_in_place_of_a_model_is_told(mdm, tmp_path):
 
 
 def test_an_mdp_with_and_without_a_horizon(mdm, tmp_path):
-    path, table, staged = tmp_path / "chain.mdp", tmp_path / "chain.policy", tmp_path / "staged.npz"
-    path.write_text(CHAIN)
+    path, table, staged = CHAIN, tmp_path / "chain.policy", tmp_path / "staged.npz"
     model = load_model(path)
     assert isinstance(model, MDP)
     facts = json.loads(mdm("solve", path, "-o", table, "--json")[1][0])

@@ -6,11 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from loading import load
+from loading import assert_refused_where_it_breaks, load
 from places import CORPUS, each
 from random_models import dense
-
-from mdm import FormatError
 
 SUFFIXES = (".pomdp", ".mdp", ".dpomdp")
 
@@ -78,11 +76,4 @@ def test_quirks(corpus, file):
 @pytest.mark.foreign("a collection of broken model files")
 @pytest.mark.parametrize("file", each(sorted(MALFORMED)))
 def test_broken_files_are_refused_where_they_break(corpus, file):
-    expected = MALFORMED[file]
-    with pytest.raises(FormatError) as caught:
-        load(corpus / "malformed" / file)
-    assert file in str(caught.value)
-    if expected["line"] is not None:
-        assert caught.value.line == expected["line"]
-    for words in expected["message_mentions"]:
-        assert words in str(caught.value)
+    assert_refused_where_it_breaks(corpus / "malformed" / file, MALFORMED[file])

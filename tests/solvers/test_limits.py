@@ -72,6 +72,18 @@ def test_the_second_ctrl_c_breaks_off():
     assert limits.reason == "interrupted"
 
 
+def test_what_a_shell_ignores_stays_ignored():
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with Limits() as limits:
+            signal.raise_signal(signal.SIGINT)
+            assert not limits.ends(0, 1, iterations=1, size=1)
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def test_in_another_thread_signals_are_left_alone():
     handlers = []
     before = signal.getsignal(signal.SIGINT)

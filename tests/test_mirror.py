@@ -8,7 +8,6 @@ PACKAGE, TESTS = ROOT / "mdm", ROOT / "tests"
 
 UNTESTED_ALONE = {
     "messages.py": "declares types alone",
-    "solvers/solution.py": "declares types alone",
     "actors/layer.py": "a base: its layers are tested",
     "problems/agents.py": "a line that the problems of teams share",
     "policies/constant_policy.py": "with the random policy, which makes the same promises",

@@ -14,7 +14,7 @@ import msgspec
 
 from mdm.actors.binding import Binding, Callback, bind
 from mdm.actors.layer import Layer
-from mdm.errors import ConfigError
+from mdm.errors import ConfigError, Error
 from mdm.logic import similar
 from mdm.messages import Action, ActionLife, ActionStatus
 from mdm.runtime import ActorStatistics, Histogram, Latencies
@@ -263,7 +263,10 @@ class ActionLayer(Layer):
         """Take what a function has returned: an awaitable runs as a task."""
         if inspect.isawaitable(result):
             self._keep(life)
-            life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=life.name)
+            try:
+                life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=life.name)
+            except Error as error:  # the layer has ended already
+                self._finish(life, "failed", describe(error))
         elif inspect.isgenerator(result) or inspect.isasyncgen(result):
             self._end_life(life, "failed", f"returned {result!r}, of which nothing has run")
         else:
@@ -380,6 +383,8 @@ class ActionLayer(Layer):
             self._current = None
         elif self._beside.get(life.name) is life:
             del self._beside[life.name]
+        else:
+            return  # it was abandoned, and an ensemble that was abandoned ends all the same
         for timer in (life.deadline, life.grace):
             if timer is not None:
                 timer.cancel()

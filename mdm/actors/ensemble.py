@@ -304,6 +304,20 @@ class Ensemble(Layer):
         """Call back, once, in a turn, when the ensemble is next stopped and none of its actions lives."""
         self._idle.append(call)
 
+    @property
+    def awaited(self) -> bool:
+        """Whether somebody waits for its end, as the action does that it is bound to."""
+        return bool(self._idle)
+
+    def safe_above(self) -> Ensemble | None:
+        """Return the nearest ensemble above this one that is safe, if any."""
+        above = self.parent
+        while isinstance(above, Ensemble):
+            if above.mode == "safe":
+                return above
+            above = above.parent
+        return None
+
     def _on_control(self, control: Control) -> None:
         if control.command in {"start", "resume"}:
             self.safety.start(control.time)

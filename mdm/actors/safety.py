@@ -75,6 +75,7 @@ class Safety:
         self._base = 0
         self._lost: set[str] = set()
         self._ending = False
+        self._last = False
         self._over = False
         self._ended: list[Callable[[], None]] = []
 
@@ -100,7 +101,7 @@ class Safety:
         ensemble = self._ensemble
         self.modes = Modes(ensemble.runtime.clock.now())
         self._told = ("stopped", ())
-        self._ending = self._over = False
+        self._ending = self._last = self._over = False
         self._ended.clear()
         self._lost.clear()
         self._channel = ensemble.channel("mode", Mode, retain=True)
@@ -142,8 +143,14 @@ class Safety:
         return self.modes.mode == "deciding" and not self._ending
 
     def start(self, time: int) -> None:
-        """Decide."""
-        if not self._ending:
+        """Decide, unless an ensemble above is safe: until that is over, nothing below it decides."""
+        ensemble = self._ensemble
+        above = ensemble.safe_above()
+        if above is not None and self.modes.mode == "stopped":
+            if not ensemble.awaited:
+                ensemble.report("control", f"was not started: ensemble {above.path!r} above it is safe", time=time)
+            ensemble.action.when_idle(ensemble.became_idle)
+        elif not self._ending:
             self._obey(self.modes.start(time), time)
 
     def stop(self, time: int) -> None:
@@ -225,7 +232,7 @@ class Safety:
                 self._ensemble.became_idle()
             elif order is Order.EMERGENCY:
                 self._call_emergency(time)
-            else:
+            elif not self._ending:  # what ends stays latched
                 self._base = action.started
                 action.admit()
                 if order is Order.RESUME:
@@ -243,7 +250,7 @@ class Safety:
     def _on_secured(self, failure: str | None) -> None:
         now = self._ensemble.runtime.clock.now()
         self._obey(self.modes.secured(failure, now), now)
-        if self._ending and not self.modes.securing:
+        if self._last and not self.modes.securing:
             self._finish()
 
     def _call_emergency(self, time: int) -> None:
@@ -293,6 +300,7 @@ class Safety:
         one()
 
     def _end(self, kind: str, detail: str) -> None:
+        self._last = True  # a safe action that ran before, for another cause, is not the one that ends it all
         now = self._ensemble.runtime.clock.now()
         if not self._has_safe_action:
             self._obey(self.modes.stop(now), now)

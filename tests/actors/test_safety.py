@@ -350,6 +350,87 @@ def test_at_the_end_the_outermost_has_the_last_word_and_one_failure_stops_no_oth
     assert log == sorted(log, key=["bottom", "middle", "top"].index)
 
 
+def two_levels(log, *actions, safe_action):
+    """An ensemble whose sensor grows old after a second, one below it that works for ever, and that sensor."""
+    manager = PredicateManager()
+    sensor = manager.sensor("S", max_age=1.0)
+    work, safe = log.slow("Work", 1e6), log.slow("BELOW", 3.0)
+    below = Ensemble("below", policy=[0], actions={"Work": work}, safe_action=safe)
+    top = Ensemble(
+        "top",
+        policy=DeterministicPolicy([0, 0], 2),
+        actions={action: below if action == "Below" else log.plain(action) for action in actions},
+        predicates=manager,
+        states=[StateFactor("s", ["S"])],
+        safe_action=safe_action,
+    )
+    return top, below, sensor
+
+
+def test_a_safe_action_that_runs_already_is_not_the_last_word_over_what_is_below():
+    log = Log()
+
+    async def main(runtime):
+        top, below, sensor = two_levels(log, "Rest", "Below", safe_action=log.slow("TOP", 2.0))
+        await runtime.start(top)
+        below.publish_state(0)
+        below.start()  # by hand
+        sensor.set(True)
+        await asyncio.sleep(2)  # top is safe, and its safe action runs for another second
+
+    run_virtual(main)
+    expected = ["Rest", "Work begins", "TOP begins", "Work ends", "BELOW begins", "TOP ends", "BELOW ends"]
+    assert log == [*expected, "TOP begins", "TOP ends"]
+
+
+@pytest.mark.parametrize("how", ["release", "input"])
+def test_while_it_ends_there_is_no_way_back(how):
+    log = Log()
+
+    async def main(runtime):
+        top, below, sensor = two_levels(log, "Rest", "Below", safe_action=log.plain("TOP"))
+        await runtime.start(top)
+        below.publish_state(0)
+        below.start()  # by hand
+        sensor.set(True)
+        await asyncio.sleep(2)
+        assert log == ["Rest", "Work begins", "TOP"]
+        ending = asyncio.create_task(runtime.stop(top))
+        await asyncio.sleep(1)
+        if how == "release":
+            top.release()
+        else:
+            sensor.set(False)
+        await ending
+
+    run_virtual(main)
+    assert log == ["Rest", "Work begins", "TOP", "Work ends", "BELOW begins", "BELOW ends", "TOP"]
+
+
+def test_below_an_ensemble_that_is_safe_nothing_is_started_by_hand():
+    log = Log()
+
+    async def main(runtime):
+        top, below, sensor = two_levels(log, "Below", "Rest", safe_action=log.slow("TOP", 5.0))
+        faults = probe(runtime.faults)
+        await runtime.start(top)
+        below.publish_state(0)
+        sensor.set(True)
+        await asyncio.sleep(1.5)
+        below.start()
+        await asyncio.sleep(1)
+        assert log == ["Work begins", "Work ends", "TOP begins"]
+        assert below.mode == "stopped"
+        assert (faults[-1].source, faults[-1].kind) == ("top/below", "control")
+        assert faults[-1].detail == "was not started: ensemble 'top' above it is safe"
+        await asyncio.sleep(5)
+        sensor.set(False)
+        await asyncio.sleep(0.5)
+        assert log[3:] == ["TOP ends", "Work begins"]
+
+    run_virtual(main)
+
+
 @pytest.mark.parametrize("work", ["plain", "async"])
 def test_what_is_below_is_latched_with_what_is_above(work):
     log = Log()

@@ -222,6 +222,8 @@ class Safety:
                 self.waiting.end()
                 self.runs += 1
                 control.hold(self._done)
+                for below in self._ensemble.subensembles:
+                    below.safety.stop_alone()
                 action.secure(self._on_secured, patience=self._ensemble.settling)
             elif order is Order.HALT:
                 self.waiting.end()
@@ -315,6 +317,13 @@ class Safety:
             ended, self._ended = self._ended, []
             for tell in ended:
                 tell()
+
+    def stop_alone(self) -> None:
+        """Stop what was started by hand, here and below; what an action has started, the end of that action stops."""
+        for below in self._ensemble.subensembles:
+            below.safety.stop_alone()
+        if self.modes.mode == "deciding" and not self._ensemble.awaited:
+            self._ensemble.interrupt()
 
     def latch(self) -> None:
         """Let nothing more that was or is decided start."""

@@ -322,7 +322,7 @@ class Safety:
         """Stop what was started by hand, here and below; what an action has started, the end of that action stops."""
         for below in self._ensemble.subensembles:
             below.safety.stop_alone()
-        if self.modes.mode == "deciding" and not self._ensemble.awaited:
+        if self.modes.mode != "stopped" and not self._ending and not self._ensemble.awaited:
             self._ensemble.interrupt()
 
     def latch(self) -> None:

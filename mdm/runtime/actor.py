@@ -390,7 +390,7 @@ class Actor:
         """Live as a task of a group, and wait until it runs; the runtime and parents call this."""
         self.__ended = anyio.Event()
         self.__request = "none"
-        start = Start()
+        start = Start(lambda error: self.report("exception", describe(error)))
         group.start_soon(self.__run, runtime, start)
         await start.wait()
 

@@ -8,7 +8,7 @@ import pytest
 from recorded import Recorded
 
 from mdm import Actor
-from mdm.testing import run_virtual
+from mdm.testing import probe, run_virtual
 
 
 def test_what_a_start_raises_is_raised_to_the_starter_and_stops_those_before():
@@ -59,3 +59,25 @@ def test_a_cancelled_start_ends_what_has_started_in_good_order():
     assert log[0] == ("start", "parent")
     assert log[-2:] == [("stopping", "parent"), ("stop", "parent")] or log[-3] == ("stopping", "parent")
     assert sum(what == "start" for what, _ in log) == sum(what == "stop" for what, _ in log)
+
+
+@pytest.mark.parametrize("cancelled", [0.5, 1.0])
+def test_what_a_start_raises_to_nobody_is_reported(cancelled):
+    class Broken(Actor):
+        def on_start(self):
+            raise LookupError("no device")
+
+        async def on_stopping(self):
+            await asyncio.sleep(1.0)
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        starting = asyncio.create_task(runtime.start(Broken("broken")))
+        asyncio.get_running_loop().call_later(cancelled, starting.cancel)
+        await asyncio.wait([starting])
+        await asyncio.sleep(2.0)
+        return [fault.detail for fault in faults if "no device" in fault.detail], starting.cancelled()
+
+    told, was_cancelled = run_virtual(main)
+    assert len(told) == was_cancelled
+    assert was_cancelled or cancelled == 1.0

@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test lint types docs bench clean
+.PHONY: demo test chaos lint types docs bench clean
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("mdm needs Python 3.11 or later" if sys.version_info < (3, 11) else 0)'
@@ -17,6 +17,11 @@ demo: $(READY)
 # In parallel, a test file on one worker as far as may be: its fixtures are made once. For one file, call pytest itself.
 test: $(READY)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
+
+# Random systems under random faults, over two processes; violations are printed with their seeds.
+MDM_CHAOS ?= 100000
+chaos: $(READY)
+	PYTHONPATH=tests $(BIN)/python -m chaos $(MDM_CHAOS)
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -351,7 +351,7 @@ def test_at_the_end_the_outermost_has_the_last_word_and_one_failure_stops_no_oth
 
 
 def two_levels(log, *actions, safe_action, cleanup=0.0):
-    """An ensemble whose sensor grows old after a second, one below it that works until it is stopped, and that sensor."""
+    """An ensemble whose sensor grows old after a second, one below it that works, and that sensor."""
     manager = PredicateManager()
     sensor = manager.sensor("S", max_age=1.0)
 

@@ -1,0 +1,10 @@
+"""Some random systems under random faults; ``make chaos`` runs many more of them."""
+
+from __future__ import annotations
+
+from chaos.scenario import Scenario
+
+
+def test_no_scenario_violates_an_oracle():
+    found = {seed: wrong for seed in range(200) if (wrong := Scenario(seed).run())}
+    assert found == {}

@@ -1,0 +1,84 @@
+"""Faults planted in the implementation: the oracles find each of them."""
+
+from __future__ import annotations
+
+import pytest
+from chaos.scenario import Scenario
+
+from mdm.actors.action_layer import ActionLayer
+from mdm.actors.safety import Safety
+from mdm.runtime import Actor
+
+MOST = 1000
+"""Scenarios in which a planted fault is found."""
+
+
+def drop_the_latch(patch):
+    def latch(self):
+        self._pending = None
+
+    patch.setattr(ActionLayer, "latch", latch)
+
+
+def begin_before_the_old_one_has_ended(patch):
+    choose = ActionLayer._choose
+
+    def hasty(self, name, binding, action):
+        self._current = None
+        choose(self, name, binding, action)
+
+    patch.setattr(ActionLayer, "_choose", hasty)
+
+
+def do_not_cancel_before_the_safe_action(patch):
+    patch.setattr(ActionLayer, "_cancel_all", lambda self: setattr(self, "_current", None))
+
+
+def lose_the_timer_of_the_timeout(patch):
+    cancel = ActionLayer._cancel
+
+    def lose(self, life, ending):
+        if ending != "timed_out":
+            cancel(self, life, ending)
+
+    patch.setattr(ActionLayer, "_cancel", lose)
+
+
+def end_a_life_twice(patch):
+    finish = ActionLayer._finish
+
+    def twice(self, life, status, detail=""):
+        finish(self, life, status, detail)
+        self._end_life(life, status, detail)
+
+    patch.setattr(ActionLayer, "_finish", twice)
+
+
+def forget_the_safe_action_at_the_end(patch):
+    patch.setattr(Safety, "_end", lambda self, kind, detail: self._finish())
+
+
+def let_the_end_not_wait_for_what_is_below(patch):
+    patch.setattr(Safety, "end", lambda self, kind, detail, ended: (self._ended.append(ended), self._end(kind, detail)))
+
+
+def swallow_a_failure(patch):
+    patch.setattr(Actor, "fail", lambda self, error: None)
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        drop_the_latch,
+        begin_before_the_old_one_has_ended,
+        do_not_cancel_before_the_safe_action,
+        lose_the_timer_of_the_timeout,
+        end_a_life_twice,
+        forget_the_safe_action_at_the_end,
+        let_the_end_not_wait_for_what_is_below,
+        swallow_a_failure,
+    ],
+)
+def test_a_planted_fault_is_found(plant, monkeypatch):
+    plant(monkeypatch)
+    assert any(Scenario(seed).run() for seed in range(MOST))

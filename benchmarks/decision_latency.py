@@ -221,14 +221,18 @@ async def scale(counts: list[int], rounds: int, repeats: int) -> list[dict[str, 
 
 
 async def saturate(runtime: mdm.Runtime, count: int) -> list[dict[str, Any]]:
-    """Publish from another thread as fast as it goes: nothing may be lost; what a stream drops is counted."""
+    """Publish from another thread as fast as it goes: what is received, replaced or dropped is counted, all of it."""
     callback = Callback()
     ensemble, sensor = robot("saturated", callback)
     await runtime.start(ensemble)
-    stream = runtime.channel("saturated/state", State, retain=True).stream(capacity=64)
+    states = runtime.channel("saturated/state", State, retain=True)
+    stream, stated = states.stream(capacity=64), states.published
     done = asyncio.Event()
     loop = asyncio.get_running_loop()
-    sensed = runtime.channel("saturated/predicates-saturated/sensed", SensorUpdate)
+    assert ensemble.predicates is not None
+    sensed = runtime.channel(f"{ensemble.predicates.path}/sensed", SensorUpdate)
+    counts = runtime.dispatcher.statistics
+    replaced = counts().replaced
     before, first = sensed.published, ensemble.controller.epoch
 
     def flood() -> None:
@@ -253,7 +257,9 @@ async def saturate(runtime: mdm.Runtime, count: int) -> list[dict[str, Any]]:
             "per second": count / seconds,
             "received": published,
             "decisions": decided,
-            "lost": count - decided,
+            "replaced (counted)": counts().replaced - replaced,
+            "lost": count - published - (counts().replaced - replaced),
+            "states": states.published - stated,
             "stream took": taken,
             "stream dropped (counted)": stream.dropped,
         }

@@ -47,7 +47,7 @@ def test_benchmark(tmp_path, name):
         }
         (saturation,) = results["saturation"]
         assert saturation["lost"] == 0
-        assert saturation["stream took"] + saturation["stream dropped (counted)"] == saturation["stimuli"] + 1
+        assert saturation["stream took"] + saturation["stream dropped (counted)"] == saturation["states"] + 1
     elif name == "solvers":
         assert {row["problem"] for row in results["mdps"]} == {"forest", "grid", "large grid"}
         assert all(float(row["error"]) <= 1e-3 for row in results["mdps"])

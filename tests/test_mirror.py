@@ -24,6 +24,8 @@ UNTESTED_ALONE = {
 """Modules that have no tests of their own, and where they are tested."""
 
 ACROSS = {
+    "chaos/test_chaos.py": "random systems under random faults",
+    "chaos/test_planted.py": "that the scenarios find faults that are planted",
     "cli/test_commands.py": "what all verbs have in common",
     "actors/test_controller_run.py": "control layers that run the nodes of a plan",
     "formats/test_policy_corpus.py": "the policies of other programs, in every format",

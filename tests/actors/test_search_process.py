@@ -37,9 +37,9 @@ def run(main, **options):
 
 def test_it_answers_what_the_search_finds():
     async def main(process):
-        process.ask(1, *HALF, 0)
+        process.ask(1, *HALF)
         first = await process.answer()
-        process.ask(2, *SURE, 1)
+        process.ask(2, *SURE)
         return first, await process.answer(), process.pid
 
     (first, second, pid), status = run(main, expansions=300, seed=4)
@@ -54,10 +54,10 @@ def test_it_answers_what_the_search_finds():
 
 def test_a_newer_question_ends_the_search_for_the_older():
     async def main(process):
-        process.ask(1, *HALF, 0)
-        process.ask(2, *SURE, 1)
+        process.ask(1, *HALF)
+        process.ask(2, *SURE)
         number, _ = await process.answer()
-        process.ask(3, *SURE, 2)
+        process.ask(3, *SURE)
         return number, (await process.answer())[0]
 
     (first, second), _ = run(main, seconds=3600.0)

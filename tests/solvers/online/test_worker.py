@@ -30,7 +30,7 @@ def test_it_ends_where_its_input_does(given):
 
 def test_it_is_ready_then_answers_each_question():
     search = TreeSearch(tiger(), expansions=40, seed=2)
-    question = (7, np.array([0, 1]), np.array([0.5, 0.5]), 0)
+    question = (7, np.array([0, 1]), np.array([0.5, 0.5]))
     given = frame(search.parts()) + frame(question)
     done = subprocess.run(PROGRAM, input=given, capture_output=True)
     ready, (number, result) = answers(done.stdout)

@@ -162,6 +162,9 @@ class Controller:
         except ModelError as error:
             raise ConfigError(str(error), key="initial_belief") from None
 
+    def __repr__(self) -> str:
+        return f"<Controller: {self.policy!r}, epoch {self.epoch}>"
+
     # -- Deciding ------------------------------------------------------------------------------------------------
 
     def start(self, at: Symbol | npt.ArrayLike | None = None) -> Step:

@@ -197,6 +197,8 @@ class Ensemble(Layer):
 
     def __repr__(self) -> str:
         """Return its name, what it is and its mode."""
+        if not hasattr(self, "controller") or not hasattr(self, "safety"):  # its construction failed half way
+            return f"<Ensemble {self.name!r}>"
         return f"<Ensemble {self.name!r}: {self.summary()}, {self.mode}>"
 
     def summary(self) -> str:

@@ -59,6 +59,7 @@ class BeliefTracker:
             )
         self._space = model.observation_space
         self._actions = model.action_space
+        self._states = model.state_space
         self._by_support = by_support
         self._size = len(model.state_space)
         self._num_actions = len(model.action_space)
@@ -98,11 +99,16 @@ class BeliefTracker:
         return self._filter.is_sparse
 
     def reset(self, belief: npt.ArrayLike | Support | None = None) -> None:
-        """Begin from a belief (S numbers that sum to 1, or a `Support`), by default the model's initial one.
+        """Begin from a belief, by default the model's initial one.
+
+        Args:
+            belief: S numbers that sum to 1, or a `Support`; or the name or index of a state that is certain.
 
         Raises:
             ModelError: If it is not a distribution over the states; the belief is unchanged.
         """
+        if isinstance(belief, str | int):
+            belief = Support(np.array([self._states.index(belief)]), np.ones(1))
         self._support = None
         if belief is None:
             self._belief = None

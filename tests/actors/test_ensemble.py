@@ -477,3 +477,10 @@ def test_a_callback_that_raises_a_cancellation_leaves_other_ensembles_alone():
 
 def test_an_ensemble_prints_what_it_is_and_its_mode():
     assert repr(leaf("robot")) == "<Ensemble 'robot': MDP, 2 states, 2 actions, event-driven, stopped>"
+
+
+def test_an_ensemble_whose_construction_failed_still_prints():
+    """Its repr stands in tracebacks and debuggers, and must not raise an error of its own."""
+    half = Ensemble.__new__(Ensemble)
+    half.name = "robot"
+    assert repr(half) == "<Ensemble 'robot'>"

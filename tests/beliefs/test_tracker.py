@@ -234,6 +234,17 @@ def test_several_steps_of_which_one_is_none_change_nothing():
     assert tracker.update(0, 0) == pytest.approx(0.85**2 + 0.15**2)
 
 
+def test_a_state_that_is_certain_goes_by_name_or_index():
+    tracker = BeliefTracker(tiger())
+    for state, belief in (("tiger-right", [0, 1]), (0, [1, 0])):
+        tracker.reset(state)
+        assert tracker.belief.tolist() == belief
+    for wrong in ("tiger-lft", 2, True):
+        with pytest.raises(ModelError, match="symbol"):
+            tracker.reset(wrong)
+    assert tracker.belief.tolist() == [1, 0]
+
+
 def test_stays_normalised_through_many_updates():
     tracker = BeliefTracker(tiger())
     for step in range(20_000):

@@ -1,0 +1,89 @@
+"""The end of ensembles: every one is made safe, the outermost last, with no way back."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from safe_robots import Log, forever, robot, two_levels
+
+from mdm import Ensemble
+from mdm.testing import run_virtual
+
+
+def test_an_async_safe_action_runs_to_its_end_at_the_end_of_the_runtime():
+    log = Log()
+
+    async def main(runtime):
+        one = robot(log, safe_action=log.slow("SAFE", 9.0))
+        await runtime.start(one)
+        one.publish_state(0)
+
+    run_virtual(main)
+    assert log == ["A", "SAFE begins", "SAFE ends"]
+
+
+@pytest.mark.parametrize("broken", [None, "bottom", "middle", "top"])
+def test_at_the_end_the_outermost_has_the_last_word_and_one_failure_stops_no_other(broken):
+    log = Log()
+
+    def safe(name):
+        async def make_safe():
+            await asyncio.sleep(0.5)
+            log.append(name)
+            if name == broken:
+                raise LookupError
+
+        return make_safe
+
+    async def main(runtime):
+        below = Ensemble("bottom", policy=[0], actions={"Work": forever}, safe_action=safe("bottom"))
+        middle = Ensemble("middle", policy=[0], actions={"Below": below}, safe_action=safe("middle"))
+        top = Ensemble("top", policy=[0], actions={"Below": middle}, safe_action=safe("top"))
+        await runtime.start(top)
+        for each in (below, middle, top):
+            each.publish_state(0)
+        assert below.action.live == ("Work",)
+
+    run_virtual(main)
+    assert list(dict.fromkeys(log)) == ["bottom", "middle", "top"]
+    assert log == sorted(log, key=["bottom", "middle", "top"].index)
+
+
+def test_a_safe_action_that_runs_already_is_not_the_last_word_over_what_is_below():
+    log = Log()
+
+    async def main(runtime):
+        top, below, sensor = two_levels(log, "Rest", "Below", safe_action=log.slow("TOP", 2.0), cleanup=3.0)
+        await runtime.start(top)
+        below.publish_state(0)
+        below.start()  # by hand
+        sensor.set(True)
+        await asyncio.sleep(2)  # top is safe, and its safe action runs for another second
+
+    run_virtual(main)
+    assert log == ["Rest", "Work begins", "TOP begins", "TOP ends", "Work ends", "TOP begins", "TOP ends"]
+
+
+@pytest.mark.parametrize("how", ["release", "input"])
+def test_while_it_ends_there_is_no_way_back(how):
+    log = Log()
+
+    async def main(runtime):
+        top, below, sensor = two_levels(log, "Rest", "Below", safe_action=log.plain("TOP"), cleanup=3.0)
+        await runtime.start(top)
+        below.publish_state(0)
+        below.start()  # by hand
+        sensor.set(True)
+        await asyncio.sleep(2)
+        assert log == ["Rest", "Work begins", "TOP"]
+        ending = asyncio.create_task(runtime.stop(top))
+        await asyncio.sleep(1)
+        if how == "release":
+            top.release()
+        else:
+            sensor.set(False)
+        await ending
+
+    run_virtual(main)
+    assert log == ["Rest", "Work begins", "TOP", "Work ends", "TOP"]

@@ -1,0 +1,200 @@
+"""The way back from safe modes: what the belief then is, releases, restarts and fresh input."""
+
+from __future__ import annotations
+
+import asyncio
+
+import numpy as np
+import pytest
+from safe_robots import Log, robot, sensed
+
+from mdm import PredicateManager, Restart, StateFactor, VirtualClock
+from mdm.messages import Mode
+from mdm.models import POMDP
+from mdm.policies import AlphaVectors, DeterministicPolicy
+from mdm.testing import capture_decisions, crash, probe, run_virtual
+
+# -- Deadlines and beliefs -----------------------------------------------------------------------------------------
+
+
+class Behind(VirtualClock):
+    """A clock that a slow policy moves on."""
+
+    behind = 0
+
+    def now(self):
+        return super().now() + self.behind
+
+
+class Slow(AlphaVectors):
+    """Takes 0.2 s for the decisions whose numbers are given."""
+
+    clock = None
+    late = ()
+    count = 0
+
+    def action(self, belief):
+        if self.count in self.late:
+            self.clock.behind += 200_000_000
+        self.count += 1
+        return self.count - 1 if self.count < 3 else 2
+
+
+def moving():
+    """Three actions that move the belief each in its own way."""
+    stay, half, flip = np.eye(2), np.full((2, 2), 0.5), np.array([[0.0, 1.0], [1.0, 0.0]])
+    blind = np.ones((2, 1))
+    return POMDP([stay, half, flip], [blind] * 3, np.zeros((2, 3)), discount=0.9, initial_belief=[0.9, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("safe", "after", "belief"),
+    [
+        ("2", "reset", [0.1, 0.9]),  # one of the model's: the belief goes by it
+        (None, "keep", [0.9, 0.1]),  # else by what was done before the late decision
+        (None, "reset", [0.9, 0.1]),  # or it starts anew
+    ],
+)
+def test_a_late_decision_does_not_move_the_belief_by_what_was_not_done(safe, after, belief):
+    log = Log()
+
+    async def main(runtime):
+        policy = Slow([[0.0, 0.0]], [0], 3)
+        policy.clock, policy.late = runtime.clock, (1,)
+        one = robot(
+            log,
+            policy=policy,
+            model=moving(),
+            actions={str(index): log.plain(str(index)) for index in range(3)},
+            safe_action=log.plain("SAFE") if safe is None else safe,
+            deadline=0.1,
+            after_safe=after,
+        )
+        await runtime.start(one)
+        with capture_decisions(runtime) as decisions:
+            one.publish_observation(0)
+            assert log == ["0", "SAFE" if safe is None else "2"]
+            assert decisions == []
+            assert one.mode == "safe"
+            one.publish_observation(0)
+            assert one.mode == "deciding"
+        assert decisions[0].belief == pytest.approx(belief)
+        assert decisions[0].epoch == (0 if safe is None and after == "reset" else 2)
+
+    run_virtual(main, clock=Behind())
+
+
+# -- Release -------------------------------------------------------------------------------------------------------
+
+
+def test_release_waits_for_the_safe_action_and_no_longer():
+    log = Log()
+
+    async def main(runtime):
+        one, _, sensor = sensed(log, max_age=1.0, safe_action=log.slow("SAFE", 3.0), on_unknown="continue")
+        told = probe(runtime.channel("robot/mode", Mode, retain=True))
+        await runtime.start(one)
+        sensor.set(False)
+        await asyncio.sleep(2)
+        one.release()
+        assert one.mode == "safe"
+        await asyncio.sleep(3)
+        assert one.mode == "deciding"
+        assert [(mode.mode, [cause.kind for cause in mode.causes], mode.time) for mode in told] == [
+            ("deciding", [], 0),
+            ("safe", ["stale_input"], 10**9),
+            ("safe", [], 2 * 10**9),
+            ("deciding", [], 4 * 10**9),
+        ]
+        late = probe(runtime.channel("robot/mode", Mode, retain=True))
+        assert [mode.mode for mode in late] == ["deciding"]
+
+    run_virtual(main)
+
+
+def test_a_stop_lets_the_safe_action_end_and_a_start_begins_anew():
+    log = Log()
+
+    async def main(runtime):
+        one, _, sensor = sensed(log, max_age=1.0, safe_action=log.slow("SAFE", 3.0))
+        await runtime.start(one)
+        sensor.set(False)
+        await asyncio.sleep(1.5)
+        one.stop()
+        idle = []
+        one.when_idle(lambda: idle.append(runtime.clock.now()))
+        await asyncio.sleep(5)
+        assert (one.mode, idle, log[-1]) == ("stopped", [4 * 10**9], "SAFE ends")
+        sensor.set(True)
+        assert log[-1] == "SAFE ends"
+        one.start()
+        assert log[-1] == "B"
+
+    run_virtual(main)
+
+
+# -- Restarts and fresh input --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_after_a_restart_nothing_old_is_decided_on(shared):
+    log = Log()
+
+    async def main(runtime):
+        one, manager, sensor = sensed(log, max_age=0.5, supervision=Restart(backoff=1.0))
+        if shared:
+            await runtime.start(manager)
+        await runtime.start(one)
+        sensor.set(False)
+        crash(one.state)
+        await asyncio.sleep(3)
+        assert one.life == "running"
+        assert log == ["A", "SAFE"]
+        sensor.set(True)
+        assert log == ["A", "SAFE", "B"]
+
+    run_virtual(main)
+
+
+def test_initial_values_do_not_come_back_and_what_sensors_are_told_meanwhile_does():
+    log = Log()
+
+    async def main(runtime):
+        manager = PredicateManager()
+        first = manager.sensor("P", initial=False)
+        second = manager.sensor("Q", initial=False)
+        one = robot(
+            log,
+            policy=DeterministicPolicy([0, 1, 1, 1]),
+            predicates=manager,
+            states=[StateFactor("p", ["P"]), StateFactor("q", ["Q"])],
+            supervision=Restart(backoff=1.0),
+        )
+        await runtime.start(one)
+        assert log == ["A"]
+        crash(one.state)
+        await asyncio.sleep(0.5)
+        first.set(True)
+        await asyncio.sleep(2)
+        assert manager.values() == {"P": True, "Q": None}
+        assert log == ["A", "SAFE"]
+        second.set(False)
+        assert log == ["A", "SAFE", "B"]
+
+    run_virtual(main)
+
+
+def test_a_new_ensemble_of_the_same_name_knows_no_old_state():
+    log = Log()
+
+    async def main(runtime):
+        one = robot(log)
+        await runtime.start(one)
+        one.publish_state(0)
+        await runtime.stop(one)
+        log.clear()
+        await runtime.start(robot(log))
+        await asyncio.sleep(1)
+        assert log == []
+
+    run_virtual(main)

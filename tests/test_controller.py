@@ -164,6 +164,26 @@ def test_any_interleaving_of_steps_snapshots_and_restores(data):
                 assert one.digest() == other.digest() == digest
 
 
+@given(st.data())
+@settings(max_examples=60)
+def test_a_controller_goes_back_to_any_mark(data):
+    """From a mark the same calls give the same steps, and the same counts, any number of times."""
+    model = data.draw(flat_models(kinds=("POMDP",)))
+    policy = policies(data.draw, len(model.state_space), len(model.action_space), "belief")
+    controller = Controller(policy, model, horizon=data.draw(st.sampled_from([None, 4])))
+    inputs = data.draw(st.lists(st.none() | st.integers(0, len(model.observation_space) - 1), min_size=2, max_size=8))
+    marks, digests, found = [], [], [controller.start()]
+    for symbol in inputs:
+        marks.append(controller.mark())
+        digests.append((controller.digest(), controller.impossible, controller.problem))
+        found.append(controller.observe(symbol))
+    for _ in range(3):
+        begin = data.draw(st.integers(0, len(inputs) - 1))
+        controller.go_back(marks[begin])
+        assert (controller.digest(), controller.impossible, controller.problem) == digests[begin]
+        assert [controller.observe(symbol) for symbol in inputs[begin:]] == found[begin + 1 :]
+
+
 PROGRAM = """
 import json, sys
 import mdm

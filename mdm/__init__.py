@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         runtime,
         simulation,
         solvers,
+        team,
         testing,
     )
     from mdm.actors import (
@@ -128,11 +129,12 @@ __all__ = [
     "simulation",
     "solve",
     "solvers",
+    "team",
     "testing",
 ]
 
 _PACKAGES = (
-    *("beliefs", "models", "policies", "problems", "simulation", "solvers", "testing"),
+    *("beliefs", "models", "policies", "problems", "simulation", "solvers", "team", "testing"),
     *("actors", "config", "formats", "logic", "messages", "runtime"),
 )
 _HOMES = {

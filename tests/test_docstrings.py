@@ -15,7 +15,7 @@ from places import EXAMPLES
 
 import mdm
 
-PACKAGES = ("beliefs", "models", "policies", "simulation")
+PACKAGES = ("beliefs", "models", "policies", "simulation", "team")
 NAMES = [f"{package}.{name}" for package in PACKAGES for name in importlib.import_module(f"mdm.{package}").__all__]
 NAMES += ["Controller", "Formula", "P", "System", "load_model", "load_policy", "parse"]
 WITHOUT = {  # protocols and results, which users do not make; and what a named class' example shows
@@ -31,7 +31,11 @@ WITHOUT = {  # protocols and results, which users do not make; and what a named 
     "policies.Deliberating",
     "policies.PACKABLE",
     "policies.mismatch",
+    "simulation.CommunicationEvaluation",
     "simulation.Evaluation",
+    "team.Experience",
+    "team.RecollectionStatistics",
+    "team.SharedHistory",
 }
 
 

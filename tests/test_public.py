@@ -20,10 +20,11 @@ import mdm.policies
 import mdm.runtime
 import mdm.simulation
 import mdm.solvers
+import mdm.team
 import mdm.testing
 
 PACKAGES = [mdm, mdm.actors, mdm.beliefs, mdm.config, mdm.formats, mdm.logic, mdm.messages, mdm.models, mdm.policies]
-PACKAGES += [mdm.runtime, mdm.simulation, mdm.solvers, mdm.testing]
+PACKAGES += [mdm.runtime, mdm.simulation, mdm.solvers, mdm.team, mdm.testing]
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)

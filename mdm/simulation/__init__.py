@@ -1,8 +1,17 @@
-"""Simulation of policies in their models: worlds for the decision loop, and batches of episodes without it."""
+"""Simulation of policies in their models: worlds for the decision loop, batches of episodes without it, and teams."""
 
 from mdm.simulation.batch import Evaluation, evaluate
+from mdm.simulation.communication import CommunicationEvaluation, evaluate_communication
 from mdm.simulation.sampler import Sampler
 from mdm.simulation.simulate import simulate
 from mdm.simulation.world import World
 
-__all__ = ["Evaluation", "Sampler", "World", "evaluate", "simulate"]
+__all__ = [
+    "CommunicationEvaluation",
+    "Evaluation",
+    "Sampler",
+    "World",
+    "evaluate",
+    "evaluate_communication",
+    "simulate",
+]

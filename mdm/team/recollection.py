@@ -1,0 +1,362 @@
+"""Recollection: a team's controller that takes the observations of others late, in the order of their steps.
+
+It keeps the information states of the last steps. What arrives late is put where it belongs, and the controller goes on
+from there: once everything has arrived, it knows what it would know had everything come in time. What never arrives is
+missing, and the belief update sums over it.
+
+Cost: a copy of the belief per step; and for what arrives k steps late, k updates, however much arrives together.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from mdm.errors import ConfigError, ModelError
+from mdm.number import is_whole
+from mdm.symbols import agent_index
+
+if TYPE_CHECKING:
+    from mdm.controller import Controller, Step
+    from mdm.models import Space
+    from mdm.models.matrices import Vector
+
+__all__ = ["Experience", "Recollection", "RecollectionStatistics"]
+
+
+class Experience(msgspec.Struct, frozen=True, gc=False):
+    """What one agent did, and what it observed then.
+
+    Attributes:
+        step: The step that the observation is for, from 1; the action is that of the step before.
+        action: Its own component of the joint action, by index; None if unknown.
+        observation: Its own component of the observation, by index; None if it observed nothing.
+    """
+
+    step: int
+    action: int | None
+    observation: int | None
+
+
+class RecollectionStatistics(msgspec.Struct, frozen=True):
+    """Counts of the experiences of others, and of what they cost.
+
+    Attributes:
+        heard: All that others told.
+        late: Applied to a step before the present one.
+        too_late: Not applied: from before the window.
+        too_early: Not applied: from further ahead than the window is long.
+        contradictory: Not applied: other than what the same agent told before of the same step.
+        repeated_steps: Steps that were gone through once more.
+    """
+
+    heard: int = 0
+    late: int = 0
+    too_late: int = 0
+    too_early: int = 0
+    contradictory: int = 0
+    repeated_steps: int = 0
+
+
+class Recollection:
+    """A controller of a team at one agent, on what this agent observes and what others tell it.
+
+    Steps count from 0, with each `start`. At a step the agent observes, hears what others tell, and decides; a
+    `Controller` that gets all components in time knows the same as soon as everything has arrived, in whatever order,
+    at most ``window`` steps late.
+
+    The belief is updated by joint actions, of which an agent knows its own component alone. In place of another
+    agent's it takes what that agent told; else what its own controller decides for it, on all that is known *now* of
+    that step: a teammate that runs the same policy is expected to have done what the best guess of its information
+    demands. So the information depends on what is known, and not on the order in which it came. The agent's own
+    component is always what it did, even if it would decide otherwise by now. Without communication the assumption is
+    wrong wherever a teammate acted on what it alone saw, and the belief is an approximation until it tells.
+
+    Args:
+        controller: A controller of the whole team that decides on beliefs. It is the recollection's from now on.
+        agent: The agent, by index or name; None for nobody's: what all know by what was told alone.
+        window: How many steps late something may come. It keeps as many beliefs, and two.
+
+    Raises:
+        ConfigError: If the controller is for one agent, decides on states or runs a plan, there is no such agent, or
+            the window is no number of steps.
+
+    Example::
+
+        model = mdm.problems.dec_tiger(discount=0.9)
+        policy = mdm.policies.AlphaVectors([[9, 9], [0, 10], [10, 0]], [0, 4, 8])  # opens doors from 0.9 on
+        recollection = mdm.team.Recollection(mdm.Controller(policy, model), agent=0)
+        recollection.start()
+        recollection.decide().action_name  # 'listen listen'
+        for _ in range(2):
+            recollection.observe("hear-left")
+        recollection.decide().action_name  # 'open-right open-right'
+        recollection.hear(1, mdm.team.Experience(step=1, action=0, observation=1))  # True
+        recollection.belief  # [0.85, 0.15]
+        recollection.decide().action_name  # 'listen listen'
+    """
+
+    def __init__(self, controller: Controller, agent: int | str | None = None, *, window: int = 32) -> None:
+        actions, observations = _spaces(controller)
+        if not is_whole(window) or window < 0:
+            raise ConfigError(f"a window is a number of steps from 0 on, not {window!r}", key="window")
+        names = [factor.name for factor in actions.factors]
+        self.agent = None if agent is None else agent_index(agent, names, len(names))
+        self.window = int(window)
+        self.step = -1
+        self.problem: str | None = None
+        """Why the last experience that was not applied was not, in words."""
+        self._controller = controller
+        self._actions, self._observations = actions, observations
+        self._agents = range(len(names))
+        self._marks: deque[Any] = deque(maxlen=self.window + 2)
+        """The present step's information state before its decision, and those of the steps before."""
+        self._did: dict[int, list[int | None]] = {}
+        """The components of each step's joint action, as far as they are known."""
+        self._saw: dict[int, list[int | None]] = {}
+        """The components of the observation that each step decides on, as far as they are known."""
+        self._from: int | None = None
+        """The step from which to go on once more; None if everything told is applied."""
+        self._decision: Step | None = None
+        self._counts = dict.fromkeys(RecollectionStatistics.__struct_fields__, 0)
+
+    @property
+    def controller(self) -> Controller:
+        """The controller, at the present step, with everything applied that was told."""
+        self._catch_up()
+        return self._controller
+
+    @property
+    def belief(self) -> Vector | None:
+        """The belief at the present step: S numbers, read-only."""
+        return self.controller.belief
+
+    def start(self) -> None:
+        """Begin anew: at step 0, from the initial belief, with nothing known."""
+        self._controller.reset()
+        self.step, self._from, self._decision = 0, None, None
+        self._did.clear()
+        self._saw.clear()
+        self._marks.clear()
+        self._marks.append(self._controller.mark())
+
+    def observe(self, observation: str | int | None = None) -> None:
+        """Go on to the next step, with the agent's own observation.
+
+        A step without a call of `decide` is taken as decided by the controller.
+
+        Args:
+            observation: The agent's component, by name or index; None if it observed nothing.
+
+        Raises:
+            ModelError: If there is no such observation; nothing is changed.
+        """
+        self._started()
+        seen: int | None = None
+        if observation is not None:
+            if self.agent is None:
+                raise ModelError("what nobody observes has no observations of its own: tell whose it is with hear()")
+            seen = self._observations.factors[self.agent].index(observation)
+        self._catch_up()
+        if seen is not None and self.agent is not None:
+            self._components(self._saw, self.step + 1)[self.agent] = seen
+        self._move(self.step)
+        self.step += 1
+        self._decision = None
+        self._forget(self.step - len(self._marks))
+
+    def hear(self, agent: int | str, experience: Experience) -> bool:
+        """Take what another agent did and observed, of whatever step; it is applied when it is first needed.
+
+        Returns:
+            Whether it counts. It does not if it comes too late or too early, or contradicts what was told before:
+            `problem` says why, and `statistics` count it.
+
+        Raises:
+            ModelError: If there is no such agent, step, action or observation, or it is this agent's own; nothing is
+                changed.
+        """
+        self._started()
+        teller, step, action, observation = self._checked(agent, experience)
+        self._counts["heard"] += 1
+        name = self._actions.factors[teller].name
+        if step < self.step - self.window:
+            return self._refuse("too_late", f"step {step} of {name} came at step {self.step}, after the window")
+        if step > self.step + self.window + 1:
+            return self._refuse("too_early", f"step {step} of {name} came at step {self.step}, far ahead of it")
+        did, saw = self._components(self._did, step - 1), self._components(self._saw, step)
+        known = did[teller], saw[teller]
+        if any(
+            old is not None and new not in (None, old) for old, new in zip(known, (action, observation), strict=True)
+        ):
+            return self._refuse(
+                "contradictory",
+                f"{name} told two different things of step {step}: {known}, then {(action, observation)} as action and "
+                f"observation; the first counts",
+            )
+        if action is not None:
+            did[teller] = action
+        if observation is not None:
+            saw[teller] = observation
+        if step <= self.step and (did[teller], saw[teller]) != known:
+            self._counts["late"] += step < self.step
+            self._from = step - 1 if self._from is None else min(self._from, step - 1)
+        return True
+
+    def decide(self) -> Step:
+        """Decide on what is known at the present step.
+
+        It may be asked again when more is known; the last decision of a step counts as the agent's own action.
+
+        Returns:
+            The controller's decision, a joint action; the agent carries out its component.
+        """
+        self._started()
+        self._catch_up()
+        if self._decision is None:
+            self._decision = self._controller.decide()
+        if self.agent is not None:
+            own = self._actions.unravel(self._decision.action)[self.agent]
+            self._components(self._did, self.step)[self.agent] = own
+        return self._decision
+
+    def look_ahead(self, action: int) -> float:
+        """Return the value of a joint action at the present belief, Q(b, a), by one step of look-ahead.
+
+        It is R(b, a), and discounted the sum over joint observations o of P(o | b, a) V(b'), with the policy's values
+        V: from the next step on all know everything. Cost: an update and a value for each joint observation.
+
+        Raises:
+            ConfigError: If no rewards are known.
+            ModelError: If the policy has no values.
+        """
+        self._started()
+        self._catch_up()
+        controller, decision = self._controller, self._decision
+        controller.go_back(self._marks[-1])
+        reward = controller.decide(action).reward
+        if reward is None or controller.model is None:
+            raise ConfigError("the value of a joint action needs rewards, but the controller knows none")
+        total, value = 0.0, controller.policy.value  # type: ignore[attr-defined]
+        if not controller.over:
+            after = controller.mark()
+            for observation in range(len(self._observations)):
+                controller.go_back(after)
+                probability = controller.advance(observation)
+                if probability:
+                    total += probability * value(controller.information.current)
+        controller.go_back(self._marks[-1])
+        if decision is not None:
+            controller.decide(decision.action)
+        return reward + controller.model.discount * total
+
+    def statistics(self) -> RecollectionStatistics:
+        """Return the counts since the recollection was made."""
+        return RecollectionStatistics(**self._counts)
+
+    # -- Going on ------------------------------------------------------------------------------------------------
+
+    def _catch_up(self) -> None:
+        """Apply what was told of steps before."""
+        if self._from is None:
+            return
+        first, present = self._from, self.step
+        behind = present - first
+        self._from, self._decision = None, None
+        self._counts["repeated_steps"] += behind
+        self._controller.go_back(self._marks[-1 - behind])
+        for _ in range(behind):
+            self._marks.pop()
+        for step in range(first, present):
+            self._move(step)
+
+    def _move(self, step: int) -> None:
+        """Go on from a step, at which the controller is, to the next one."""
+        controller, did = self._controller, self._did.get(step, self._nothing)
+        decided = self._decision
+        if decided is None and None in did:
+            decided = controller.decide()
+        joint = self._joint(did, decided)
+        if decided is None or joint != decided.action:
+            if decided is not None:
+                controller.go_back(self._marks[-1])
+            controller.decide(joint)
+        if controller.over:  # the next decision is the first of an episode, of which nothing is observed yet
+            controller.reset()
+        else:
+            controller.advance(self._observed(step + 1))
+        self._marks.append(controller.mark())
+
+    def _joint(self, did: list[int | None], decided: Step | None) -> int:
+        """Return the joint action of the known components, and the decided ones of the others."""
+        if decided is not None:
+            assumed = self._actions.unravel(decided.action)
+            did = [at if own is None else own for own, at in zip(did, assumed, strict=True)]
+        return self._actions.ravel(did)  # type: ignore[arg-type]
+
+    def _observed(self, step: int) -> Any:
+        saw = self._saw.get(step, self._nothing)
+        if None not in saw:
+            return self._observations.ravel(saw)  # type: ignore[arg-type]
+        return None if saw == self._nothing else tuple(saw)
+
+    def _forget(self, step: int) -> None:
+        """Forget what was told of a step that nothing goes back to any more, and of those before."""
+        for known in (self._did, self._saw):
+            while known and (oldest := min(known)) <= step:
+                del known[oldest]
+
+    # -- Details -------------------------------------------------------------------------------------------------
+
+    @property
+    def _nothing(self) -> list[int | None]:
+        return [None for _ in self._agents]
+
+    def _components(self, known: dict[int, list[int | None]], step: int) -> list[int | None]:
+        return known.setdefault(step, self._nothing)
+
+    def _started(self) -> None:
+        if self.step < 0:
+            raise ModelError("the recollection has not begun: start() it")
+
+    def _checked(self, agent: int | str, told: Experience) -> tuple[int, int, int | None, int | None]:
+        names = [factor.name for factor in self._actions.factors]
+        try:
+            teller = agent_index(agent, names, len(names))
+        except ConfigError as error:
+            raise ModelError(str(error)) from None
+        if teller == self.agent:
+            raise ModelError(f"{names[teller]!r} knows itself what it did and observed: others are heard")
+        if not is_whole(told.step) or told.step < 1:
+            raise ModelError(f"steps with an observation count from 1: there is none of step {told.step!r}")
+        action = None if told.action is None else self._actions.factors[teller].index(told.action)
+        seen = None if told.observation is None else self._observations.factors[teller].index(told.observation)
+        return teller, int(told.step), action, seen
+
+    def _refuse(self, kind: str, why: str) -> bool:
+        self._counts[kind] += 1
+        self.problem = why
+        return False
+
+
+def _spaces(controller: Controller) -> tuple[Space, Space]:
+    """Return the actions and observations of a team, with a factor for each agent.
+
+    Raises:
+        ConfigError: If the controller cannot be a recollection's.
+    """
+    if controller.takes == "state":
+        raise ConfigError("what others observed is recollected for policies over beliefs, but this one is over states")
+    if controller.can_end:
+        raise ConfigError("an agent runs its own part of a plan on its own observations: there is nothing to recollect")
+    actions, observations = controller.symbols.action_space, controller.symbols.observation_space
+    if actions is None or observations is None:
+        raise ConfigError("a recollection needs the team's model, for its agents' actions and observations")
+    if len(actions.factors) != len(observations.factors):
+        raise ConfigError(
+            f"the model has actions of {len(actions.factors)} agents, but observations of "
+            f"{len(observations.factors)}: a recollection needs both for each agent"
+        )
+    return actions, observations

@@ -37,6 +37,8 @@ ACROSS = {
     "problems/test_files.py": "the problems against the files of others",
     "problems/test_figures.py": "the problems against what others computed",
     "simulation/test_maiss.py": "a hierarchy of robots, from a file to its decisions",
+    "team/test_planted.py": "that random schedules find faults that are planted in the agreement",
+    "team/test_schedules.py": "the agreement under random faults",
     "test_benchmarks.py": "programs beside the package",
     "test_examples.py": "programs beside the package",
     "test_documentation.py": "pages",

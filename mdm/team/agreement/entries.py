@@ -1,0 +1,237 @@
+"""What agents say to each other to agree on joint steps: terms, commits, and the messages around them.
+
+All are written as msgpack arrays that begin with the name of their kind, in a few microseconds.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, TypeAlias
+
+import msgspec
+
+from mdm.errors import Error
+
+__all__ = [
+    "START",
+    "Applied",
+    "Begin",
+    "Call",
+    "Command",
+    "Commit",
+    "Component",
+    "Ended",
+    "Entries",
+    "Fetch",
+    "Joined",
+    "Message",
+    "Position",
+    "Refused",
+    "Send",
+    "Snapshot",
+    "Stale",
+    "Term",
+    "decode",
+    "encode",
+]
+
+
+class Term(msgspec.Struct, frozen=True, order=True, array_like=True, gc=False):
+    """A time in which one agent leads; a later one is greater. No two calls of any agents make the same.
+
+    Args:
+        number: Grows with each change of membership.
+        leader: The agent that called it.
+        incarnation: Which life of that agent.
+    """
+
+    number: int
+    leader: str
+    incarnation: int
+
+
+class Position(msgspec.Struct, frozen=True, order=True, array_like=True, gc=False):
+    """A place in a history: the last step that was applied, and the term that committed it."""
+
+    term: Term
+    step: int
+
+
+Lineage: TypeAlias = Annotated[tuple[Position, ...], msgspec.Meta(min_length=1)]
+"""The last steps of the terms in a history; its own last step is the last of them."""
+
+START = Position(Term(0, "", 0), 0)
+"""Where every history begins: nothing was applied."""
+
+
+class Commit(msgspec.Struct, frozen=True, array_like=True, tag="commit", gc=False):
+    """A joint step, which every copy applies in its turn.
+
+    Args:
+        term: Who committed it, and when.
+        step: Counted from 1, over all terms.
+        previous: The term of the step before: together with ``step`` it says which history this goes on.
+        inputs: The components by agent, in the order of the team; an agent that saw nothing has none.
+        missing: Agents of which it is not known what they saw.
+        command: ``"start"``, ``"stop"``, ``"reset"``…: such a step has neither inputs nor missing agents.
+        by: Who gave the command.
+        digest: Of the leader's copy after the step before.
+    """
+
+    term: Term
+    step: int
+    previous: Term
+    inputs: dict[str, bytes]
+    missing: tuple[str, ...]
+    command: str | None
+    by: str
+    digest: str
+
+
+class Call(msgspec.Struct, frozen=True, array_like=True, tag="call", gc=False):
+    """An agent calls the agents that it sees to a new term which it would lead; it tells where it stands itself."""
+
+    term: Term
+    members: dict[str, int]
+    position: Position
+    configuration: dict[str, str]
+
+
+class Joined(msgspec.Struct, frozen=True, array_like=True, tag="joined", gc=False):
+    """An agent has left all older terms for this one, and tells what it has applied.
+
+    Args:
+        term: The term that was called.
+        lineage: The last steps of the terms in this agent's history, its own position last.
+        side: How many agents took part in the last step of that history.
+        digest: Of its copy.
+        sound: Whether it has no reason to doubt its copy.
+    """
+
+    term: Term
+    lineage: Lineage
+    side: int
+    digest: str
+    sound: bool
+
+
+class Refused(msgspec.Struct, frozen=True, array_like=True, tag="refused", gc=False):
+    """An agent, the receiver or the sender, cannot take part in this team; ``reason`` says what differs."""
+
+    term: Term
+    agent: str
+    reason: str
+
+
+class Stale(msgspec.Struct, frozen=True, array_like=True, tag="stale", gc=False):
+    """What was sent is of an older term than the sender's, which is this."""
+
+    term: Term
+
+
+class Ended(msgspec.Struct, frozen=True, array_like=True, tag="ended", gc=False):
+    """The leader of this term sees no majority any more, and leads no further."""
+
+    term: Term
+
+
+class Begin(msgspec.Struct, frozen=True, array_like=True, tag="begin", gc=False):
+    """The term has begun; its leader stands here."""
+
+    term: Term
+    position: Position
+    digest: str
+    members: tuple[str, ...]
+
+
+class Component(msgspec.Struct, frozen=True, array_like=True, tag="component", gc=False):
+    """What the sender saw, for this step alone; it has applied the step before. None: it saw nothing."""
+
+    term: Term
+    step: int
+    body: bytes | None
+
+
+class Command(msgspec.Struct, frozen=True, array_like=True, tag="command", gc=False):
+    """A command that the sender would have as this step; it has applied the step before."""
+
+    term: Term
+    step: int
+    command: str
+
+
+class Applied(msgspec.Struct, frozen=True, array_like=True, tag="applied", gc=False):
+    """The sender has applied the steps up to this one."""
+
+    term: Term
+    step: int
+
+
+class Fetch(msgspec.Struct, frozen=True, array_like=True, tag="fetch", gc=False):
+    """The sender stands here and needs what follows. With a digest: it doubts its copy, and needs a snapshot."""
+
+    term: Term
+    position: Position
+    digest: str | None
+
+
+class Entries(msgspec.Struct, frozen=True, array_like=True, tag="entries", gc=False):
+    """Steps in their order, of the history that this term goes on from or of the term itself."""
+
+    term: Term
+    commits: tuple[Commit, ...]
+
+
+class Snapshot(msgspec.Struct, frozen=True, array_like=True, tag="snapshot", gc=False):
+    """A whole copy, with its history."""
+
+    term: Term
+    lineage: Lineage
+    side: int
+    digest: str
+    body: bytes
+
+
+Message: TypeAlias = (
+    Call
+    | Joined
+    | Refused
+    | Stale
+    | Ended
+    | Begin
+    | Component
+    | Command
+    | Commit
+    | Applied
+    | Fetch
+    | Entries
+    | Snapshot
+)
+"""What goes from agent to agent."""
+
+
+class Send(msgspec.Struct, frozen=True, gc=False):
+    """A message on its way out; to one agent, or to everyone where ``to`` is None."""
+
+    to: str | None
+    message: Message
+
+
+_encoder = msgspec.msgpack.Encoder()
+_decoder: msgspec.msgpack.Decoder[Message] = msgspec.msgpack.Decoder(Message)
+
+
+def encode(message: Message) -> bytes:
+    """Return a message as bytes."""
+    return _encoder.encode(message)
+
+
+def decode(body: bytes) -> Message:
+    """Return the message of bytes.
+
+    Raises:
+        Error: If it is none.
+    """
+    try:
+        return _decoder.decode(body)
+    except (msgspec.MsgspecError, ValueError) as error:
+        raise Error(f"this is no message of an agreement: {error}") from None

@@ -1,0 +1,119 @@
+"""What agreement promises, checked from outside: copies that steps are applied to, and an oracle that sees them all."""
+
+from __future__ import annotations
+
+from zlib import crc32
+
+from mdm.team.agreement.entries import START, Component, Position, encode
+
+
+class Violation(AssertionError):
+    """A promise that was not kept."""
+
+
+class Copy:
+    """A replica whose value is a hash of all steps that were applied to it."""
+
+    def __init__(self, agent, oracle):
+        self.agent, self.oracle = agent, oracle
+        self.position, self.value = START, 0
+
+    def apply(self, commit):
+        body = encode(commit)
+        self.oracle.applies(self, commit, body)
+        self.position = Position(commit.term, commit.step)
+        self.value = crc32(body, self.value)
+
+    def digest(self):
+        return str(self.value)
+
+    def snapshot(self):
+        term, step = self.position.term, self.position.step
+        return repr((term.number, term.leader, term.incarnation, step, self.value)).encode()
+
+    def restore(self, snapshot):
+        *term, step, value = eval(snapshot)
+        self.position = Position(type(START.term)(*term), step)
+        self.value = value
+        self.oracle.restores(self)
+
+
+class Oracle:
+    """Sees every step at every agent.
+
+    Args:
+        agents: All agents.
+        majority: How many must have applied a step before the next; None: any.
+    """
+
+    def __init__(self, agents, majority):
+        self.agents, self.majority = agents, majority
+        self.machines = {}
+        self.bodies = {}  # what each (term, step) is
+        self.previous = {}  # the position before each
+        self.values = {START: 0}  # the value of a copy there
+        self.holders = {START: frozenset(agents)}  # who has ever been there
+        self.bases = {}  # where each term began
+        self.forgetful = False  # whether an agent has been restarted
+        self.said = {}  # the components that agents sent for each (term, step)
+        self.settled = frozenset()  # positions that were followed by another step
+
+    def applies(self, copy, commit, body):
+        position, machine = Position(commit.term, commit.step), self.machines[copy.agent]
+        before = Position(commit.previous, commit.step - 1)
+        if before != copy.position:
+            raise Violation(f"{copy.agent} applies {commit.term}:{commit.step} at {copy.position}")
+        if self.bodies.setdefault(position, body) != body:
+            raise Violation(f"{copy.agent} applies another {position} than another agent")
+        self.previous[position] = before
+        if commit.term > machine.term:
+            raise Violation(f"{copy.agent} applies a step of {commit.term} in {machine.term}")
+        if machine.begun and commit.term < machine.term and not self.on_history(machine.term, position):
+            raise Violation(f"{copy.agent} applies a step of {commit.term} in {machine.term}")
+        if self.majority and commit.term.leader == copy.agent and position not in self.holders:
+            if len(self.holders.get(before, ())) < self.majority:
+                raise Violation(f"{copy.agent} goes on from {before}, which no majority has")
+            self.settled |= {before}
+        for agent, component in commit.inputs.items():
+            if agent != commit.term.leader and component not in self.said.get((position, agent), ()):
+                raise Violation(f"{position} has a component of {agent} that was not for it")
+        value = crc32(body, copy.value)
+        if self.values.setdefault(position, value) != value:
+            raise Violation(f"{copy.agent} has another copy at {position}")
+        self.holders[position] = self.holders.get(position, frozenset()) | {copy.agent}
+
+    def restores(self, copy):
+        self.holders[copy.position] = self.holders.get(copy.position, frozenset()) | {copy.agent}
+
+    def on_history(self, term, position):
+        """Return whether a position is in the history that a term went on from."""
+        at = self.bases.get(term, START)
+        while at.step > position.step:
+            at = self.previous[at]
+        return at == position
+
+    def hears(self, agent, message):
+        """Take note of what an agent sends."""
+        if type(message) is Component:
+            key = Position(message.term, message.step), agent
+            self.said[key] = self.said.get(key, frozenset()) | {message.body}
+
+    def looks(self, machine):
+        """Look at an agent after an event."""
+        for kind, text in machine.reports:
+            if kind == "digest":
+                raise Violation(text)
+        if machine.begun and machine.ballot is not None and machine.term not in self.bases:
+            self.begins(machine)
+
+    def begins(self, machine):
+        at = machine.history.position
+        while at.term == machine.term:
+            at = self.previous[at]
+        self.bases[machine.term] = at
+        if self.majority and len(machine.ballot.joined) < self.majority:
+            raise Violation(f"{machine.agent} begins {machine.term} without a majority")
+        if self.majority and not self.forgetful:
+            for position in self.settled:
+                if position.term < machine.term and not self.on_history(machine.term, position):
+                    raise Violation(f"{machine.agent} begins {machine.term} at {at}, without {position}")

@@ -1,0 +1,102 @@
+"""Faults that are planted in the agreement, each of which random schedules find."""
+
+from __future__ import annotations
+
+import pytest
+from team.schedules import violation
+
+from mdm.team.agreement import Agreement
+from mdm.team.agreement.ballot import Ballot
+from mdm.team.agreement.entries import Commit, Term
+
+
+class WithoutFence(Agreement):
+    """Applies what comes of older terms."""
+
+    def receive(self, sender, incarnation, message, now):
+        if isinstance(message, Commit) and message.term < self.term:
+            self._on_commit(sender, message, now)
+            return self._sent()
+        return super().receive(sender, incarnation, message, now)
+
+
+class OutOfOrder(Agreement):
+    """Applies a commit without those before it."""
+
+    def _on_commit(self, sender, commit, now):
+        if self.begun and commit.step > self.step and commit.digest:
+            self._take(commit)
+        else:
+            super()._on_commit(sender, commit, now)
+
+
+class LateCounts(Agreement):
+    """Counts a late component under the present step."""
+
+    def _hears(self, sender, step, now):
+        return super()._hears(sender, step, now) or self._is_led(sender)
+
+
+class Unasked(Ballot):
+    """Goes on from the leader's own history, and waits for nobody."""
+
+    def enough(self, majority):
+        return True
+
+    def source(self, leader, *, by_side):
+        return leader
+
+
+class WithoutSource(Ballot):
+    """Asks, and then goes on from the leader's own history all the same."""
+
+    def source(self, leader, *, by_side):
+        return leader
+
+
+class WithoutLog(Agreement):
+    """Joins with nothing of what was applied before."""
+
+    def _on_begin(self, sender, begin, now):
+        if not self.begun and begin.position != self.history.position:
+            self.history.replace((begin.position,), 0)
+            self._place()
+        super()._on_begin(sender, begin, now)
+
+
+class WithoutMajority(Agreement):
+    """Commits a step though no majority is known to have applied the last."""
+
+    def _is_ready(self):
+        self.applied.update(dict.fromkeys(self.agents, self.step))
+        return super()._is_ready()
+
+
+class SameTerm(Agreement):
+    """Forgets at a restart which terms it has called."""
+
+    def _enter(self, term):
+        super()._enter(Term(term.number, term.leader, 0) if term.leader == self.agent else term)
+
+    def _is_mine(self):
+        return self.term.leader == self.agent
+
+
+PLANTED = {
+    "no fence": (WithoutFence, None),
+    "out of order": (OutOfOrder, None),
+    "late components": (LateCounts, None),
+    "not asking": (Agreement, Unasked),
+    "not listening": (Agreement, WithoutSource),
+    "a joiner without log": (WithoutLog, None),
+    "no majority": (WithoutMajority, None),
+    "a term again": (SameTerm, None),
+}
+
+
+@pytest.mark.parametrize("fault", PLANTED)
+def test_a_planted_fault_is_found(fault, monkeypatch):
+    machine, ballot = PLANTED[fault]
+    if ballot is not None:
+        monkeypatch.setattr("mdm.team.agreement.terms.Ballot", ballot)
+    assert any(violation(seed, machine=machine)[1] for seed in range(400))

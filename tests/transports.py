@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 
 from mdm.runtime import VirtualClock, VirtualEventLoop
 from mdm.team.network import Network
+from mdm.team.session import Session
 
 
 def key(agent, channel="c"):
@@ -54,3 +56,68 @@ def SIMULATED(main, **options):  # noqa: N802 (it is a parameter of tests)
 
     with asyncio.Runner(loop_factory=VirtualEventLoop) as runner:
         runner.run(run())
+
+
+_given = set()
+
+
+def free_port():
+    """Return a port of loopback that nobody listens on, and that was not returned before."""
+    while True:
+        with socket.socket() as one:
+            one.bind(("127.0.0.1", 0))
+            port = one.getsockname()[1]
+        if port not in _given:
+            _given.add(port)
+            return port
+
+
+def endpoint(port=None):
+    return f"tcp/127.0.0.1:{port or free_port()}"
+
+
+class Loopback:
+    """Sessions on loopback, each of which connects to those made before it."""
+
+    def __init__(self, **options):
+        self.options = options
+        self.endpoints = []
+        self.made = []
+
+    def transport(self, agent, **options):
+        own = endpoint()
+        made = Session("team", agent, listen=own, connect=self.endpoints, **{"lease": 0.5, **self.options, **options})
+        self.endpoints = [*self.endpoints, own]
+        self.made.append(made)
+        return made
+
+    async def open(self, *transports):
+        """Open transports, and wait until they see each other."""
+        await asyncio.gather(*(transport.open() for transport in transports))
+        names = {transport.agent for transport in transports}
+        for transport in transports:
+            seen = []
+            transport.watch(seen.append)
+            await self.until(lambda seen=seen: names <= seen[-1].keys())
+
+    async def until(self, condition):
+        """Wait for something at most half a minute."""
+        async with asyncio.timeout(30):
+            while not condition():
+                await asyncio.sleep(0.002)
+
+    async def close(self):
+        await asyncio.gather(*(transport.close() for transport in self.made))
+
+
+def LOOPBACK(main, **options):  # noqa: N802 (it is a parameter of tests)
+    """Run a test on sessions between the ports of this machine."""
+
+    async def run():
+        net = Loopback(**options)
+        try:
+            await main(net)
+        finally:
+            await net.close()
+
+    asyncio.run(run())

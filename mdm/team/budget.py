@@ -50,12 +50,21 @@ class TokenBucket:
         Args:
             now: Seconds on a clock that does not go back.
         """
-        if self._filled is not None and now > self._filled:
-            self._tokens = min(float(self.burst), self._tokens + self.rate * (now - self._filled))
-        self._filled = now if self._filled is None else max(now, self._filled)
-        if self._tokens < _WHOLE:
+        if self.level(now) < _WHOLE:
             self.held_back += 1
             return False
-        self._tokens -= 1
+        self.pay()
         self.taken += 1
         return True
+
+    def level(self, now: float) -> float:
+        """Return how many tokens there are now; fewer than 0 are owed."""
+        if self._filled is not None and now > self._filled:
+            self._tokens += self.rate * (now - self._filled)
+        self._filled = now if self._filled is None else max(now, self._filled)
+        self._tokens = min(self._tokens, float(self.burst))
+        return self._tokens
+
+    def pay(self, tokens: float = 1.0) -> None:
+        """Take tokens, also those that are not there: they are owed, a burst at most."""
+        self._tokens = max(self._tokens - tokens, -float(self.burst))

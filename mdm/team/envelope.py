@@ -54,7 +54,6 @@ class Packer:
 
     def __init__(self, owner: str, incarnation: int, now: Callable[[], int], *, version: int = VERSION) -> None:
         self._name = owner.encode()
-        self._owner = owner
         self._incarnation = incarnation
         self._version = version
         self._now = now
@@ -64,6 +63,10 @@ class Packer:
         """Return the next message under a key."""
         number = self._numbers[key] = self._numbers.get(key, 0) + 1
         return self._pack(number, body)
+
+    def size(self, body: bytes) -> int:
+        """Return the bytes of a message with its envelope."""
+        return _HEADER.size + len(self._name) + len(body)
 
     def seal(self, body: bytes) -> bytes:
         """Return a message without a number: a question or an answer."""

@@ -74,6 +74,10 @@ class Router:
         """Tell these of failures and of what was dropped."""
         self._failed, self._report = failed, report
 
+    def fail(self, error: BaseException) -> None:
+        """Tell of a failure."""
+        self._failed(error)
+
     def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> bool:
         """Have a handler called; return whether the transport must now carry this expression.
 
@@ -151,9 +155,9 @@ class Router:
             raise Error(f"{key} is answered already")
         self._served[key] = answer
 
-    def served(self, expression: str) -> Iterator[str]:
-        """Return the keys of an expression that are answered here."""
-        return (key for key in self._served if matches(expression, key))
+    def served(self, expression: str | None = None) -> Iterator[str]:
+        """Return the keys that are answered here: all, or those of an expression."""
+        return (key for key in tuple(self._served) if expression is None or matches(expression, key))
 
     def answer(self, key: str, data: bytes) -> bytes | None:
         """Return the answer to a question; None where there is none."""

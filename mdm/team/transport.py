@@ -58,7 +58,8 @@ class TransportStatistics(msgspec.Struct, frozen=True):
               agent), ``stale`` (of an earlier life of its owner), ``repeated`` (not newer than the last of its key);
             - ``missing``: a gap in the numbers of a key says that they were lost on the way;
             - ``overflow``: more came than the handlers could take, and newer ones of the same keys took their place;
-            - ``held_back``: over the budget of this agent; ``closed``: put after the transport was closed.
+            - ``duplicate``: not a message, but another live agent of this one's name was seen;
+            - ``held_back``: over the allowance of this agent; ``closed``: put after the transport was closed.
         lateness: From each put to its handler, by the clocks of both agents.
         round_trips: From each question to its answer, by agent.
     """

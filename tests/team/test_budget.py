@@ -37,6 +37,17 @@ def test_after_a_pause_a_whole_burst_passes_and_then_the_rate(rate, burst):
     assert not bucket.take(1000.0 + 1.002 / rate)
 
 
+def test_tokens_are_owed_a_burst_at_most_and_a_smaller_burst_counts_at_once():
+    bucket = TokenBucket(10, 20)
+    bucket.pay(100)
+    assert bucket.level(5.0) == -20
+    assert bucket.level(6.0) == pytest.approx(-10)
+    assert bucket.level(5.0) == pytest.approx(-10)  # time that goes back fills nothing
+    assert bucket.level(60.0) == 20
+    bucket.burst = 3
+    assert bucket.level(60.0) == 3
+
+
 @pytest.mark.parametrize("rate", [0, -1, math.inf, math.nan, True, "2"])
 def test_rates_that_are_none(rate):
     with pytest.raises(mdm.ConfigError, match="a rate is a positive number of messages per second, not"):

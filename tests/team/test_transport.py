@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from transports import SIMULATED, key
+from transports import LOOPBACK, SIMULATED, key
 
 from mdm.errors import Error
 
-pytestmark = pytest.mark.parametrize("world", [SIMULATED])
+pytestmark = pytest.mark.parametrize("world", [SIMULATED, LOOPBACK])
 
 
 def test_messages_come_in_order_and_not_to_their_sender(world):
@@ -107,10 +107,10 @@ def test_questions_are_answered_by_all_who_serve(world):
         for transport in (first, second, third):
             transport.serve(key(transport.agent, "call"), lambda body, name=transport.agent: body + name.encode())
         await net.open(first, second, third)
-        assert await first.ask("mdm/team/*/e/call", b"I am ") == {"b": b"I am b", "c": b"I am c"}
-        assert await first.ask(key("c", "call"), b"and ") == {"c": b"and c"}
+        assert await first.ask("mdm/team/*/e/call", b"I am ", timeout=30) == {"b": b"I am b", "c": b"I am c"}
+        assert await first.ask(key("c", "call"), b"and ", timeout=30) == {"c": b"and c"}
         assert await first.ask(key("c", "other"), b"") == {}
-        assert first.statistics().round_trips["c"].count == 2
+        assert first.statistics().round_trips["c"].count >= 2
 
     world(main)
 

@@ -1,0 +1,107 @@
+"""Settings: how Zenoh is told to carry a team's messages."""
+
+from __future__ import annotations
+
+import re
+import socket
+from typing import TYPE_CHECKING, Any
+
+from mdm.errors import ConfigError, Error
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["PROTOCOLS", "check_endpoint", "resolve", "settings"]
+
+PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream")
+
+_ADDRESS = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[^\[\]:/\s]+):(?P<port>[0-9]{1,5})")
+
+
+def check_endpoint(endpoint: object, *, key: str | None = None) -> str:
+    """Return an endpoint, such as ``tcp/192.168.0.7:7447`` or ``unixsock-stream//tmp/robot1.sock``.
+
+    Raises:
+        ConfigError: If it is malformed.
+    """
+    form = "an endpoint is a protocol, a host and a port, such as tcp/192.168.0.7:7447"
+    if not isinstance(endpoint, str):
+        raise ConfigError(f"{form}, not {endpoint!r}", key=key)
+    protocol, slash, rest = endpoint.partition("/")
+    if not slash or protocol not in PROTOCOLS:
+        raise ConfigError(f"{form}, where the protocol is one of {', '.join(PROTOCOLS)}, not {endpoint!r}", key=key)
+    address = re.split(r"[?#]", rest, maxsplit=1)[0]
+    if protocol == "unixsock-stream":
+        if not address.startswith("/"):
+            raise ConfigError(f"the endpoint {endpoint!r} needs the full path of a socket", key=key)
+        return endpoint
+    found = _ADDRESS.fullmatch(address)
+    if found is None or not 0 < int(found["port"]) < 65536:
+        raise ConfigError(f"{form} from 1 to 65535, not {endpoint!r}", key=key)
+    return endpoint
+
+
+def resolve(endpoint: str) -> None:
+    """Look a host up, which may take seconds.
+
+    Raises:
+        Error: If nobody knows it.
+    """
+    protocol, _, rest = endpoint.partition("/")
+    found = _ADDRESS.match(rest)
+    if protocol == "unixsock-stream" or found is None:
+        return
+    try:
+        socket.getaddrinfo(found["host"].strip("[]"), int(found["port"]))
+    except OSError:
+        raise Error(
+            f"no host {found['host']!r} is known, of the endpoint {endpoint}: correct it, or give the host's address"
+        ) from None
+
+
+def settings(
+    *,
+    listen: Sequence[str],
+    connect: Sequence[str],
+    lease: float,
+    largest: int,
+) -> dict[str, Any]:
+    """Return the configuration of a Zenoh session: explicit endpoints, and nobody else looked for or let in.
+
+    Args:
+        listen: Endpoints at which this agent is reached.
+        connect: Endpoints of others.
+        lease: After so many seconds of silence this agent is taken for lost.
+        largest: The largest message in bytes.
+    """
+    # Whoever puts waits no longer than this for room: it is the event loop that waits.
+    longest_wait = 100
+    sizes = ("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low")
+    return {
+        "mode": "peer",
+        "listen": {"endpoints": list(listen)},
+        "connect": {
+            "endpoints": list(connect),
+            "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+        },
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": {
+            "shared_memory": {"enabled": False},
+            "link": {
+                "tx": {
+                    "lease": max(round(lease * 1000), 1),
+                    "queue": {
+                        "size": dict.fromkeys((*sizes, "background"), 16),
+                        "congestion_control": {
+                            "drop": {
+                                "wait_before_drop": longest_wait,
+                                "max_wait_before_drop_fragments": longest_wait,
+                            },
+                            "block": {"wait_before_close": round(lease * 1e6)},
+                        },
+                    },
+                },
+                "rx": {"max_message_size": max(16 * largest, 64 << 20)},
+            },
+        },
+    }

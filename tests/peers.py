@@ -1,0 +1,71 @@
+"""Agents in processes of their own, for tests over real sessions."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+from contextlib import asynccontextmanager
+
+from places import ROOT
+
+PROGRAM = ROOT / "tests" / "peer_program.py"
+
+
+class Peer:
+    """A process that runs `peer_program.py`."""
+
+    def __init__(self, process):
+        self.process = process
+        self.heard = []
+
+    def tell(self, **command):
+        self.process.stdin.write(json.dumps(command).encode() + b"\n")
+
+    async def hear(self, *wanted, where=lambda event: True):
+        """Return the next event that has one of these names; those before it are skipped."""
+        async with asyncio.timeout(60):
+            while True:
+                line = await self.process.stdout.readline()
+                if not line:
+                    error = (await self.process.stderr.read()).decode()
+                    raise AssertionError(f"the process ended; it said {self.heard} and {error}")
+                event = json.loads(line)
+                self.heard.append(event)
+                if any(name in event for name in wanted) and where(event):
+                    return event
+
+    def signal(self, number):
+        os.kill(self.process.pid, number)
+
+    async def end(self):
+        """Wait for the end of the process; return its exit status."""
+        async with asyncio.timeout(60):
+            return await self.process.wait()
+
+
+@asynccontextmanager
+async def peers():
+    """Yield a function that starts a peer; those that still run at the end are killed."""
+    started = []
+
+    async def start(**options):
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, PROGRAM, json.dumps({"team": "team", "lease": 0.5, **options}),
+            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+        peer = Peer(process)
+        started.append(peer)
+        return peer
+
+    try:
+        yield start
+    finally:
+        for peer in started:
+            if peer.process.returncode is None:
+                peer.signal(signal.SIGCONT)
+                peer.signal(signal.SIGKILL)
+            await peer.process.communicate()

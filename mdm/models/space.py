@@ -111,6 +111,9 @@ class Factor:
         Raises:
             ModelError: If there is no such symbol; the message suggests similar ones.
         """
+        # Hot path: whether something is a SupportsIndex takes a microsecond to find out.
+        if symbol.__class__ is int and -1 < symbol < len(self.names):
+            return symbol
         if isinstance(symbol, bool) or not isinstance(symbol, str | SupportsIndex):
             raise ModelError(f"{symbol!r} is no symbol of {self.name!r}: give a name or an index")
         if isinstance(symbol, str):

@@ -112,14 +112,17 @@ class Recollection:
         self._actions, self._observations = actions, observations
         self._agents = range(len(names))
         self._marks: deque[Any] = deque(maxlen=self.window + 2)
-        """The present step's information state before its decision, and those of the steps before."""
+        """The information states before the decisions, up to that of the step that the controller has come to."""
+        self._at = 0
+        """That step: what is observed is applied when it is first needed, together with what is heard meanwhile."""
         self._did: dict[int, list[int | None]] = {}
         """The components of each step's joint action, as far as they are known."""
         self._saw: dict[int, list[int | None]] = {}
         """The components of the observation that each step decides on, as far as they are known."""
-        self._from: int | None = None
-        """The step from which to go on once more; None if everything told is applied."""
+        self._from = 0
+        """The step from which to go on once more, if it is before that."""
         self._decision: Step | None = None
+        """The decision at the step that the controller has come to."""
         self._counts = dict.fromkeys(RecollectionStatistics.__struct_fields__, 0)
 
     @property
@@ -136,7 +139,8 @@ class Recollection:
     def start(self) -> None:
         """Begin anew: at step 0, from the initial belief, with nothing known."""
         self._controller.reset()
-        self.step, self._from, self._decision = 0, None, None
+        self.step = self._at = self._from = 0
+        self._decision = None
         self._did.clear()
         self._saw.clear()
         self._marks.clear()
@@ -159,13 +163,9 @@ class Recollection:
             if self.agent is None:
                 raise ModelError("what nobody observes has no observations of its own: tell whose it is with hear()")
             seen = self._observations.factors[self.agent].index(observation)
-        self._catch_up()
-        if seen is not None and self.agent is not None:
-            self._components(self._saw, self.step + 1)[self.agent] = seen
-        self._move(self.step)
         self.step += 1
-        self._decision = None
-        self._forget(self.step - len(self._marks))
+        if seen is not None and self.agent is not None:
+            self._components(self._saw, self.step)[self.agent] = seen
 
     def hear(self, agent: int | str, experience: Experience) -> bool:
         """Take what another agent did and observed, of whatever step; it is applied when it is first needed.
@@ -202,7 +202,7 @@ class Recollection:
             saw[teller] = observation
         if step <= self.step and (did[teller], saw[teller]) != known:
             self._counts["late"] += step < self.step
-            self._from = step - 1 if self._from is None else min(self._from, step - 1)
+            self._from = min(self._from, step - 1)
         return True
 
     def decide(self) -> Step:
@@ -259,22 +259,26 @@ class Recollection:
     # -- Going on ------------------------------------------------------------------------------------------------
 
     def _catch_up(self) -> None:
-        """Apply what was told of steps before."""
-        if self._from is None:
+        """Apply everything that is known: go back to where the first of it belongs, and on to the present step."""
+        again = self._at - self._from
+        if again:
+            self._counts["repeated_steps"] += again
+            for _ in range(again):
+                self._marks.pop()
+            self._controller.go_back(self._marks[-1])
+            self._at, self._decision = self._from, None
+        if self._at == self.step:
             return
-        first, present = self._from, self.step
-        behind = present - first
-        self._from, self._decision = None, None
-        self._counts["repeated_steps"] += behind
-        self._controller.go_back(self._marks[-1 - behind])
-        for _ in range(behind):
-            self._marks.pop()
-        for step in range(first, present):
-            self._move(step)
+        while self._at < self.step:
+            self._move()
+        self._from = self._at
+        for known in (self._did, self._saw):
+            for step in [step for step in known if step <= self.step - len(self._marks)]:
+                del known[step]
 
-    def _move(self, step: int) -> None:
-        """Go on from a step, at which the controller is, to the next one."""
-        controller, did = self._controller, self._did.get(step, self._nothing)
+    def _move(self) -> None:
+        """Go on to the next step."""
+        controller, did = self._controller, self._did.get(self._at, self._nothing)
         decided = self._decision
         if decided is None and None in did:
             decided = controller.decide()
@@ -286,8 +290,9 @@ class Recollection:
         if controller.over:  # the next decision is the first of an episode, of which nothing is observed yet
             controller.reset()
         else:
-            controller.advance(self._observed(step + 1))
+            controller.advance(self._observed(self._at + 1))
         self._marks.append(controller.mark())
+        self._at, self._decision = self._at + 1, None
 
     def _joint(self, did: list[int | None], decided: Step | None) -> int:
         """Return the joint action of the known components, and the decided ones of the others."""
@@ -301,12 +306,6 @@ class Recollection:
         if None not in saw:
             return self._observations.ravel(saw)  # type: ignore[arg-type]
         return None if saw == self._nothing else tuple(saw)
-
-    def _forget(self, step: int) -> None:
-        """Forget what was told of a step that nothing goes back to any more, and of those before."""
-        for known in (self._did, self._saw):
-            while known and (oldest := min(known)) <= step:
-                del known[oldest]
 
     # -- Details -------------------------------------------------------------------------------------------------
 

@@ -180,6 +180,7 @@ def test_what_comes_together_is_gone_through_once():
     recollection.start()
     for _ in range(6):
         recollection.observe(1)
+    assert recollection.belief is not None
     for step in (4, 2, 6):
         recollection.hear(1, Experience(step, 0, 1))
     assert recollection.statistics().repeated_steps == 0

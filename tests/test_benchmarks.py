@@ -25,6 +25,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
         "simulation",
         "solvers",
         "tree_search",
+        "communication",
     ],
 )
 def test_benchmark(tmp_path, name):
@@ -76,6 +77,10 @@ def test_benchmark(tmp_path, name):
     elif name == "simulation":
         assert {row["way"] for row in results["simulation"]} == {"mdm.evaluate", "mdm.simulate", "numpy, by hand"}
         assert all(row["steps a second"] > 0 for row in results["simulation"])
+    elif name == "communication":
+        messages = {(row["problem"], row["policy"]): row["% of messages"] for row in results["communication"]}
+        assert messages["dec-tiger", "Always"] == 100
+        assert messages["dec-tiger", "Never"] == 0
     elif name == "sarsop":
         assert results["tiger_s"] > 0
     else:

@@ -72,6 +72,16 @@ def test_the_errors_of_the_page_about_models_are_the_real_ones():
             make()
 
 
+def test_the_programs_of_the_page_about_communicating_teams_run():
+    section = read("docs/teams.md").partition("\n## Communicating\n")[2].partition("\n## ")[0]
+    blocks = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    scope: dict[str, object] = {}
+    for block in blocks:
+        exec(block.replace("episodes=1000", "episodes=10"), scope)
+    assert scope["history"] is None or scope["history"].agent == 0
+    assert scope["result"].episodes == 10
+
+
 def test_every_key_of_an_ensemble_is_in_the_page():
     from mdm.config.tables import ActionTable, EnsembleTable
 

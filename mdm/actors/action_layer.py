@@ -117,6 +117,7 @@ class ActionLayer(Layer):
         self._left: dict[str, Work] = {}
         self._idle: list[Callable[[], None]] = []
         self._halted = True
+        self._admits = self._barred = False
         self._secure: Secured | None = None
         self._patience: Timer | None = None
 
@@ -156,16 +157,26 @@ class ActionLayer(Layer):
         self._now = self.runtime.clock.reader()
         self._path = self.owner.path
         self._halted = True
+        self._admits = self._barred = False
         self._secure = None
         self.subscribe(self.owner.channel("action", Action), self._on_action)
 
     def admit(self) -> None:
         """Run actions from now on."""
-        self._halted = False
+        self._admits = True
+        self._halted = self._barred
         self._idle.clear()
+
+    def bar(self, *, barred: bool) -> None:
+        """Start nothing that is decided while it is barred; what lives goes on, and the safe action runs when due."""
+        self._barred = barred
+        self._halted = barred or not self._admits
+        if barred:
+            self._pending = None
 
     def latch(self) -> None:
         """Start nothing more that was or is decided; what lives goes on."""
+        self._admits = False
         self._halted = True
         self._pending = None
 

@@ -72,6 +72,13 @@ class Guard(Protocol):
         """Take it that no state is known."""
 
 
+class Lead(Protocol):
+    """Who tells a control layer what to decide on, in place of its own channels: a team, for which it is one copy."""
+
+    def command(self, command: Literal["start", "stop", "reset", "resume"]) -> None:
+        """Take what somebody asks of the ensemble here: it concerns the whole team."""
+
+
 _OWN = ("drive", "on_no_observation", "deadline")
 
 
@@ -107,6 +114,8 @@ class ControlLayer(Layer):
 
     Attributes:
         guard: Whom it tells what endangers it; None where it stands alone.
+        lead: Who calls `take` with what it decides on; None where it listens to channels. It then goes on deciding in
+            safe modes, as the team's other copies do, and only what is decided is not done.
         controller: What decides.
         planner: Who searches, where the policy's answer comes later; else None.
     """
@@ -132,6 +141,7 @@ class ControlLayer(Layer):
         self.on_no_observation: str = own.get("on_no_observation", "predict")
         self._no_observation = self._no_observation_symbol()
         self.guard: Guard | None = None
+        self.lead: Lead | None = None
         self.running = False
         self._held = False
         self._informed = False
@@ -234,6 +244,8 @@ class ControlLayer(Layer):
         self._ticker = None
         self._state = None
         self._open = None
+        if self.lead is not None:
+            return
         if self._takes_states:
             self.subscribe(channel("state", State, retain=True), self._on_state)
         else:
@@ -249,6 +261,15 @@ class ControlLayer(Layer):
         """Decide nothing more."""
         self.running = False
 
+    def take(self, message: Control | State | Observation) -> None:
+        """Decide on a message now, in this call, as if it had come on its channel; for whoever leads the layer."""
+        if isinstance(message, Control):
+            self._on_control(message)
+        elif isinstance(message, State):
+            self._on_state(message)
+        else:
+            self._on_observation(message)
+
     def _on_control(self, control: Control) -> None:
         command = control.command
         if command == "stop":
@@ -261,7 +282,7 @@ class ControlLayer(Layer):
             self._begin_episode(keep=command == "resume")
             if isinstance(self.drive, FixedRate) and self._ticker is None:
                 self._ticker = self.every(self.drive.rate, self._on_tick)
-            if self.guard is None or self.guard.deciding:
+            if self.guard is None or self.guard.deciding or self.lead is not None:
                 self.running = True
                 self._begin(control.time, command)
 
@@ -293,6 +314,8 @@ class ControlLayer(Layer):
         Args:
             done: The safe action, where it is one of the model's: the belief then goes by it.
         """
+        if self.lead is not None:
+            return
         self.running = False
         self._held = True
         self._open = None
@@ -304,7 +327,8 @@ class ControlLayer(Layer):
 
     def let_go(self) -> None:
         """Take it that the ensemble is stopped."""
-        self.running = self._held = False
+        if self.lead is None:
+            self.running = self._held = False
 
     def go_on(self, time: int, *, anew: bool, predict: bool) -> None:
         """Decide again after a safe mode.
@@ -314,6 +338,9 @@ class ControlLayer(Layer):
             anew: Begin a new episode: nobody knows what the safe action has done to the state.
             predict: Time has passed, of which the belief does not know.
         """
+        if self.lead is not None:
+            self.repeat(time)
+            return
         self._held, self.running = False, True
         controller = self.controller
         if not self._takes_states:
@@ -325,6 +352,11 @@ class ControlLayer(Layer):
         if self.running and self._event_driven and not self.blind:
             cause, observation = self._unanswered
             self._decide(time, cause, observation, state=self._state)
+
+    def repeat(self, time: int) -> None:
+        """Publish the present action once more, where there is one."""
+        if self.running and self._acted is not None:
+            self._actions.emit(Action(time, max(self.controller.epoch - 1, 0), self._acted))
 
     def _reopen(self, kinds: frozenset[str], time: int) -> None:
         if self.guard is not None:
@@ -532,9 +564,9 @@ class ControlLayer(Layer):
         latency = self._now() - time
         self._record(latency)
         if self._deadline_ns is not None and latency > self._deadline_ns and self.planner is None:
-            # What was done before is still what is done.
-            self.controller.last_action = self._acted
-            if self._late(latency, time):
+            if self.lead is None:  # what was done before is still what is done
+                self.controller.last_action = self._acted
+            if self._late(latency, time) and self.lead is None:
                 return
             self.controller.last_action = step.action
         self._actions.emit(Action(time, step.epoch, step.action))

@@ -24,11 +24,12 @@ from mdm.runtime import ActorStatistics
 from mdm.symbols import agent_index
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterator, Sequence
 
     import numpy.typing as npt
 
     from mdm.actors.binding import Binding, Callback
+    from mdm.actors.control_layer import Lead
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.space import Symbol
     from mdm.runtime import Supervision
@@ -106,7 +107,7 @@ class Ensemble(Layer):
             control: Any = {key: value for key, value in options.items() if key in ControlOptions.__annotations__}
             self.control = ControlLayer(policy, model, agent=agent if local else None, **control)
             controller = self.controller = self.control.controller
-            names, component = _agent_actions(self.control, actions, 0 if local else agent)
+            names, component, self.agent = _agent_actions(self.control, actions, 0 if local else agent)
             self.action = ActionLayer(
                 *(names, actions),
                 component=component,
@@ -159,6 +160,11 @@ class Ensemble(Layer):
             if layer is not None:
                 yield from layer.problems()
         space = None if self.controller.model is None else self.controller.model.state_space
+        if self.safety.on_lost_teammate is not None and self.control.lead is None:
+            yield ConfigError(
+                f"on_lost_teammate is for ensembles of a team, but {self.name!r} is of none",
+                key=f"ensembles.{self.name}.on_lost_teammate",
+            )
         if self.state is not None:
             product = 1
             for factor in self.state.factors:
@@ -222,7 +228,7 @@ class Ensemble(Layer):
         self.channel("state", State, retain=True).publish(State(self.runtime.clock.now(), index, (index,)))
 
     def publish_observation(self, observation: Symbol | Sequence[str | int | None]) -> None:
-        """Say what was observed, where there is no observation layer.
+        """Say what was observed, where there is no observation layer; in a team, what this agent has observed.
 
         Args:
             observation: By index or name; or a component per agent, None where one is missing.
@@ -233,7 +239,8 @@ class Ensemble(Layer):
         index, values = self.controller.symbols.observed(observation)
         mask = tuple(value is not None for value in values)
         now = self.runtime.clock.now()
-        self.channel("observation", Observation).publish(Observation(now, index, values, mask))
+        name = "observation" if self.control.lead is None else "own_observation"
+        self.channel(name, Observation).publish(Observation(now, index, values, mask))
 
     def publish_belief(self, belief: npt.ArrayLike | str) -> None:
         """Give the control layer a belief from outside, in place of its own update.
@@ -275,6 +282,25 @@ class Ensemble(Layer):
     def release(self) -> None:
         """End the safe mode: whoever calls it answers for its causes. The safe action comes to its end first."""
         self.channel("control", Control).publish(Control(self.runtime.clock.now(), "release"))
+
+    def follow(self, lead: Lead, owned: Collection[str]) -> None:
+        """Decide on what a team tells; call this before the start.
+
+        Args:
+            lead: Who tells it, and takes what is asked of the ensemble.
+            owned: The state and observation factors that this agent's sensors tell, on ``own_state`` and
+                ``own_observation``.
+        """
+        self.control.lead = lead
+        for layer in (self.state, self.observation):
+            if layer is not None:
+                layer.cover(owned)
+
+    def take(self, message: Control | State | Observation) -> None:
+        """Take what the team tells, in this call: a command, or what is decided on."""
+        if isinstance(message, Control):
+            self._command(message)
+        self.control.take(message)
 
     def interrupt(self) -> None:
         """Stop within the call, so that nothing that was decided before starts."""
@@ -321,6 +347,12 @@ class Ensemble(Layer):
         return None
 
     def _on_control(self, control: Control) -> None:
+        if self.control.lead is None or control.command == "release":
+            self._command(control)
+        else:
+            self.control.lead.command(control.command)
+
+    def _command(self, control: Control) -> None:
         if control.command in {"start", "resume"}:
             self.safety.start(control.time)
         elif control.command == "stop":
@@ -409,8 +441,8 @@ def _check_settings(predicates: object, states: object, observations: object, ag
 
 def _agent_actions(
     control: ControlLayer, actions: Mapping[Any, Any], agent: int | str
-) -> tuple[tuple[str, ...], Callable[[int], int] | None]:
-    """Return the names of one agent's actions, and how to find its component of what is decided."""
+) -> tuple[tuple[str, ...], Callable[[int], int] | None, int]:
+    """Return the names of one agent's actions, how to find its component of what is decided, and the agent's index."""
     space, count = control.controller.symbols.action_space, control.controller.policy.num_actions
     if space is None:
         if agent != 0:
@@ -418,11 +450,11 @@ def _agent_actions(
         if isinstance(actions, Mapping) and actions and all(isinstance(key, str) for key in actions):
             if len(actions) != count:
                 raise ConfigError(f"the policy has {count} actions, but {len(actions)} are bound", key="actions")
-            return tuple(actions), None
-        return tuple(str(index) for index in range(count)), None
+            return tuple(actions), None, 0
+        return tuple(str(index) for index in range(count)), None, 0
     agents = space.factors
     own = agent_index(agent, [factor.name for factor in agents], len(agents))
     if len(agents) == 1:
-        return tuple(space.names), None
+        return tuple(space.names), None, own
     components = [space.unravel(index)[own] for index in range(len(space))]
-    return tuple(agents[own].names), components.__getitem__
+    return tuple(agents[own].names), components.__getitem__, own

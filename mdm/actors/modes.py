@@ -46,6 +46,9 @@ WAYS_BACK: Final = {
     "unknown_input": "known",
     "action": "input",
     "safe_action": "release",
+    "lost_teammate": "team",
+    "lost_majority": "team",
+    "lost_controller": "team",
     "failure": "restart",
     "end": "never",
 }

@@ -6,7 +6,7 @@ from copy import copy
 from typing import TYPE_CHECKING
 
 from mdm.actors.layer import Layer
-from mdm.actors.wiring import Wire, arrange, check_name, index_order, named, places
+from mdm.actors.wiring import Wire, arrange, check_name, check_owner, index_order, named, places
 from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.messages import EventUpdate, Observation
@@ -32,15 +32,26 @@ class ObservationFactor:
             declared; of a mapping it is a symbol, which then needs no event.
         hold: Keep the last symbol where no event is new. Without ``idle`` and ``hold`` the component is missing, and
             the belief update sums over it.
+        owner: In a team, the agent whose sensors tell it; by default the one of the factor's name.
 
     Example:
         >>> ObservationFactor("camera", {"closed": "SawClosed", "open": "SawOpen"}, idle="nothing")
     """
 
-    __slots__ = ("events", "hold", "idle", "name", "symbols")
+    __slots__ = ("events", "hold", "idle", "name", "owner", "symbols")
 
-    def __init__(self, name: str, events: Names, *, idle: str | int | None = None, hold: bool = False) -> None:
+    def __init__(
+        self,
+        name: str,
+        events: Names,
+        *,
+        idle: str | int | None = None,
+        hold: bool = False,
+        owner: str | None = None,
+    ) -> None:
         check_name(name, "an observation factor")
+        check_owner(owner, f"observation factor {name!r}")
+        self.owner = owner
         what = f"observation factor {name!r}"
         given, self.symbols = named(events, what, "event")
         if self.symbols and idle is not None and type(idle) is not type(self.symbols[0]):
@@ -89,6 +100,8 @@ class ObservationFactor:
 class ObservationLayer(Layer):
     """Publishes the joint `Observation` on ``observation`` whenever an event of one of its factors occurs.
 
+    A layer that covers an agent's own factors alone publishes on ``own_observation``; of others it says nothing.
+
     Args:
         factors: By name where the model names its factors or agents, else in the model's order, first the most
             significant.
@@ -110,6 +123,8 @@ class ObservationLayer(Layer):
         predicates.use(*(name for factor in self.factors for name in factor.events if name is not None))
         self.space = space
         self.conflicts = 0
+        self.own = self.factors
+        self._covers: frozenset[str] | None = None
         self._places: dict[str, tuple[int, int]] = {}
         self._rest: list[int | None] = []
         self._strides: tuple[int, ...] = ()
@@ -118,6 +133,11 @@ class ObservationLayer(Layer):
     def key(self) -> str:
         """Where the factors stand in a configuration."""
         return f"ensembles.{self.owner.name}.observations"
+
+    def cover(self, names: Iterable[str]) -> None:
+        """Observe nothing but these factors, and tell it on ``own_observation``: a team puts the parts together."""
+        self._covers = frozenset(names)
+        self.own = tuple(factor for factor in self.factors if factor.name in self._covers)
 
     def _is_declared(self, event: str | None) -> bool:
         return event is not None and self.predicates.knows(event) == "event"
@@ -138,7 +158,7 @@ class ObservationLayer(Layer):
     def problems(self) -> Iterator[ConfigError]:
         """Yield what is wrong with the factors: against the events declared, each other, and the model."""
         owners: dict[str, str] = {}
-        for factor in self.factors:
+        for factor in self.own:
             key = f"{self.key}.{factor.name}"
             for position, event in enumerate(factor.events):
                 if event is None:
@@ -163,14 +183,14 @@ class ObservationLayer(Layer):
         """Listen to the events."""
         for problem in self.problems():
             raise problem
-        self._published = self.owner.channel("observation", Observation)
+        self._published = self.owner.channel("observation" if self._covers is None else "own_observation", Observation)
         self._places = {
             event: (component, symbol)
             for component, factor in enumerate(self.factors)
             for symbol, event in enumerate(factor.events)
-            if event is not None
+            if event is not None and factor in self.own
         }
-        self._rest = [factor.idle for factor in self.factors]
+        self._rest = [factor.idle if factor in self.own else None for factor in self.factors]
         strides: list[int] = []
         stride = 1
         for factor in reversed(self.factors):

@@ -25,6 +25,8 @@ __all__ = ["Reaction", "Safety", "SafetyOptions"]
 
 Reaction = Literal["safe", "continue"]
 
+LostTeammate = Literal["continue", "hold", "safe_action"]
+
 _REACTIONS = ("on_failed_action", "on_lost_input", "on_unknown")
 
 
@@ -37,6 +39,9 @@ class SafetyOptions(ControlOptions, total=False):
             end: ``safe`` (the default where there is a safe action) or ``continue``.
         on_lost_input: A sensor's value that became older than its ``max_age``: the same two.
         on_unknown: A state that turns unknown otherwise: the same two.
+        on_lost_teammate: In a team, what an agent that was there and has not left in order means to this one:
+            ``continue`` (the default: the team decides without it), ``hold`` (what is decided is not begun here until
+            it is back), or ``safe_action``.
         after_safe: What becomes of the belief where the safe action is none of the model's: it starts anew (``reset``,
             the default), or goes on by prediction (``keep``).
     """
@@ -45,6 +50,7 @@ class SafetyOptions(ControlOptions, total=False):
     on_failed_action: Reaction | None
     on_lost_input: Reaction | None
     on_unknown: Reaction | None
+    on_lost_teammate: LostTeammate | None
     after_safe: Literal["reset", "keep"]
 
 
@@ -68,6 +74,7 @@ class Safety:
         self._ensemble = ensemble
         self._has_safe_action = ensemble.action.safe is not None
         self._reactions = {name: self._reaction(name, options.get(name)) for name in _REACTIONS}
+        self.on_lost_teammate = self._lost_reaction(options.get("on_lost_teammate"))
         self._keep = _keeps(options.get("after_safe", "reset"))
         self._done = self._index_of_safe_action()
         self._told: tuple[str, tuple[Cause, ...]] = ("stopped", ())
@@ -86,6 +93,16 @@ class Safety:
         if given == "safe" and not self._has_safe_action:
             raise ConfigError(f"{name} asks for the safe action, but there is none", key="safe_action")
         return self._has_safe_action and given != "continue"
+
+    def _lost_reaction(self, given: LostTeammate | None) -> LostTeammate | None:
+        """What a lost teammate means; None where nothing was said."""
+        if given is not None and given not in get_args(LostTeammate):
+            raise ConfigError(
+                f"on_lost_teammate is 'continue', 'hold' or 'safe_action', not {given!r}", key="on_lost_teammate"
+            )
+        if given == "safe_action" and not self._has_safe_action:
+            raise ConfigError("on_lost_teammate asks for the safe action, but there is none", key="safe_action")
+        return given
 
     def _index_of_safe_action(self) -> int | None:
         """The model's index of the safe action, where it is one of the model's and the agent is alone."""
@@ -117,8 +134,8 @@ class Safety:
         manager = ensemble.predicates
         if manager is None:
             return frozenset()
-        names = [name for factor in (ensemble.state.factors if ensemble.state else ()) for name in factor.predicates]
-        observed = ensemble.observation.factors if ensemble.observation else ()
+        names = [name for factor in (ensemble.state.own if ensemble.state else ()) for name in factor.predicates]
+        observed = ensemble.observation.own if ensemble.observation else ()
         names += [name for factor in observed for name in factor.events if name is not None]
         return frozenset(sensor for name in names for sensor in manager.inputs_of(name) if sensor in manager.aged)
 
@@ -173,6 +190,11 @@ class Safety:
         if self._has_safe_action:
             self._obey(self.modes.endanger(fault.kind, fault.detail, fault.time), fault.time)
         return self.modes.mode == "safe"
+
+    def endanger(self, kind: str, detail: str, time: int) -> None:
+        """Take a cause that others report; where there is a safe action, go safe at once."""
+        if self._has_safe_action:
+            self._obey(self.modes.endanger(kind, detail, time), time)
 
     def reopen(self, kinds: frozenset[str], time: int) -> None:
         """Take causes as gone."""

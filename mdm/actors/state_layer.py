@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 from mdm.actors.layer import Layer
-from mdm.actors.wiring import Wire, arrange, check_name, index_order, named, places
+from mdm.actors.wiring import Wire, arrange, check_name, check_owner, index_order, named, places
 from mdm.errors import ConfigError, Error
 from mdm.logic import P, similar
 from mdm.messages import PredicateUpdate, State
@@ -30,18 +30,26 @@ class StateFactor:
             false and 1 where it is true; in a mapping, the symbol that it is given for and the other one.
         on_violation: What to do where none or several of k are true: take the ``first`` that is (where none is, as
             ``hold``), ``hold`` the last value, or ``error``. By default ``first`` for several and ``hold`` for none.
+        owner: In a team, the agent whose sensors tell it; by default the one of the factor's name.
 
     Example:
         >>> StateFactor("person", {"yes": "PersonIsWaiting"})
         >>> StateFactor("place", {"north": "IsInNorth", "south": "IsInSouth"}, on_violation="hold")
     """
 
-    __slots__ = ("name", "on_violation", "positive", "predicates", "size", "symbols")
+    __slots__ = ("name", "on_violation", "owner", "positive", "predicates", "size", "symbols")
 
     def __init__(
-        self, name: str, predicates: Names, on_violation: Literal["first", "hold", "error"] | None = None
+        self,
+        name: str,
+        predicates: Names,
+        on_violation: Literal["first", "hold", "error"] | None = None,
+        *,
+        owner: str | None = None,
     ) -> None:
         check_name(name, "a state factor")
+        check_owner(owner, f"state factor {name!r}")
+        self.owner = owner
         what = f"state factor {name!r}"
         self.name = name
         self.predicates, self.symbols = named(predicates, what, "predicate")
@@ -68,7 +76,7 @@ class StateFactor:
     def arranged(self, factor: Factor) -> StateFactor:
         """Return it with the predicates in the order of a model's factor."""
         what = f"state factor {self.name!r}"
-        new = StateFactor(self.name, self.predicates, self.on_violation)
+        new = StateFactor(self.name, self.predicates, self.on_violation, owner=self.owner)
         if self.symbols is not None:
             found = places(self.symbols, factor, what, enough=1 if len(factor) == 2 else None)
             if len(found) == 1:
@@ -117,7 +125,8 @@ class _Value:
 class StateLayer(Layer):
     """Publishes the joint `State` on ``state`` whenever it changes, once every factor is known.
 
-    When a known factor becomes unknown (a sensor's value grew too old), a state without an index says so.
+    When a known factor becomes unknown (a sensor's value grew too old), a state without an index says so. A layer that
+    covers an agent's own factors alone publishes on ``own_state`` what is known of these, whenever that changes.
 
     Args:
         factors: All of the model's factors or some; by name where the model names them, else in the model's order,
@@ -140,6 +149,9 @@ class StateLayer(Layer):
         predicates.use(*(name for factor in self.factors for name in factor.predicates))
         self.space = space
         self.violations = 0
+        self.own = self.factors
+        self._covers: frozenset[str] | None = None
+        self._part: tuple[int | None, ...] = ()
         self._values: tuple[_Value, ...] = ()
         self._slots: dict[str, tuple[tuple[_Value, int], ...]] = {}
         self._digits: list[int | None] = []
@@ -151,13 +163,18 @@ class StateLayer(Layer):
         """Where the factors stand in a configuration."""
         return f"ensembles.{self.owner.name}.states"
 
+    def cover(self, names: Iterable[str]) -> None:
+        """Tell nothing of factors but these, and tell it on ``own_state``: a team puts its agents' parts together."""
+        self._covers = frozenset(names)
+        self.own = tuple(factor for factor in self.factors if factor.name in self._covers)
+
     def wires(self) -> tuple[Wire, ...]:
         """Return what stands for each value of each factor."""
         return tuple(wire for factor in self.factors for wire in factor.wires())
 
     def inputs(self) -> frozenset[str]:
         """Return the names of all that its factors' predicates depend on, themselves included."""
-        names = (name for factor in self.factors for name in factor.predicates)
+        names = (name for factor in self.own for name in factor.predicates)
         return frozenset(found for name in names for found in self.predicates.inputs_of(name))
 
     def unknown(self) -> tuple[str, ...]:
@@ -165,7 +182,7 @@ class StateLayer(Layer):
         values = self.predicates.values()
         names: set[str] = set()
         for factor, digit in zip(self.factors, self._digits, strict=False):
-            if digit is None:
+            if digit is None and factor in self.own:
                 found = [name for name in factor.predicates if values.get(name) is None]
                 names.update(found or factor.predicates)
         inputs = {one for name in names for one in self.predicates.inputs_of(name) if values.get(one, False) is None}
@@ -174,7 +191,7 @@ class StateLayer(Layer):
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield what is wrong with the factors: against the predicates declared and against the model."""
-        for factor in self.factors:
+        for factor in self.own:
             for predicate in factor.predicates:
                 if self.predicates.knows(predicate) != "predicate":
                     yield ConfigError(
@@ -191,7 +208,8 @@ class StateLayer(Layer):
         """Take every predicate's value, and each change from now on."""
         for problem in self.problems():
             raise problem
-        self._published = self.owner.channel("state", State, retain=True)
+        self._published = self.owner.channel("state" if self._covers is None else "own_state", State, retain=True)
+        self._part = ()
         self._index = 0
         self._known = False
         values: list[_Value] = []
@@ -203,6 +221,8 @@ class StateLayer(Layer):
         self._digits = [None] * len(values)
         slots: dict[str, list[tuple[_Value, int]]] = {}
         for value in self._values:
+            if value.factor not in self.own:
+                continue
             for position, predicate in enumerate(value.factor.predicates):
                 slots.setdefault(predicate, []).append((value, 1 << position))
         self._slots = {predicate: tuple(places) for predicate, places in slots.items()}
@@ -295,6 +315,11 @@ class StateLayer(Layer):
     def _lost(self, time: int) -> None:
         # The index goes on counting unknown factors as 0, so that it can be kept up by differences.
         self._index = sum((digit or 0) * value.stride for digit, value in zip(self._digits, self._values, strict=True))
-        if self._known:
+        if self._covers is not None:
+            self._known = False
+            part, self._part = self._part, tuple(self._digits)
+            if part != self._part:
+                self._published.publish(State(time, None, self._part))
+        elif self._known:
             self._known = False
             self._published.publish(State(time, None, tuple(self._digits)))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from mdm.models import Factor, Space
 
-__all__ = ["Names", "Wire", "Wired", "arrange", "check_name", "index_order", "named", "places"]
+__all__ = ["Names", "Wire", "Wired", "arrange", "check_name", "check_owner", "index_order", "named", "places"]
 
 Names = Sequence[str] | Mapping[str, str] | Mapping[int, str]
 """Predicates or events: in the order of a factor's symbols, or by symbol."""
@@ -92,6 +92,16 @@ def check_name(name: object, kind: str) -> None:
     """
     if not isinstance(name, str) or not name:
         raise ConfigError(f"the name of {kind} is a text, not {name!r}")
+
+
+def check_owner(owner: object, what: str) -> None:
+    """Refuse what is no name of a factor's owner.
+
+    Raises:
+        ConfigError: If it is neither None nor a text that is not empty.
+    """
+    if owner is not None and (not isinstance(owner, str) or not owner):
+        raise ConfigError(f"the owner of {what} is an agent's name, not {owner!r}", key="owner")
 
 
 def index_order(symbols: Sequence[str | int], size: int, what: str) -> list[int] | None:

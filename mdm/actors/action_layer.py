@@ -82,6 +82,7 @@ class ActionLayer(Layer):
         safe_timeout: Seconds that the safe action may take.
 
     Attributes:
+        idle: Whether nothing is done here, not even the safe action: other agents do it.
         alarm: Told of an action that failed, timed out or was abandoned where nothing listens for that event.
     """
 
@@ -100,6 +101,7 @@ class ActionLayer(Layer):
         check_seconds(safe_timeout, "safe_timeout", key="safe_timeout")
         self.safe_timeout = safe_timeout
         self.alarm: Callable[[str], None] | None = None
+        self.idle = False
         self.names = names
         self.predicates = predicates
         self.bindings = _bindings(names, bindings)
@@ -164,13 +166,13 @@ class ActionLayer(Layer):
     def admit(self) -> None:
         """Run actions from now on."""
         self._admits = True
-        self._halted = self._barred
+        self._halted = self._barred or self.idle
         self._idle.clear()
 
     def bar(self, *, barred: bool) -> None:
         """Start nothing that is decided while it is barred; what lives goes on, and the safe action runs when due."""
         self._barred = barred
-        self._halted = barred or not self._admits
+        self._halted = barred or self.idle or not self._admits
         if barred:
             self._pending = None
 
@@ -229,7 +231,7 @@ class ActionLayer(Layer):
                 if self._patience is not None:
                     self._patience.cancel()
                     self._patience = None
-                if self.safe is None:
+                if self.safe is None or self.idle:
                     self._tell_secured(None)
                 else:
                     self._begin_life("safe action", self.safe, Action(self._now(), -1, -1), secures=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from mdm.actors.drive import Drive, FixedRate, OnEvent, drive_of
 from mdm.actors.layer import Layer
-from mdm.actors.modes import AT_INPUT, AT_STIMULUS
+from mdm.actors.modes import AT_INPUT, AT_KNOWN, AT_STIMULUS
 from mdm.actors.planner import Planner
 from mdm.beliefs import Support
 from mdm.controller import Controller
@@ -25,7 +25,7 @@ from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.clock import check_seconds
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from mdm.controller import Step
     from mdm.loading import GivenModel, GivenPolicy
@@ -97,6 +97,10 @@ class ControlStatistics(ActorStatistics, frozen=True):
     latency: Histogram
 
 
+def _ignore(_: Action) -> None:
+    """Do nothing of what is decided."""
+
+
 class ControlLayer(Layer):
     """Drives a `Controller`: tells it what is seen or observed, and publishes what it decides.
 
@@ -144,6 +148,8 @@ class ControlLayer(Layer):
         self.lead: Lead | None = None
         self.running = False
         self._held = False
+        self._alarmed = self._taking = False
+        self._catching_up = False
         self._informed = False
         self._acted: int | None = None
         self.superseded = 0
@@ -236,6 +242,7 @@ class ControlLayer(Layer):
         channel = self.owner.channel
         self._now = self.runtime.clock.reader()
         self._actions = channel("action", Action)
+        self._do: Callable[[Action], object] = self._actions.emit
         self._reward_channel = channel("reward", Reward, retain=True)
         self._beliefs = channel("belief", Belief, retain=True)
         self._decisions = self.runtime.decisions
@@ -244,7 +251,12 @@ class ControlLayer(Layer):
         self._ticker = None
         self._state = None
         self._open = None
+        if self.planner is not None:
+            self._questions = channel("question", Question)
+            self.subscribe(channel("answer", Answer), self._on_answer)
         if self.lead is not None:
+            for name in ("external_belief", "initial_belief"):
+                self.subscribe(channel(name, Belief, retain=name == "initial_belief"), self._refuse_own_belief)
             return
         if self._takes_states:
             self.subscribe(channel("state", State, retain=True), self._on_state)
@@ -252,9 +264,6 @@ class ControlLayer(Layer):
             self.subscribe(channel("observation", Observation), self._on_observation)
             self.subscribe(channel("external_belief", Belief), self._on_external_belief)
             self.subscribe(channel("initial_belief", Belief, retain=True), self._on_initial_belief)
-        if self.planner is not None:
-            self._questions = channel("question", Question)
-            self.subscribe(channel("answer", Answer), self._on_answer)
         self.subscribe(channel("control", Control), self._on_control)
 
     def on_stop(self) -> None:
@@ -265,10 +274,16 @@ class ControlLayer(Layer):
         """Decide on a message now, in this call, as if it had come on its channel; for whoever leads the layer."""
         if isinstance(message, Control):
             self._on_control(message)
-        elif isinstance(message, State):
+            return
+        self._alarmed = False
+        self._taking = True  # what is decided now need not be said twice where it ends a safe mode
+        if isinstance(message, State):
             self._on_state(message)
         else:
             self._on_observation(message)
+        if self.guard is not None and not self._alarmed and not self.blind:
+            self.guard.reopen(AT_KNOWN, message.time)
+        self._taking = False
 
     def _on_control(self, control: Control) -> None:
         command = control.command
@@ -300,6 +315,16 @@ class ControlLayer(Layer):
         if self._ticker is not None:
             self._ticker.cancel()
             self._ticker = None
+
+    @property
+    def event_driven(self) -> bool:
+        """Whether it decides on each input, and not at ticks."""
+        return self._event_driven
+
+    @property
+    def acted(self) -> int | None:
+        """The last action that was published in this episode, or None."""
+        return self._acted
 
     @property
     def blind(self) -> bool:
@@ -339,7 +364,8 @@ class ControlLayer(Layer):
             predict: Time has passed, of which the belief does not know.
         """
         if self.lead is not None:
-            self.repeat(time)
+            if not self._taking:
+                self.repeat(time)
             return
         self._held, self.running = False, True
         controller = self.controller
@@ -353,10 +379,63 @@ class ControlLayer(Layer):
             cause, observation = self._unanswered
             self._decide(time, cause, observation, state=self._state)
 
+    def catch_up(self, time: int, *, over: bool) -> None:
+        """Decide what others have decided long ago, of which nothing is done; when that is over, do what is done now.
+
+        Args:
+            time: When.
+            over: Whether it is.
+        """
+        self._catching_up = not over
+        self._do = self._actions.emit if over else _ignore
+        if over and self.running and self.blind and self.guard is not None:
+            self.guard.blind(time)
+        elif over:
+            self.repeat(time)
+
+    def relay(self, tell: Callable[[Action], object]) -> None:
+        """Tell somebody of each decision besides, until the layer stops; once it has started."""
+        emit = self._actions.emit
+
+        def do(action: Action) -> None:
+            emit(action)
+            tell(action)
+
+        self._do = do
+
+    def carry_out(self, action: Action) -> None:
+        """Publish what was decided elsewhere, as if it had been decided here."""
+        self._alarmed = False
+        self._taking = True
+        self.running = True
+        self._acted = action.index
+        self._actions.emit(action)
+        if self.guard is not None:
+            self.guard.reopen(AT_KNOWN | {"lost_controller"}, action.time)
+        self._taking = False
+
     def repeat(self, time: int) -> None:
         """Publish the present action once more, where there is one."""
         if self.running and self._acted is not None:
             self._actions.emit(Action(time, max(self.controller.epoch - 1, 0), self._acted))
+
+    def snapshot(self) -> bytes:
+        """Return what it takes to go on from here elsewhere; for whoever leads the layer."""
+        held = [self.controller.snapshot(), self.running, self._state, self._acted]
+        return msgspec.msgpack.encode(held)
+
+    def restore(self, snapshot: bytes) -> None:
+        """Go on from a snapshot of a layer of the same configuration.
+
+        Raises:
+            ModelError: If it is invalid or of another configuration; the layer is unchanged.
+        """
+        try:
+            controller, running, state, acted = msgspec.msgpack.decode(snapshot)
+        except (msgspec.MsgspecError, TypeError, ValueError) as error:
+            raise ModelError(f"this is not a snapshot of a control layer: {error}") from None
+        self.controller.restore(controller)
+        self.running, self._state, self._acted = running, state, acted
 
     def _reopen(self, kinds: frozenset[str], time: int) -> None:
         if self.guard is not None:
@@ -415,9 +494,10 @@ class ControlLayer(Layer):
         """Take a state on which nothing is decided: it is unknown, or the ensemble is safe."""
         assert self.guard is not None
         if state.index is None:
-            self.guard.blind(state.time)
+            if not self._catching_up:
+                self.guard.blind(state.time)
         else:
-            self.guard.reopen(AT_INPUT | {"unknown_input"}, state.time)
+            self.guard.reopen(AT_KNOWN, state.time)
 
     def _on_observation(self, observation: Observation) -> None:
         if not self.running:
@@ -490,6 +570,9 @@ class ControlLayer(Layer):
         except (Error, ValueError, TypeError) as error:
             self._refuse_belief("initial_belief", belief, error)
 
+    def _refuse_own_belief(self, belief: Belief) -> None:
+        self.report("belief", "refused a belief from outside: the team's agents share theirs", time=belief.time)
+
     def _refuse_belief(self, channel: str, belief: Belief, error: Exception) -> None:
         self.report("belief", f"refused a belief on {self._path}/{channel}: {error}", time=belief.time)
 
@@ -520,7 +603,8 @@ class ControlLayer(Layer):
 
     def _alarm(self, fault: Fault) -> bool:
         """Report what endangers the ensemble; return whether that makes it safe."""
-        if self.guard is not None:
+        self._alarmed = True
+        if self.guard is not None and not self._catching_up:
             return self.guard.alarm(fault)
         self.runtime.faults.publish(fault)
         return False
@@ -569,7 +653,7 @@ class ControlLayer(Layer):
             if self._late(latency, time) and self.lead is None:
                 return
             self.controller.last_action = step.action
-        self._actions.emit(Action(time, step.epoch, step.action))
+        self._do(Action(time, step.epoch, step.action))
         self._acted = step.action
         if step.reward is not None:
             self._reward_channel.emit(Reward(time, step.epoch, step.reward))

@@ -102,6 +102,7 @@ class Ensemble(Layer):
             super().__init__(name, supervision=supervision)
             self.predicates = predicates
             self._idle: list[Callable[[], None]] = []
+            self.local = local
             _check_settings(predicates, states, observations, agent, local=local)
             check_options(options, SafetyOptions)
             control: Any = {key: value for key, value in options.items() if key in ControlOptions.__annotations__}
@@ -283,15 +284,18 @@ class Ensemble(Layer):
         """End the safe mode: whoever calls it answers for its causes. The safe action comes to its end first."""
         self.channel("control", Control).publish(Control(self.runtime.clock.now(), "release"))
 
-    def follow(self, lead: Lead, owned: Collection[str]) -> None:
+    def follow(self, lead: Lead, owned: Collection[str], *, acts: bool = True) -> None:
         """Decide on what a team tells; call this before the start.
 
         Args:
             lead: Who tells it, and takes what is asked of the ensemble.
             owned: The state and observation factors that this agent's sensors tell, on ``own_state`` and
                 ``own_observation``.
+            acts: Whether this agent carries out a component of what is decided.
         """
         self.control.lead = lead
+        if not acts:
+            self.action.idle = True
         for layer in (self.state, self.observation):
             if layer is not None:
                 layer.cover(owned)
@@ -300,6 +304,12 @@ class Ensemble(Layer):
         """Take what the team tells, in this call: a command, or what is decided on."""
         if isinstance(message, Control):
             self._command(message)
+        elif isinstance(message, State):
+            if self.state is not None:
+                self.state.joint = message.values
+            self.channel("state", State, retain=True).publish(message)
+        else:
+            self.channel("observation", Observation).publish(message)
         self.control.take(message)
 
     def interrupt(self) -> None:
@@ -390,8 +400,8 @@ class Ensemble(Layer):
         self.safety.open()
 
     def on_running(self) -> None:
-        """Begin to decide, unless another ensemble's action is what starts this one."""
-        if not isinstance(self.parent, Ensemble):
+        """Begin to decide, unless another ensemble's action is what starts this one, or a team."""
+        if not isinstance(self.parent, Ensemble) and self.control.lead is None:
             self.start()
 
     def on_failing(self, error: BaseException) -> None:

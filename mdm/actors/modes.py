@@ -14,7 +14,7 @@ from mdm.messages import Cause
 if TYPE_CHECKING:
     from mdm.messages import ModeName
 
-__all__ = ["AT_INPUT", "AT_STIMULUS", "WAYS_BACK", "Modes", "Order"]
+__all__ = ["AT_INPUT", "AT_KNOWN", "AT_STIMULUS", "WAYS_BACK", "Modes", "Order"]
 
 
 class Order(Enum):
@@ -59,6 +59,9 @@ AT_STIMULUS: Final = frozenset(cause for cause, way in WAYS_BACK.items() if way 
 
 AT_INPUT: Final = AT_STIMULUS | {cause for cause, way in WAYS_BACK.items() if way == "input"}
 """Causes that are gone with the next state or observation."""
+
+AT_KNOWN: Final = AT_INPUT | {"unknown_input"}
+"""Causes that are gone with the next state that is known, or observation."""
 
 _FOR_GOOD = frozenset(cause for cause, way in WAYS_BACK.items() if way in {"restart", "never"})
 _TRIES = 2

@@ -72,7 +72,6 @@ class Safety:
         self.waiting = Waiting(ensemble)
         self.runs = 0
         self._ensemble = ensemble
-        self._has_safe_action = ensemble.action.safe is not None
         self._reactions = {name: self._reaction(name, options.get(name)) for name in _REACTIONS}
         self.on_lost_teammate = self._lost_reaction(options.get("on_lost_teammate"))
         self._keep = _keeps(options.get("after_safe", "reset"))
@@ -85,6 +84,11 @@ class Safety:
         self._last = False
         self._over = False
         self._ended: list[Callable[[], None]] = []
+
+    @property
+    def _has_safe_action(self) -> bool:
+        action = self._ensemble.action
+        return action.safe is not None and not action.idle
 
     def _reaction(self, name: str, given: object) -> bool:
         """Whether a cause makes the ensemble safe."""
@@ -349,7 +353,8 @@ class Safety:
 
     def latch(self) -> None:
         """Let nothing more that was or is decided start."""
-        self._ensemble.control.running = False
+        if self._ensemble.control.lead is None:
+            self._ensemble.control.running = False
         self._ensemble.action.latch()
 
     def _family(self) -> Iterator[Safety]:

@@ -152,6 +152,7 @@ class StateLayer(Layer):
         self.own = self.factors
         self._covers: frozenset[str] | None = None
         self._part: tuple[int | None, ...] = ()
+        self.joint: tuple[int | None, ...] = ()
         self._values: tuple[_Value, ...] = ()
         self._slots: dict[str, tuple[tuple[_Value, int], ...]] = {}
         self._digits: list[int | None] = []
@@ -181,8 +182,10 @@ class StateLayer(Layer):
         """Return the predicates that keep the state unknown, sorted: of derived ones, what they are unknown by."""
         values = self.predicates.values()
         names: set[str] = set()
-        for factor, digit in zip(self.factors, self._digits, strict=False):
-            if digit is None and factor in self.own:
+        for factor, digit in zip(self.factors, self.joint or self._digits, strict=False):
+            if digit is None and factor not in self.own:
+                names.add(factor.name if factor.owner is None else f"{factor.name} (of {factor.owner})")
+            elif digit is None:
                 found = [name for name in factor.predicates if values.get(name) is None]
                 names.update(found or factor.predicates)
         inputs = {one for name in names for one in self.predicates.inputs_of(name) if values.get(one, False) is None}

@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     )
     from mdm.simulation import World, evaluate, simulate
     from mdm.solvers import solve
+    from mdm.team.team import Team
 
     __version__: str
 
@@ -100,6 +101,7 @@ __all__ = [
     "StateLayer",
     "Step",
     "System",
+    "Team",
     "VirtualClock",
     "VirtualEventLoop",
     "WallClock",
@@ -155,6 +157,7 @@ _HOMES = {
     ),
     "simulation": ("World", "evaluate", "simulate"),
     "solvers": ("solve",),
+    "team": ("Team",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

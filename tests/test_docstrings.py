@@ -33,9 +33,14 @@ WITHOUT = {  # protocols and results, which users do not make; and what a named 
     "policies.mismatch",
     "simulation.CommunicationEvaluation",
     "simulation.Evaluation",
+    "team.Agent",
+    "team.Committed",
     "team.Experience",
+    "team.Member",
+    "team.MemberStatistics",
     "team.RecollectionStatistics",
     "team.SharedHistory",
+    "team.Teammates",
 }
 
 

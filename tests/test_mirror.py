@@ -9,6 +9,7 @@ PACKAGE, TESTS = ROOT / "mdm", ROOT / "tests"
 UNTESTED_ALONE = {
     "messages.py": "declares types alone",
     "actors/layer.py": "a base: its layers are tested",
+    "team/layer.py": "a base: replicas and centralised teams are tested",
     "problems/agents.py": "a line that the problems of teams share",
     "policies/constant_policy.py": "with the random policy, which makes the same promises",
     "beliefs/dense.py": "with every other filter, against one computation: test_filter",

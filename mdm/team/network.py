@@ -42,14 +42,10 @@ class Network:
 
     Example::
 
-        network = Network(runtime.clock, seed=7, loss=0.1, delay=(0.001, 0.02))
-        first, second = network.transport("robot1"), network.transport("robot2")
-        await first.open()
-        await second.open()
+        network = mdm.team.Network(mdm.VirtualClock(), team="rescue", seed=7, loss=0.1, delay=(0.001, 0.02))
+        robot1, robot2 = network.transport("robot1"), network.transport("robot2")  # for `Team.member`
         network.partition({"robot1"}, {"robot2"})
         network.heal()
-        network.crash("robot2")
-        await network.transport("robot2").open()  # back, in a new incarnation
     """
 
     def __init__(

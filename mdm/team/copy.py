@@ -1,0 +1,273 @@
+"""The copy: one agent's copy of a decision process that a team runs together.
+
+It puts the agents' parts of a step together and has its ensemble's control layer decide on them, in the same call: the
+same steps give the same decisions at every agent. It knows nothing of who agreed on the steps.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import msgspec
+
+from mdm.errors import ModelError
+from mdm.messages import Control, Observation, State
+from mdm.models.digest import digest, of_parts
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from typing import Literal
+
+    from mdm.actors import Ensemble
+    from mdm.team.ownership import Parts
+    from mdm.team.team import Team
+
+__all__ = ["BEGIN", "Copy", "Part"]
+
+BEGIN = "begin"
+"""The command that starts an ensemble which nobody has started or stopped before."""
+
+
+class Part(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """What one agent says of a step: when, in nanoseconds of its clock, and the value of each factor that it owns.
+
+    A value is None where nothing is new (of observations), or where it is unknown (of states).
+    """
+
+    time: int
+    values: tuple[int | None, ...]
+
+
+_encode = msgspec.msgpack.Encoder().encode
+_decode = msgspec.msgpack.Decoder(Part).decode
+
+
+class Copy:
+    """A copy of the joint process.
+
+    A part that is missing is summed over in a belief update; of a state the last value counts, for at most the team's
+    ``max_age`` after the first step without its owner.
+
+    Args:
+        team: The team.
+        agent: Whose copy it is.
+        ensemble: What decides here.
+        parts: The factors, and whose they are.
+
+    Attributes:
+        begun: Whether it was ever started.
+        malformed: Parts that were none of its agent's; they count as missing.
+    """
+
+    def __init__(self, team: Team, agent: str, ensemble: Ensemble, parts: Parts) -> None:
+        self.parts = parts
+        self.begun = False
+        self.malformed = 0
+        self._agent = agent
+        self._ensemble = ensemble
+        self._control = ensemble.control
+        self._event_driven = team.event_driven
+        self._max_age = round(team.max_age * 1e9)
+        self._kept: list[int | None] = [None] * len(parts.names)
+        self._gone: dict[str, int] = {}
+        self._silent: tuple[str, ...] = ()
+        self._now = 0
+        self._last: tuple[int | None, ...] | None = None
+        self._digest: str | None = None
+        if parts.takes != "state":
+            self._kept = list(parts.idle)
+        self.facts = self._facts(team)
+
+    @property
+    def running(self) -> bool:
+        """Whether it decides."""
+        return self._control.running
+
+    def part(self, time: int, values: Iterable[int | None]) -> bytes:
+        """Return what this agent says of a step: a value for each factor that it owns."""
+        return _encode(Part(time, tuple(values)))
+
+    @property
+    def aging(self) -> bool:
+        """Whether the last word of an agent that is not there counts still."""
+        return any(agent not in self._silent and self.parts.of[agent] for agent in self._gone)
+
+    def told(self, agent: str) -> tuple[int | None, ...]:
+        """Return the last values of an agent's factors; None where they count no more."""
+        stale = agent in self._silent
+        return tuple(None if stale else self._kept[place] for place in self.parts.of[agent])
+
+    # -- Steps ---------------------------------------------------------------------------------------------------
+
+    def command(self, command: str, time: int) -> None:
+        """Start, stop, reset or resume; what was observed before counts no more."""
+        self._digest = None
+        if command == BEGIN:
+            if self.begun:
+                return
+            command = "start"
+        self.begun = self.begun or command != "reset"
+        if self.parts.takes != "state":
+            self._kept = list(self.parts.idle)
+        self._ensemble.take(Control(time, cast('Literal["start", "stop", "reset", "resume"]', command)))
+
+    def step(self, inputs: Mapping[str, bytes], missing: Iterable[str], time: int) -> None:
+        """Decide on a joint step.
+
+        Args:
+            inputs: What agents say of it; of those that are in neither, nothing is new.
+            missing: Agents of which it is not known.
+            time: For the messages here; it decides nothing.
+        """
+        self._digest = None
+        said: dict[str, Part] = {}
+        wrong: list[str] = []
+        for agent, body in inputs.items():
+            part = self._opened(agent, body)
+            if part is None:
+                wrong.append(agent)
+            else:
+                said[agent] = part
+        silent = {*missing, *wrong}
+        if self.parts.takes == "state":
+            self._see(said, silent, time)
+        else:
+            self._observe(said, silent, time)
+
+    def _opened(self, agent: str, body: bytes) -> Part | None:
+        """Return a part; None where it is none of this agent's."""
+        places = self.parts.of.get(agent, ())
+        try:
+            part = _decode(body)
+        except (msgspec.MsgspecError, ValueError):
+            part = Part(0, ())
+        sizes = (self.parts.sizes[place] for place in places)
+        if len(part.values) == len(places) and all(
+            value is None or 0 <= value < size for value, size in zip(part.values, sizes, strict=True)
+        ):
+            return part
+        self.malformed += 1
+        return None
+
+    def _observe(self, said: Mapping[str, Part], silent: set[str], time: int) -> None:
+        parts = self.parts
+        new = {
+            place: value
+            for agent, part in said.items()
+            for place, value in zip(parts.of[agent], part.values, strict=True)
+            if value is not None
+        }
+        values: tuple[int | None, ...] = (None,) * len(parts.names)
+        if new:  # else time has passed, and nobody has seen anything
+            values = tuple(
+                new.get(place, None if owner in silent else self._kept[place])
+                for place, owner in enumerate(parts.owners)
+            )
+            for place, value in new.items():
+                if parts.hold[place]:
+                    self._kept[place] = value
+        mask = tuple(place in new for place in range(len(values)))
+        self._tell(Observation(time, parts.index(values), values, mask))
+
+    def _see(self, said: Mapping[str, Part], silent: set[str], time: int) -> None:
+        parts = self.parts
+        self._now = max(self._now, *(part.time for part in said.values())) if said else self._now
+        for agent, part in said.items():
+            for place, value in zip(parts.of[agent], part.values, strict=True):
+                self._kept[place] = value
+        for agent in parts.of:
+            if agent not in silent:
+                self._gone.pop(agent, None)
+            else:
+                self._gone.setdefault(agent, self._now)
+        limit = self._now - self._max_age
+        self._silent = tuple(agent for agent, since in self._gone.items() if since < limit)
+        values = tuple(
+            None if owner in self._silent else value for owner, value in zip(parts.owners, self._kept, strict=True)
+        )
+        same, self._last = values == self._last, values
+        if not (same and self._event_driven):
+            self._tell(State(time, parts.index(values), values))
+
+    def _tell(self, message: State | Observation) -> None:
+        """Decide."""
+        self._ensemble.take(message)
+
+    def named(self, inputs: Mapping[str, bytes]) -> dict[str, str | tuple[str | None, ...] | None]:
+        """Return in names what agents say of a step: of one factor its symbol, of several a tuple."""
+        names: dict[str, str | tuple[str | None, ...] | None] = {}
+        for agent, body in inputs.items():
+            part = self._opened(agent, body)
+            if part is not None:
+                places = self.parts.of[agent]
+                symbols = tuple(
+                    None if value is None else self.parts.symbols[place][value]
+                    for place, value in zip(places, part.values, strict=True)
+                )
+                names[agent] = symbols[0] if len(symbols) == 1 else symbols
+        return names
+
+    # -- Copies of the copy --------------------------------------------------------------------------------------
+
+    def digest(self) -> str:
+        """Return a hash of all that decides what further steps do; the same at every agent that took the same ones."""
+        if self._digest is None:
+            self._digest = of_parts([self.snapshot()])
+        return self._digest
+
+    def snapshot(self) -> bytes:
+        """Return the whole copy."""
+        held = [
+            self._control.snapshot(),
+            self.begun,
+            self._kept,
+            sorted(self._gone.items()),
+            self._silent,
+            self._now,
+            self._last,
+        ]
+        return _encode(held)
+
+    def restore(self, snapshot: bytes) -> None:
+        """Become the copy that a snapshot is of.
+
+        Raises:
+            ModelError: If it is no snapshot of this process; the copy is unchanged.
+        """
+        try:
+            control, begun, kept, gone, silent, now, last = msgspec.msgpack.decode(snapshot)
+        except (msgspec.MsgspecError, TypeError, ValueError) as error:
+            raise ModelError(f"this is not a copy of an ensemble: {error}") from None
+        self._control.restore(control)
+        self._digest = None
+        self.begun, self._kept, self._gone = begun, kept, dict(gone)
+        self._silent, self._now, self._last = tuple(silent), now, None if last is None else tuple(last)
+
+    def _facts(self, team: Team) -> dict[str, str]:
+        """Return what must be the same at every agent, by what it is."""
+        controller = self._ensemble.controller
+        return {
+            "program's version": _version(),
+            "team": team.name,
+            "team's agents": ", ".join(team.names),
+            "team's mode": team.mode,
+            "team's drive": "events" if team.period is None else f"a period of {team.period:g} s",
+            "team's quorum": team.quorum,
+            "team's max_age": f"{team.max_age:g} s",
+            "model": "none" if controller.model is None else digest(controller.model),
+            "policy": type(controller.policy).__name__,
+            **self.parts.facts(),
+            "horizon": str(controller.horizon),
+            "on_impossible": controller.on_impossible,
+            "policy, rewards and options": controller.configuration,
+            "start, by the initial belief and the seed": of_parts([self.snapshot()]),
+        }
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - it takes longer than all else here
+
+    try:
+        return version("markov-decision-making")
+    except PackageNotFoundError:
+        return "(not installed)"

@@ -1,0 +1,245 @@
+"""The layer that a team adds to an ensemble: it takes what the agent's own layers say, and leads the control layer."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mdm.actors.layer import Layer
+from mdm.errors import ConfigError
+from mdm.messages import Observation, State
+from mdm.team.commits import Committed
+from mdm.team.copy import Copy
+from mdm.team.ownership import Parts, acting
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+    from typing import Literal
+
+    from mdm.actors import Ensemble
+    from mdm.messages import Tick
+    from mdm.runtime import Channel, Subscription
+    from mdm.team.link import Link
+    from mdm.team.placement import Placement
+    from mdm.team.team import Team
+    from mdm.team.transport import Sample
+
+__all__ = ["TeamLayer"]
+
+_TEAMMATE = frozenset({"lost_teammate"})
+
+
+class TeamLayer(Layer):
+    """What the layers of a team have in common: the last layer of an ensemble, between it and the other agents.
+
+    At a fixed rate it offers at each tick what its agent has seen since the last one; where events make steps, at once.
+
+    Args:
+        name: Its name.
+        team: The team.
+        ensemble: The ensemble, whose control layer it leads.
+        link: What connects this agent with the others.
+        placement: Where the ensemble's layers are.
+
+    Raises:
+        ConfigError: If the ensemble does not fit the team.
+
+    Attributes:
+        parts: The factors of what the ensemble decides on, and whose they are.
+        copy: This agent's copy of the joint process.
+        commits: Where each step is told; set before the start.
+        lost: The teammates that are lost.
+        tick: The number of the last tick.
+    """
+
+    def __init__(self, name: str, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
+        super().__init__(name)
+        self.team = team
+        self.ensemble = ensemble
+        self.link = link
+        self.agent = link.agent
+        agents = acting(team, ensemble, placement)
+        _check(team, self.agent, ensemble, agents)
+        self.parts = Parts(team, ensemble, placement)
+        ensemble.follow(self, self.parts.named(self.agent), acts=self.agent in agents)
+        self.copy = Copy(team, self.agent, ensemble, self.parts)
+        self.commits: Channel[Committed] | None = None
+        self.lost: frozenset[str] = frozenset()
+        self.malformed = 0
+        self.tick = 0
+        self._places = self.parts.of[self.agent]
+        self._own: tuple[int | None, ...] = (None,) * len(self._places)
+        self._seen: list[int | None] = [None] * len(self._places)
+        self._held = False
+        self._hears: list[Subscription[Any]] = []
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Listen to the own layers."""
+        channel = self.owner.channel
+        self._held = False
+        if self.parts.takes == "state":
+            self.subscribe(channel("own_state", State, retain=True), self._on_own_state)
+        else:
+            self.subscribe(channel("own_observation", Observation), self._on_own_observation)
+        if self.team.period is not None:
+            self.every(1 / self.team.period, self._on_tick)
+        self._hears = [self.link.watch(self.take_live, self)]
+
+    def on_stop(self) -> None:
+        """Listen no more."""
+        self.link.drop(self._hears)
+
+    def hear(self, expression: str, handler: Callable[[Sample], None]) -> None:
+        """Handle what other agents put under the keys of an expression, until this layer stops."""
+        self._hears.append(self.link.listen(expression, handler, self))
+
+    # -- What a kind of team does --------------------------------------------------------------------------------
+
+    def offer(self, part: bytes | None) -> None:
+        """Say what this agent saw, for the next step; None where it saw nothing."""
+        raise NotImplementedError
+
+    def ask_for(self, command: str) -> None:
+        """Have all agents do what was asked for here."""
+        raise NotImplementedError
+
+    def take_live(self, link: Link) -> None:
+        """Take note of who is live."""
+        raise NotImplementedError
+
+    # -- What the own layers say ---------------------------------------------------------------------------------
+
+    def command(self, command: Literal["start", "stop", "reset", "resume"]) -> None:
+        """Have the team do what was asked for here; a stop stops this agent at once, too."""
+        if command == "stop":
+            self.ensemble.safety.stop(self.runtime.clock.now())
+        self.ask_for(command)
+
+    def say(self, values: Iterable[int | None]) -> None:
+        """Offer the values of this agent's factors."""
+        self.offer(self.copy.part(self.runtime.clock.now(), values))
+
+    @property
+    def own(self) -> tuple[int | None, ...]:
+        """The present values of this agent's state factors."""
+        return self._own
+
+    def forget(self) -> None:
+        """Forget what was observed since the last tick: a command has come between."""
+        self._seen = [None] * len(self._places)
+
+    def _on_own_state(self, state: State) -> None:
+        own = tuple(state.values[place] for place in self._places)
+        if own != self._own:
+            self._own = own
+            if self.team.event_driven:
+                self.say(own)
+
+    def _on_own_observation(self, observation: Observation) -> None:
+        new = [observation.values[place] if observation.mask[place] else None for place in self._places]
+        if all(value is None for value in new):
+            return
+        if not self.team.event_driven:
+            self._seen = [old if value is None else value for old, value in zip(self._seen, new, strict=True)]
+        elif self.copy.running:
+            self.say(new)
+
+    def _on_tick(self, tick: Tick) -> None:
+        if not self.copy.running:
+            return
+        self.tick = tick.number
+        if self.parts.takes == "state":
+            self.say(self._own)
+        elif any(value is not None for value in self._seen):
+            seen = self._seen
+            self.forget()
+            self.say(seen)
+        else:
+            self.offer(None)
+
+    # -- Lost teammates ------------------------------------------------------------------------------------------
+
+    def take_lost(self, lost: Iterable[str]) -> None:
+        """Take note of the teammates that are lost."""
+        self.lost = frozenset(lost)
+        self.assess(self.runtime.clock.now())
+
+    def assess(self, now: int) -> None:
+        """Go safe, hold or go on, by who is lost."""
+        safety = self.ensemble.safety
+        if safety.on_lost_teammate == "safe_action":
+            if self.lost:
+                safety.endanger("lost_teammate", f"lost: {', '.join(sorted(self.lost))}", now)
+            else:
+                safety.reopen(_TEAMMATE, now)
+        elif safety.on_lost_teammate == "hold" and bool(self.lost) != self._held:
+            self._held = bool(self.lost)
+            self.ensemble.action.bar(barred=self._held)
+            if not self._held:
+                self.ensemble.control.repeat(now)
+
+    # -- Steps ---------------------------------------------------------------------------------------------------
+
+    def take_command(self, command: str, now: int) -> None:
+        """Do what all do."""
+        self.copy.command(command, now)
+        self.forget()
+
+    def tell(
+        self,
+        term: tuple[int, str, int],
+        step: int,
+        inputs: Mapping[str, bytes],
+        missing: Iterable[str],
+        command: str | None,
+        *,
+        action: int | None,
+        digest: str,
+    ) -> None:
+        """Tell of a step, where somebody listens."""
+        if self.commits is None or not self.commits.heard:
+            return
+        self.commits.publish(
+            Committed(
+                time=self.runtime.clock.now(),
+                agent=self.agent,
+                ensemble=self.ensemble.name,
+                term=term,
+                step=step,
+                input=self.copy.named(inputs),
+                missing=tuple(missing),
+                command=command,
+                action=None if action is None else self.ensemble.controller.symbols.action_name(action),
+                digest=digest,
+            )
+        )
+
+
+def _check(team: Team, agent: str, ensemble: Ensemble, agents: tuple[str, ...]) -> None:
+    """Refuse an ensemble that is none of a team."""
+    key, control = f"ensembles.{ensemble.name}", ensemble.control
+    if ensemble.local:
+        raise ConfigError(
+            f"ensemble {ensemble.name!r} runs its agent's own plan, which needs no agreement: leave out local, or the "
+            "team",
+            key=f"{key}.local",
+        )
+    if not control.event_driven:
+        raise ConfigError(
+            f"ensemble {ensemble.name!r} has a drive of its own, but its team {team.name!r} says when it decides: "
+            "leave it out",
+            key=f"{key}.drive",
+        )
+    if control.on_no_observation != "predict":
+        raise ConfigError(
+            f"on_no_observation of ensemble {ensemble.name!r} is for an agent alone: in a team, what nobody has "
+            "observed is summed over",
+            key=f"{key}.on_no_observation",
+        )
+    if agent in agents and ensemble.agent != agents.index(agent):
+        raise ConfigError(
+            f"ensemble {ensemble.name!r} acts for the model's agent {ensemble.agent}, but {agent!r} is agent "
+            f"{agents.index(agent)}: give it agent={agents.index(agent)}",
+            key=f"{key}.agent",
+        )

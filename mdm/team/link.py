@@ -1,0 +1,163 @@
+"""The link: connects an agent with its team. It owns the transport, and brings what that hears to actors, in turns."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mdm.runtime import Actor, Subscription
+from mdm.team.keys import join
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Iterable, Mapping
+
+    from mdm.runtime import Work
+    from mdm.team.team import Team
+    from mdm.team.transport import Priority, Sample, Transport
+
+__all__ = ["Link"]
+
+FAREWELL = "leaving"
+"""The channel on which an agent says that it leaves in order."""
+
+
+class Link(Actor):
+    """The actor around a transport: opens it, hears it in turns, says farewell and closes it.
+
+    It starts first and stops last of what a member has, so that what the others do at their end can still be said.
+
+    Args:
+        team: The team.
+        transport: What carries the messages of one of its agents.
+
+    Attributes:
+        live: The live agents and their incarnations, this one included; without those who said that they leave.
+        left: Those who have left in order, with the incarnation that has.
+        opened: Whether the transport is open.
+    """
+
+    def __init__(self, team: Team, transport: Transport, *, name: str = "link") -> None:
+        super().__init__(name)
+        self.team = team
+        self.transport = transport
+        self.agent = transport.agent
+        self.live: dict[str, int] = {}
+        self.left: dict[str, int] = {}
+        self.opened = False
+        self._leaving = False
+        self._seen: Mapping[str, int] = {}
+        self._heard: dict[str, list[Subscription[Any]]] = {}
+        self._watching: list[Subscription[Any]] = []
+        self._opening: Work | None = None
+
+    def key(self, *rest: str) -> str:
+        """Return a key of this agent."""
+        return join(self.team.name, self.agent, *rest)
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Have failures of the transport's handlers be this actor's, and what it drops reported."""
+        self.transport.supervise(self.fail, self.report)
+        self.transport.watch(self._in_turn(self._on_seen))
+        self.listen(join(self.team.name, "*", FAREWELL), self._on_farewell, self)
+
+    def connect(self) -> None:
+        """Open the transport, beside the loop; what keeps it from opening is this actor's failure."""
+        self._opening = self.spawn(self._open(), name="open")
+
+    async def _open(self) -> None:
+        await self.transport.open()
+        self.runtime.dispatcher.deliver(Subscription(None, self, self._on_open), None)
+
+    def _on_open(self, _: None) -> None:
+        self.opened = True
+        self._tell()
+
+    def say_farewell(self) -> None:
+        """Tell the others that this agent leaves in order: it puts nothing more, and they do not wait for it."""
+        if self.opened and not self._leaving:
+            self.transport.put(self.key(FAREWELL), b"", priority="step")
+        self._leaving = True
+
+    async def on_stopping(self) -> None:
+        """Close the transport."""
+        if self._opening is not None and not self._opening.done:
+            self._opening.cancel()
+        self.opened = False
+        await self.transport.close()
+
+    def on_stop(self) -> None:
+        """Bring nothing more to anybody."""
+        self.drop([*self._watching, *(one for known in self._heard.values() for one in known)])
+
+    # -- Messages ------------------------------------------------------------------------------------------------
+
+    def put(self, key: str, body: bytes, *, priority: Priority = "value") -> bool:
+        """Send a message under a key of this agent; False where it was not sent."""
+        return self.opened and not self._leaving and self.transport.put(key, body, priority=priority)
+
+    def listen(self, expression: str, handler: Callable[[Sample], None], actor: Actor) -> Subscription[Sample]:
+        """Handle each message under the keys of an expression in a turn of an actor, until it is cancelled."""
+        subscription: Subscription[Sample] = Subscription(None, actor, handler)
+        known = self._heard.get(expression)
+        if known is None:
+            known = self._heard[expression] = []
+            deliver = self.runtime.dispatcher.deliver
+            heard = known
+
+            def hand_on(sample: Sample) -> None:
+                for one in tuple(heard):
+                    deliver(one, sample)
+
+            self.transport.subscribe(expression, hand_on)
+        known.append(subscription)
+        return subscription
+
+    def drop(self, subscriptions: Iterable[Subscription[Any]]) -> None:
+        """Bring no more to these."""
+        for subscription in subscriptions:
+            subscription.cancel()
+            for known in (self._watching, *self._heard.values()):
+                if subscription in known:
+                    known.remove(subscription)
+
+    def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
+        """Answer what is asked under a key of this agent."""
+        self.transport.serve(key, answer)
+
+    def ask(self, expression: str, body: bytes = b"", *, seconds: float = 1.0) -> Awaitable[dict[str, bytes]]:
+        """Ask all who serve the keys of an expression; the answers come by agent."""
+        return self.transport.ask(expression, body, timeout=seconds)
+
+    # -- Who is live ---------------------------------------------------------------------------------------------
+
+    def watch(self, handler: Callable[[Link], None], actor: Actor) -> Subscription[Link]:
+        """Call in a turn of an actor when `live` has changed, and now where the link is open."""
+        subscription: Subscription[Link] = Subscription(None, actor, handler)
+        self._watching.append(subscription)
+        if self.opened:
+            self.runtime.dispatcher.deliver(subscription, self)
+        return subscription
+
+    def _in_turn(self, handler: Callable[[Any], None]) -> Callable[[Any], None]:
+        turn: Subscription[Any] = Subscription(None, self, handler)
+        return lambda message: self.runtime.dispatcher.deliver(turn, message)
+
+    def _on_seen(self, seen: Mapping[str, int]) -> None:
+        self._seen = seen
+        self.left = {agent: life for agent, life in self.left.items() if seen.get(agent, life) <= life}
+        if self.opened:
+            self._tell()
+
+    def _on_farewell(self, sample: Sample) -> None:
+        self.left[sample.owner] = sample.incarnation
+        self._tell()
+
+    def _tell(self) -> None:
+        live = {agent: life for agent, life in self._seen.items() if self.left.get(agent, -1) < life}
+        live = {agent: live[agent] for agent in self.team.names if agent in live}
+        live[self.agent] = self.transport.incarnation
+        if live != self.live:
+            self.live = live
+            for subscription in tuple(self._watching):
+                self.runtime.dispatcher.deliver(subscription, self)

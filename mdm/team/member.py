@@ -1,0 +1,170 @@
+"""The member: one agent of a team, as the actor that a process runs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from mdm.actors import Ensemble
+from mdm.errors import ConfigError
+from mdm.messages import Message
+from mdm.runtime import Actor, ActorStatistics
+from mdm.team.centralised import CentralisedStatistics, Centre, Outpost, controlling
+from mdm.team.commits import Committed
+from mdm.team.link import Link
+from mdm.team.placement import Placement
+from mdm.team.replica import Replica, ReplicaStatistics
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from mdm.team.team import Team
+    from mdm.team.transport import Transport, TransportStatistics
+
+__all__ = ["Member", "MemberStatistics", "Teammates"]
+
+
+class Teammates(Message, frozen=True, gc=False):
+    """Who of a team is there, as one agent sees it: the live agents, itself included, and those who are lost."""
+
+    agent: str
+    live: tuple[str, ...]
+    lost: tuple[str, ...]
+
+
+class MemberStatistics(ActorStatistics, frozen=True):
+    """Where a member stands.
+
+    Attributes:
+        live: The agents that it sees, itself included.
+        lost: Those that were there and have not left in order.
+        layers: Where its ensembles stand, by name.
+        transport: What its transport carried.
+    """
+
+    live: tuple[str, ...]
+    lost: tuple[str, ...]
+    layers: dict[str, ReplicaStatistics | CentralisedStatistics]
+    transport: TransportStatistics
+
+
+class Member(Actor):
+    """One agent of a team: its ensembles, and what connects them with those of the others.
+
+    It publishes a `Committed` for each joint step on ``commits``, and `Teammates` on ``teammates``. When a teammate is
+    lost it reports a fault ``lost_teammate``. When it ends it tells the others, who then do not miss it.
+
+    Args:
+        team: The team.
+        agent: Which agent it is.
+        ensembles: What it decides; of the same names at every agent.
+        transport: What carries its messages; by default a session of Zenoh.
+        placement: Where the layers of ensembles are, by the ensembles' names. One whose control layer is placed at an
+            agent is decided there, whatever the team's mode.
+
+    Raises:
+        ConfigError: If there is no such agent, or an ensemble does not fit the team.
+
+    Attributes:
+        link: What connects it with the others.
+        layers: What a team adds to each of its ensembles, by name.
+    """
+
+    def __init__(
+        self,
+        team: Team,
+        agent: str,
+        ensembles: Sequence[Ensemble],
+        *,
+        transport: Transport | None = None,
+        placement: Mapping[str, Placement] | None = None,
+    ) -> None:
+        super().__init__(team.check_agent(agent))
+        self.team = team
+        self.agent = agent
+        self.ensembles = _by_name(ensembles)
+        if transport is None:
+            raise ConfigError("a member needs a transport", key="transport")
+        if transport.agent != agent:
+            raise ConfigError(f"the transport is that of agent {transport.agent!r}, not of {agent!r}", key="transport")
+        self.link = Link(team, transport)
+        given = dict(placement or {})
+        self.layers: dict[str, Replica | Centre | Outpost] = {}
+        self.lost: tuple[str, ...] = ()
+        self._live: tuple[str, ...] = ()
+        self.add(self.link)
+        for name, ensemble in self.ensembles.items():
+            layer = self.layers[name] = _layer(team, ensemble, self.link, given.pop(name, Placement()))
+            ensemble.add(layer)
+            self.add(ensemble)
+        if given:
+            raise ConfigError(
+                f"there is no ensemble {next(iter(given))!r} to place; there are {', '.join(self.ensembles)}",
+                key="placement",
+            )
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Make the channels."""
+        commits = self.channel("commits", Committed)
+        self._teammates = self.channel("teammates", Teammates, retain=True)
+        for layer in self.layers.values():
+            layer.commits = commits
+
+    def on_running(self) -> None:
+        """Connect with the others: everything here listens by now."""
+        self.link.watch(self._on_live, self)
+        self.link.connect()
+
+    async def on_stopping(self) -> None:
+        """Tell the others that this agent leaves, before anything of it ends."""
+        self.link.say_farewell()
+
+    # -- Teammates -----------------------------------------------------------------------------------------------
+
+    def _on_live(self, link: Link) -> None:
+        live = tuple(link.live)
+        lost = [agent for agent in self.team.names if agent not in live and agent not in link.left]
+        lost = [agent for agent in lost if agent in self._live or agent in self.lost]
+        for agent in lost:
+            if agent not in self.lost:
+                self.report(
+                    "lost_teammate", f"agent {agent!r} of team {self.team.name!r} is lost; there are {', '.join(live)}"
+                )
+        self._live, self.lost = live, tuple(lost)
+        self._teammates.publish(Teammates(self.runtime.clock.now(), self.agent, live, self.lost))
+        for layer in self.layers.values():
+            layer.take_lost(lost)
+
+    def statistics(self) -> MemberStatistics:
+        """Return where it stands."""
+        return MemberStatistics(
+            **msgspec.structs.asdict(super().statistics()),
+            live=self._live,
+            lost=self.lost,
+            layers={name: layer.statistics() for name, layer in self.layers.items()},
+            transport=self.link.transport.statistics(),
+        )
+
+
+def _layer(team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> Replica | Centre | Outpost:
+    """Return what connects an ensemble with those of its name at the other agents."""
+    if team.mode == "centralised" or placement.control is not None:
+        decides = controlling(team, ensemble, placement) == link.agent
+        return (Centre if decides else Outpost)(team, ensemble, link, placement)
+    return Replica(team, ensemble, link, placement)
+
+
+def _by_name(ensembles: Iterable[Ensemble]) -> dict[str, Ensemble]:
+    found: dict[str, Ensemble] = {}
+    for ensemble in ensembles:
+        if not isinstance(ensemble, Ensemble):
+            raise ConfigError(f"a member of a team has ensembles, not {ensemble!r}", key="ensembles")
+        if ensemble.name in found:
+            raise ConfigError(f"two ensembles are called {ensemble.name!r}", key="ensembles")
+        found[ensemble.name] = ensemble
+    if not found:
+        raise ConfigError("a member of a team has at least one ensemble", key="ensembles")
+    return found

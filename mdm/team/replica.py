@@ -1,0 +1,285 @@
+"""The replica: one agent's copy of an ensemble behind the agreement of its team.
+
+It proposes what its agent sees, applies the steps that the team agrees on, and says what that means for the safety of
+its agent. Everything happens in turns of the event loop, and nothing waits.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from mdm.errors import ConfigError, Error, ModelError
+from mdm.runtime import ActorStatistics
+from mdm.team.agreement import Agreement, decode, encode
+from mdm.team.agreement.entries import Entries, Snapshot
+from mdm.team.copy import BEGIN
+from mdm.team.keys import join
+from mdm.team.layer import TeamLayer
+
+if TYPE_CHECKING:
+    from mdm.actors import Ensemble
+    from mdm.runtime import Timer
+    from mdm.team.agreement import Commit, Role, Send
+    from mdm.team.link import Link
+    from mdm.team.placement import Placement
+    from mdm.team.team import Team
+    from mdm.team.transport import Sample
+
+__all__ = ["Replica", "ReplicaStatistics"]
+
+_PATIENCE = 1.0
+_ALL = "all"
+_MAJORITY = frozenset({"lost_majority"})
+
+
+class ReplicaStatistics(ActorStatistics, frozen=True):
+    """Where a replica stands in the agreement.
+
+    Attributes:
+        role: ``leading``, ``following``, ``joining``, ``waiting`` (no majority) or ``refused``.
+        term: The number of the present term.
+        leader: Who leads it, if anybody.
+        step: The last step that was applied.
+        digest: Of the copy after it.
+        members: Who takes part.
+        commits: Steps applied in this process.
+        late: Messages that came too late for their step or term.
+        malformed: Messages and parts that were none.
+    """
+
+    role: Role
+    term: int
+    leader: str | None
+    step: int
+    digest: str
+    members: tuple[str, ...]
+    commits: int
+    late: int
+    malformed: int
+
+
+class Replica(TeamLayer):
+    """The last layer of an ensemble in a replicated team: what decides is the same at all of its agents.
+
+    Args:
+        team: The team.
+        ensemble: The ensemble, whose control layer it leads.
+        link: What connects this agent with the others.
+        placement: Where the ensemble's layers are.
+
+    Raises:
+        ConfigError: If the ensemble cannot be replicated.
+    """
+
+    def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
+        if ensemble.control.planner is not None:
+            raise ConfigError(
+                f"ensemble {ensemble.name!r} searches, which takes each agent another time: a replicated team needs a "
+                "policy that decides the same everywhere; centralised, one agent searches for all",
+                key=f"ensembles.{ensemble.name}.policy",
+            )
+        super().__init__("replica", team, ensemble, link, placement)
+        self._agreement: Agreement | None = None
+        self._key = link.key(ensemble.name, "agreement")
+        self._applied = 0
+        self._role: Role = "joining"
+        self._term = 0
+        self._behind = False
+        self._asked = False
+        self._saved: bytes | None = None
+        self._timer: Timer | None = None
+        self._age: Timer | None = None
+
+    @property
+    def agreement(self) -> Agreement:
+        """The state machine that this agent agrees by."""
+        if self._agreement is None:
+            team = self.team
+            deadline = round(team.deadline * 1e9)
+            self._agreement = Agreement(
+                self.agent,
+                team.names,
+                self,
+                incarnation=self.link.transport.incarnation,
+                mode=team.quorum,
+                event_driven=team.event_driven,
+                deadline_ns=deadline,
+                retry_ns=max(10_000_000, min(50_000_000, deadline // 2)),
+                configuration=self.copy.facts,
+            )
+        return self._agreement
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Listen to the own layers and to the other agents."""
+        self._timer = self._age = None
+        self._asked = self._behind = False
+        if self._saved is not None:  # the ensemble has failed, and begins anew: the team has gone on
+            self.restore(self._saved)
+        super().on_start()
+        for to in (_ALL, self.agent):
+            self.hear(join(self.team.name, "*", self.ensemble.name, "agreement", to), self._on_message)
+        self.call_later(_PATIENCE, self._on_patience)
+
+    def on_stop(self) -> None:
+        """Keep the copy for the next start."""
+        super().on_stop()
+        self._saved = self.copy.snapshot()
+
+    # -- What this agent says ------------------------------------------------------------------------------------
+
+    def offer(self, part: bytes | None) -> None:
+        """Propose what this agent saw, for the next step."""
+        self._send(self.agreement.propose(part, self.runtime.clock.now()))
+
+    def ask_for(self, command: str) -> None:
+        """Propose a command, for a step of its own."""
+        self._send(self.agreement.propose(None, self.runtime.clock.now(), command))
+
+    def _send(self, sends: list[Send]) -> None:
+        """Put what the agreement says, and do what follows from where it stands."""
+        for send in sends:
+            self.link.put(f"{self._key}/{send.to or _ALL}", encode(send.message), priority="step")
+        self._follow_up()
+
+    # -- What the others say -------------------------------------------------------------------------------------
+
+    def _on_message(self, sample: Sample) -> None:
+        try:
+            message = decode(sample.body)
+        except Error:
+            self.malformed += 1
+            return
+        now = self.runtime.clock.now()
+        if isinstance(message, Entries | Snapshot) and not self._behind:
+            self._behind = True
+            self.ensemble.control.catch_up(now, over=False)
+        self._send(self.agreement.receive(sample.owner, sample.incarnation, message, now))
+
+    def take_live(self, link: Link) -> None:
+        """Take note of who is live."""
+        self._send(self.agreement.members(link.live, self.runtime.clock.now()))
+
+    def _on_time(self) -> None:
+        self._timer = None
+        self._send(self.agreement.tick(self.runtime.clock.now()))
+
+    # -- Where it stands -----------------------------------------------------------------------------------------
+
+    def _follow_up(self) -> None:
+        agreement, now = self.agreement, self.runtime.clock.now()
+        if agreement.reports:
+            reports, agreement.reports = agreement.reports, []
+            for kind, text in reports:
+                self.report("lost_majority" if kind == "majority" else kind, text)
+        self._role = agreement.role
+        if self._behind and agreement.fetching is None:
+            self._behind = False
+            self.ensemble.control.catch_up(now, over=True)
+        self._set_timer(now)
+        self.assess(now)
+        if self._role == "leading" and not self.copy.begun and not self._asked:
+            self._asked = True
+            self.ask_for(BEGIN)
+        if self.parts.takes == "state" and self.team.event_driven:
+            self._speak_up(now)
+
+    def _set_timer(self, now: int) -> None:
+        when = self.agreement.next_time
+        if self._timer is not None and self._timer.when != when:
+            self._timer.cancel()
+            self._timer = None
+        if when is not None and self._timer is None:
+            self._timer = self.call_at(max(when, now), self._on_time)
+
+    def _speak_up(self, now: int) -> None:
+        """Where events alone make steps: say anew what the team has forgotten, and let what it has not grow old."""
+        agreement = self.agreement
+        if agreement.term.number != self._term and self._role in {"leading", "following"} and not self._behind:
+            self._term = agreement.term.number
+            if not agreement.proposals.components and self.copy.told(self.agent) != self.own:
+                self.say(self.own)
+        if self._role == "leading" and self.copy.aging and self._age is None:
+            self._age = self.call_at(now + round(self.team.max_age * 1e9) + 1, self._on_age)
+
+    def _on_age(self) -> None:
+        self._age = None
+        if self._role == "leading" and self.copy.aging:
+            self.say(self.own)
+
+    def _on_patience(self) -> None:
+        if self._role in {"joining", "waiting"} and not self.copy.begun:
+            here = self.link.live or {self.agent: 0}
+            self.report(
+                "waiting",
+                f"cannot decide: of team {self.team.name!r} {len(here)} of {len(self.team.names)} agents are here "
+                f"({', '.join(here)}), and {self.agreement.majority} are needed",
+            )
+
+    def assess(self, now: int) -> None:
+        """Go safe, hold or go on, by who is there."""
+        safety = self.ensemble.safety
+        if self._role in {"waiting", "refused"}:
+            detail = f"{self.agent} is without a majority of team {self.team.name!r}"
+            safety.endanger("lost_majority", self.agreement.refusal or detail, now)
+        elif self._role != "joining":
+            safety.reopen(_MAJORITY, now)
+        super().assess(now)
+
+    # -- The agreement's copy ------------------------------------------------------------------------------------
+
+    def apply(self, commit: Commit) -> None:
+        """Apply a step."""
+        now = self.runtime.clock.now()
+        self._applied += 1
+        if commit.command is not None:
+            self.take_command(commit.command, now)
+        else:
+            self.copy.step(commit.inputs, commit.missing, now)
+        if self.commits is not None and self.commits.heard:
+            term = (commit.term.number, commit.term.leader, commit.term.incarnation)
+            self.tell(
+                *(term, commit.step, commit.inputs, commit.missing, commit.command),
+                action=self.ensemble.control.acted,
+                digest=self.copy.digest(),
+            )
+
+    def digest(self) -> str:
+        """Return the digest of the copy."""
+        return self.copy.digest()
+
+    def snapshot(self) -> bytes:
+        """Return the whole copy."""
+        return self.copy.snapshot()
+
+    def restore(self, snapshot: bytes) -> None:
+        """Become another copy."""
+        now = self.runtime.clock.now()
+        try:
+            self.copy.restore(snapshot)
+        except ModelError as error:
+            self.report("snapshot", str(error))
+            return
+        if self.copy.running:
+            self.ensemble.safety.start(now)
+        else:
+            self.ensemble.safety.stop(now)
+
+    def statistics(self) -> ReplicaStatistics:
+        """Return where it stands."""
+        agreement = self.agreement
+        return ReplicaStatistics(
+            **msgspec.structs.asdict(super().statistics()),
+            role=agreement.role,
+            term=agreement.term.number,
+            leader=agreement.leader,
+            step=agreement.step,
+            digest=self.copy.digest(),
+            members=agreement.members_now,
+            commits=self._applied,
+            late=agreement.late,
+            malformed=self.malformed + self.copy.malformed,
+        )

@@ -1,0 +1,186 @@
+"""The team: who its agents are, and how they decide together, as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import msgspec
+
+from mdm.actors import FixedRate, OnEvent
+from mdm.actors.drive import drive_of
+from mdm.errors import ConfigError
+from mdm.logic import similar
+from mdm.runtime.clock import check_seconds
+from mdm.team.keys import check_name
+
+if TYPE_CHECKING:
+    from mdm.actors import Drive, Ensemble
+    from mdm.team.member import Member
+    from mdm.team.transport import Transport
+
+__all__ = ["Agent", "Mode", "Quorum", "Team"]
+
+Mode = Literal["replicated", "centralised", "communicating"]
+Quorum = Literal["majority", "continue"]
+
+Given = str | tuple[str, str]
+"""An agent as it is given: its name, or its name and its endpoint."""
+
+
+class Agent(msgspec.Struct, frozen=True):
+    """An agent of a team.
+
+    Args:
+        name: Its name, the same at all agents.
+        endpoint: Where it listens for the others, such as ``tcp/192.168.0.7:7450``; None where the transport knows.
+    """
+
+    name: str
+    endpoint: str | None = None
+
+
+class Team:
+    """Who decides together, and how. The same at every agent; each runs a `Member` of it.
+
+    Args:
+        name: The team's name, which begins the keys of its messages.
+        agents: All agents, in the order of the model's agents: names, or pairs of a name and an endpoint.
+        mode: ``replicated``: each agent holds the whole controller, and all agree on each joint step.
+            ``centralised``: one agent decides for all. ``communicating``: each decides on what it knows.
+        period: Seconds from one joint step to the next, at multiples of the period; without it, each event at any
+            agent makes a step.
+        drive: In place of ``period``: ``"event"``, or joint steps a second.
+        deadline: Seconds that a step waits for the agents' parts, from the first one on; by default half the period,
+            or 0.1 where events make steps.
+        quorum: ``majority``: agents that see no more than half of the team decide nothing; the default for three and
+            more. ``continue``: each side goes on by itself; the default for two.
+        controller: Of a centralised team, the agent that decides; by default the first.
+        lease: Seconds after which an agent that says nothing is taken as lost.
+        max_age: Seconds for which the last word of an agent counts that is lost, or late: its state factors, its
+            predicates.
+
+    Raises:
+        ConfigError: If a name cannot be part of a key, two agents have one name, or a setting means nothing.
+
+    Example::
+
+        team = mdm.Team("rescue", ["robot1", "robot2"], period=0.5)
+        team.names  # ('robot1', 'robot2')
+        # robot1 runs team.member("robot1", patrol), robot2 the same with its own name
+    """
+
+    def __init__(
+        self,
+        name: str,
+        agents: Iterable[Given],
+        *,
+        mode: Mode = "replicated",
+        period: float | None = None,
+        drive: Drive | float | str | None = None,
+        deadline: float | None = None,
+        quorum: Quorum | None = None,
+        controller: str | None = None,
+        lease: float = 1.0,
+        max_age: float = 1.0,
+    ) -> None:
+        self.name = check_name(name, "a team", key="team.name")
+        self.agents = _agents(agents)
+        self.names = tuple(agent.name for agent in self.agents)
+        self.mode: Mode = _one_of(mode, Mode, "mode")
+        self.drive = _drive(period, drive)
+        self.period = 1 / self.drive.rate if isinstance(self.drive, FixedRate) else None
+        for key, seconds in (("deadline", deadline), ("lease", lease), ("max_age", max_age)):
+            if seconds is not None or key != "deadline":
+                check_seconds(seconds, key, key=f"team.{key}")
+        if deadline is not None and self.period is not None and deadline > self.period:
+            raise ConfigError(
+                f"a step would wait {deadline} s for the agents' parts, but the next begins after {self.period:g} s",
+                key="team.deadline",
+            )
+        self.deadline: float = deadline if deadline is not None else 0.1 if self.period is None else self.period / 2
+        self.quorum: Quorum = (
+            _one_of(quorum, Quorum, "quorum")
+            if quorum is not None
+            else ("majority" if len(self.agents) > 2 else "continue")
+        )
+        if controller is not None and self.mode != "centralised":
+            raise ConfigError(
+                f"a controller is for centralised teams, but {name!r} is {self.mode}", key="team.controller"
+            )
+        self.controller = self.names[0] if controller is None else self.check_agent(controller, key="team.controller")
+        self.lease = lease
+        self.max_age = max_age
+
+    def __repr__(self) -> str:
+        """Return its name, mode and agents."""
+        return f"<Team {self.name!r}: {self.mode}, {', '.join(self.names)}>"
+
+    def check_agent(self, name: object, *, key: str = "agent") -> str:
+        """Return an agent's name.
+
+        Raises:
+            ConfigError: If there is no such agent; the message suggests similar ones.
+        """
+        if name not in self.names:
+            hint = similar(str(name), self.names) or f"; the agents are {', '.join(self.names)}"
+            raise ConfigError(f"team {self.name!r} has no agent {name!r}{hint}", key=key)
+        return str(name)
+
+    @property
+    def event_driven(self) -> bool:
+        """Whether events make the joint steps, and not the clock."""
+        return isinstance(self.drive, OnEvent)
+
+    def member(self, agent: str, *ensembles: Ensemble, transport: Transport | None = None, **options: Any) -> Member:
+        """Return one agent's part of the team, an actor to run.
+
+        Args:
+            agent: Which agent this process is.
+            ensembles: What it decides; of the same names at every agent.
+            transport: What carries its messages; by default a session of Zenoh.
+            options: See `mdm.team.member.Member`.
+        """
+        from mdm.team.member import Member  # noqa: PLC0415 - a member is made of a team
+
+        return Member(self, agent, ensembles, transport=transport, **options)
+
+
+def _agents(given: Iterable[Given]) -> tuple[Agent, ...]:
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise ConfigError(f"agents are a list of names, or of (name, endpoint), not {given!r}", key="team.agents")
+    agents: list[Agent] = []
+    for place, one in enumerate(given):
+        key = f"team.agents.{place}"
+        name, endpoint = (one, None) if not isinstance(one, tuple) or len(one) != 2 else one
+        check_name(name, "an agent", key=key)
+        if endpoint is not None and (not isinstance(endpoint, str) or "/" not in endpoint):
+            raise ConfigError(
+                f"the endpoint of agent {name!r} is a text such as tcp/192.168.0.7:7450, not {endpoint!r}", key=key
+            )
+        if any(name == other.name for other in agents):
+            raise ConfigError(f"two agents are called {name!r}: each has a name of its own", key=key)
+        agents.append(Agent(name, endpoint))
+    if not agents:
+        raise ConfigError("a team has at least one agent", key="team.agents")
+    ends = [agent.endpoint for agent in agents if agent.endpoint is not None]
+    twice = next((end for end in ends if ends.count(end) > 1), None)
+    if twice is not None:
+        raise ConfigError(f"two agents listen at {twice!r}: each has an endpoint of its own", key="team.agents")
+    return tuple(agents)
+
+
+def _one_of(given: Any, kind: Any, key: str) -> Any:
+    names = get_args(kind)
+    if given not in names:
+        raise ConfigError(f"{key} is {' or '.join(map(repr, names))}, not {given!r}", key=f"team.{key}")
+    return given
+
+
+def _drive(period: float | None, drive: Drive | float | str | None) -> Drive:
+    if period is not None and drive is not None:
+        raise ConfigError("give a period or a drive, not both", key="team.drive")
+    if period is not None:
+        check_seconds(period, "period", key="team.period")
+        return FixedRate(1 / period)
+    return drive_of(drive)

@@ -1,0 +1,197 @@
+"""Centralised teams: one agent decides, all act, and nobody acts on without it."""
+
+from __future__ import annotations
+
+import asyncio
+
+import numpy as np
+import pytest
+from team_robots import Robot, over_beliefs, over_states, started
+
+import mdm
+from mdm import problems
+from mdm.team.network import Network
+from mdm.team.placement import Placement
+from mdm.team.team import Team
+from mdm.testing import run_virtual
+
+
+def tigers(**options):
+    return Team("tigers", ["left", "right"], mode="centralised", **options)
+
+
+@pytest.mark.parametrize("period", [1.0, None])
+def test_the_controller_decides_for_all_on_what_all_have_seen(period):
+    model = problems.dec_tiger()
+    random = np.random.default_rng(3)
+    seen = [tuple(model.observation_space.unravel(int(o))) for o in random.integers(4, size=10)]
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        robots = await started(runtime, tigers(period=period), network, over_beliefs(model))
+        await asyncio.sleep(0.5)
+        for left, right in seen:
+            robots[0].observe(left, None)
+            await asyncio.sleep(0.2)
+            robots[1].observe(None, right)
+            await asyncio.sleep(0.8)
+        return robots
+
+    left, right = run_virtual(main)
+    alone = mdm.Controller(left.ensemble.controller.policy, model)
+    steps = [alone.start()]
+    for joint in seen:
+        parts = [joint] if period else [(joint[0], None), (None, joint[1])]
+        steps += [alone.observe(part) for part in parts]
+    names = [step.action_name for step in steps]
+    if period:  # the first of them is made before the tick
+        assert left.actions()[-len(names) :] == names[-len(left.actions()) :]
+    else:
+        assert left.actions() == names
+    assert left.actions()[-8:] == right.actions()[-8:]
+    assert left.did[-8:] == right.did[-8:]
+    assert left.role == "leading"
+    assert right.role == "following"
+
+
+def test_states_are_collected_too():
+    async def main(runtime):
+        network = Network(runtime.clock, team="rooms", loss=0.2, seed=4)
+        a, b = await started(runtime, Team("rooms", ["a", "b"], mode="centralised"), network, over_states)
+        await asyncio.sleep(0.5)
+        a.lab.set(False)
+        b.lab.set(True)
+        await asyncio.sleep(2.0)
+        assert (a.did, b.did) == (["stay"], ["go"])
+        b.lab.set(False)
+        await asyncio.sleep(2.0)
+        assert b.did[-1] == "stay"
+
+    run_virtual(main)
+
+
+def test_nothing_is_lost_for_long_where_messages_are():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers", loss=0.3, seed=2, delay=(0.001, 0.02))
+        left, right = await started(runtime, tigers(), network, over_beliefs(problems.dec_tiger()))
+        await asyncio.sleep(3.0)
+        for _ in range(6):
+            right.observe(None, "hear-left")
+        await asyncio.sleep(5.0)
+        assert len([commit for commit in left.commits if commit.input]) == 6
+        assert right.commits[-1].digest == left.commits[-1].digest
+        right.ensemble.stop()
+        assert right.ensemble.mode == "stopped"
+        await asyncio.sleep(3.0)
+        assert left.ensemble.mode == "stopped"
+
+    run_virtual(main)
+
+
+def test_what_is_late_counts_no_more_and_who_is_gone_is_not_waited_for():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers", lease=0.5)
+        left, _ = await started(runtime, tigers(period=1.0), network, over_beliefs(problems.dec_tiger()))
+        await asyncio.sleep(3.5)
+        network.crash("right")
+        await asyncio.sleep(5.0)
+        missing = [commit.missing for commit in left.commits]
+        assert missing[2:4] == [()] * 2  # from when right is there
+        assert missing[-4:] == [("right",)] * 4
+
+    run_virtual(main)
+
+
+def test_a_lost_controller_makes_each_agent_safe_until_it_decides_again():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers", lease=0.5)
+        team = tigers()
+
+        def build(robot, agent):
+            return over_beliefs(problems.dec_tiger())(robot, agent, safe_action=robot.act("SAFE"))
+
+        left, right = await started(runtime, team, network, build)
+        await asyncio.sleep(1.0)
+        assert right.did == ["listen"]
+        network.crash("left")
+        await asyncio.sleep(1.0)
+        assert right.ensemble.mode == "safe"
+        assert [cause.kind for cause in right.ensemble.causes] == ["lost_controller"]
+        assert right.did == ["listen", "SAFE"]
+        assert "lost_controller" in right.kinds()
+        await runtime.stop(left.member)
+        back = await Robot(team, "left", network, build).start(runtime)
+        await asyncio.sleep(2.0)
+        assert right.ensemble.mode == "deciding"
+        assert right.did == ["listen", "SAFE", "listen"]
+        back.observe("hear-left", None)
+        await asyncio.sleep(1.0)
+        assert right.did[-1] == back.did[-1] == "open-right"
+
+    run_virtual(main)
+
+
+def test_one_robot_is_controlled_from_off_board():
+    model = problems.tiger()
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="tiger", lease=0.5)
+        team = Team("tiger", ["robot", "base"])
+        robots = {}
+        for name in team.names:
+
+            class Process:
+                did = []  # noqa: RUF012 - of each class its own
+
+            process = robots[name] = type(name, (), {"did": []})
+            manager = mdm.PredicateManager()
+            process.heard = {side: manager.event(f"Heard{side}") for side in ("Left", "Right")}
+            process.ensemble = mdm.Ensemble(
+                "tiger",
+                policy=mdm.policies.AlphaVectors([[-1, -1], [-80, 8], [8, -80]], [0, 1, 2]),
+                model=model,
+                predicates=manager,
+                observations=[mdm.ObservationFactor("ear", {"tiger-left": "HeardLeft", "tiger-right": "HeardRight"})]
+                if "tiger-left" in model.observation_space.names
+                else [mdm.ObservationFactor("ear", ["HeardLeft", "HeardRight"])],
+                actions={n: (lambda n=n, p=process: p.did.append(n)) for n in model.action_space.names},
+                safe_action=lambda p=process: p.did.append("SAFE"),
+            )
+            process.member = team.member(
+                name,
+                process.ensemble,
+                transport=network.transport(name),
+                placement={"tiger": Placement(control="base", actions="robot", inputs="robot")},
+            )
+            await runtime.start(process.member)
+        robot, base = robots["robot"], robots["base"]
+        await asyncio.sleep(1.0)
+        first = model.action_space.names[0]
+        assert robot.did == [first]
+        assert base.did == []
+        robot.heard["Left"].fire()
+        await asyncio.sleep(0.5)
+        robot.heard["Left"].fire()
+        await asyncio.sleep(0.5)
+        assert len(robot.did) == 3
+        assert robot.did[-1] != first
+        network.crash("base")
+        await asyncio.sleep(1.0)
+        assert robot.did[-1] == "SAFE"
+        assert base.did == []
+
+    run_virtual(main)
+
+
+def test_another_configuration_is_refused():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        await Robot(tigers(), "left", network, over_beliefs(problems.dec_tiger())).start(runtime)
+        right = Robot(tigers(), "right", network, over_beliefs(problems.dec_tiger(), horizon=2))
+        await right.start(runtime)
+        await asyncio.sleep(2.0)
+        assert right.role == "refused"
+        assert "horizon is 2 at right and None at left" in right.faults[0].detail
+        assert right.did == []
+
+    run_virtual(main)

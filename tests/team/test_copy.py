@@ -1,0 +1,161 @@
+"""Copies of a joint process: parts put together, what is kept, and what two copies have in common."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+
+import pytest
+from team_robots import over_beliefs, over_states
+
+import mdm
+from mdm import problems
+from mdm.messages import Observation, State
+from mdm.team.copy import BEGIN, Copy
+from mdm.team.ownership import Parts
+from mdm.team.team import Team
+from mdm.testing import probe, run_virtual
+
+
+class Lead:
+    def command(self, command):
+        pass
+
+
+async def copied(runtime, team, build, agent=0, **options):
+    robot = SimpleNamespace(act=lambda name: lambda: None)
+    ensemble = build(robot, agent, **options)
+    parts = Parts(team, ensemble)
+    ensemble.follow(Lead(), parts.named(team.names[agent]))
+    copy = Copy(team, team.names[agent], ensemble, parts)
+    await runtime.start(ensemble)
+    return copy, ensemble
+
+
+def of_tigers(**options):
+    return Team("tigers", ["left", "right"], **options), over_beliefs(problems.dec_tiger(), **options)
+
+
+def in_turn(ensemble, function, *arguments):
+    ensemble.call_later(1e-9, lambda: function(*arguments))
+    return asyncio.sleep(0.001)
+
+
+def test_parts_are_put_together_and_decided_on_in_the_same_call():
+    async def main(runtime):
+        team, build = of_tigers()
+        copy, ensemble = await copied(runtime, team, build)
+        heard = probe(ensemble.channel("observation", Observation))
+        assert not copy.running
+        await in_turn(ensemble, copy.command, BEGIN, 0)
+        assert copy.running
+        assert copy.begun
+
+        def both():
+            copy.step({"left": copy.part(5, [1]), "right": copy.part(6, [0])}, (), 7)
+            assert ensemble.controller.epoch == 2
+
+        await in_turn(ensemble, both)
+        await in_turn(ensemble, copy.step, {"right": copy.part(6, [0])}, ("left",), 8)
+        await in_turn(ensemble, copy.step, {}, (), 9)
+        assert [(o.time, o.index, o.values, o.mask) for o in heard] == [
+            (7, 2, (1, 0), (True, True)),
+            (8, None, (None, 0), (False, True)),
+            (9, None, (None, None), (False, False)),
+        ]
+        assert ensemble.controller.epoch == 4
+        assert copy.named({"left": copy.part(5, [1])}) == {"left": "hear-right"}
+
+    run_virtual(main)
+
+
+def test_two_copies_with_the_same_steps_are_the_same_and_one_can_become_the_other():
+    async def main(runtime):
+        team, build = of_tigers()
+        one, first = await copied(runtime, team, build)
+        two, second = await copied(SimpleNamespace(start=runtime.start), team, named(build, "other"), agent=1)
+        assert one.digest() == two.digest()
+        assert one.facts == two.facts
+        for copy, ensemble in ((one, first), (two, second)):
+            await in_turn(ensemble, copy.command, BEGIN, 0)
+            await in_turn(ensemble, copy.step, {"left": one.part(1, [1])}, (), 2)
+        assert one.digest() == two.digest()
+        await in_turn(first, one.step, {"left": one.part(1, [1])}, (), 3)
+        assert one.digest() != two.digest()
+        two.restore(one.snapshot())
+        assert one.digest() == two.digest()
+        with pytest.raises(mdm.ModelError, match="not a copy"):
+            two.restore(b"garbage")
+        assert one.digest() == two.digest()
+
+    run_virtual(main)
+
+
+def named(build, name):
+    def other(robot, agent, **options):
+        ensemble = build(robot, agent, **options)
+        ensemble.name = name
+        return ensemble
+
+    return other
+
+
+@pytest.mark.parametrize("body", [b"", b"\xc1", b"\x92\x01\x91\x07", b"\x92\x01\x92\x00\x00", b"\x92\x01\xa1x"])
+def test_what_is_no_part_of_an_agent_counts_as_missing(body):
+    async def main(runtime):
+        team, build = of_tigers()
+        copy, ensemble = await copied(runtime, team, build)
+        heard = probe(ensemble.channel("observation", Observation))
+        await in_turn(ensemble, copy.command, BEGIN, 0)
+        await in_turn(ensemble, copy.step, {"left": body, "right": copy.part(1, [0])}, (), 1)
+        assert heard[-1].values == (None, 0)
+        assert copy.malformed == 1
+        assert "left" not in copy.named({"left": body})
+
+    run_virtual(main)
+
+
+def test_idle_and_held_symbols_stand_for_agents_that_are_there_and_see_nothing():
+    async def main(runtime):
+        team = Team("tigers", ["left", "right"])
+        manager = mdm.PredicateManager()
+        for name in ("L0", "L1", "R0", "R1"):
+            manager.event(name)
+        factors = [
+            mdm.ObservationFactor("agent0", ["L0", "L1"], idle="L1"),
+            mdm.ObservationFactor("agent1", ["R0", "R1"], hold=True),
+        ]
+        build = over_beliefs(problems.dec_tiger(), predicates=manager, observations=factors)
+        copy, ensemble = await copied(runtime, team, build)
+        heard = probe(ensemble.channel("observation", Observation))
+        await in_turn(ensemble, copy.command, BEGIN, 0)
+        await in_turn(ensemble, copy.step, {"right": copy.part(1, [0])}, (), 1)
+        await in_turn(ensemble, copy.step, {"left": copy.part(1, [0])}, (), 1)
+        await in_turn(ensemble, copy.step, {"left": copy.part(1, [0])}, ("right",), 1)
+        await in_turn(ensemble, copy.step, {"right": copy.part(1, [1])}, ("left",), 1)
+        await in_turn(ensemble, copy.step, {}, (), 1)
+        assert [o.values for o in heard] == [(1, 0), (0, 0), (0, None), (None, 1), (None, None)]
+
+    run_virtual(main)
+
+
+def test_the_last_state_of_who_is_missing_counts_for_a_while():
+    second = 1_000_000_000
+
+    async def main(runtime):
+        team = Team("rooms", ["a", "b"], max_age=2.0)
+        copy, ensemble = await copied(runtime, team, over_states)
+        heard = probe(ensemble.channel("state", State, retain=True))
+        await in_turn(ensemble, copy.command, BEGIN, 0)
+        await in_turn(ensemble, copy.step, {"a": copy.part(0, [0]), "b": copy.part(0, [1])}, (), 1)
+        await in_turn(ensemble, copy.step, {"a": copy.part(9 * second, [1])}, ("b",), 2)
+        assert copy.aging
+        assert copy.told("b") == (1,)
+        await in_turn(ensemble, copy.step, {"a": copy.part(11 * second, [0])}, ("b",), 3)
+        await in_turn(ensemble, copy.step, {"a": copy.part(12 * second, [0])}, ("b",), 4)
+        assert copy.told("b") == (None,)
+        assert not copy.aging
+        await in_turn(ensemble, copy.step, {"a": copy.part(13 * second, [0])}, (), 5)
+        assert [state.values for state in heard] == [(0, 1), (1, 1), (0, 1), (0, None), (0, 1)]
+
+    run_virtual(main)

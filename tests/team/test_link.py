@@ -1,0 +1,96 @@
+"""The link between a transport and the actors of an agent."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+import mdm
+from mdm.team.keys import join
+from mdm.team.link import Link
+from mdm.team.network import Network
+from mdm.team.team import Team
+from mdm.testing import run_virtual
+
+TEAM = Team("team", ["a", "b", "c"])
+
+
+async def linked(runtime, network, name):
+    link = Link(TEAM, network.transport(name), name=name)
+    await runtime.start(link)
+    link.connect()
+    await asyncio.sleep(0.1)
+    return link
+
+
+def test_messages_come_in_turns_of_who_listens_until_it_stops():
+    async def main(runtime):
+        network = Network(runtime.clock)
+        a, b = await linked(runtime, network, "a"), await linked(runtime, network, "b")
+        heard, user = [], mdm.Actor("user")
+        await runtime.start(user)
+        first = b.listen(join("team", "*", "news"), lambda sample: heard.append((sample.owner, sample.body)), user)
+        b.listen(join("team", "*", "news"), lambda _: heard.append(runtime.dispatcher.active), user)
+        assert a.put(a.key("news"), b"1")
+        await asyncio.sleep(0.1)
+        assert heard == [("a", b"1"), True]
+        b.drop([first])
+        a.put(a.key("news"), b"2")
+        await asyncio.sleep(0.1)
+        assert heard[2:] == [True]
+
+    run_virtual(main)
+
+
+def test_who_is_live_is_told_at_each_change_and_who_leaves_is_not_lost():
+    async def main(runtime):
+        network = Network(runtime.clock, lease=0.5)
+        a = await linked(runtime, network, "a")
+        seen, user = [], mdm.Actor("user")
+        await runtime.start(user)
+        a.watch(lambda link: seen.append((tuple(link.live), tuple(link.left))), user)
+        b = await linked(runtime, network, "b")
+        c = await linked(runtime, network, "c")
+        b.say_farewell()
+        await asyncio.sleep(0.1)
+        assert not b.put(b.key("news"), b"late")
+        assert seen == [(("a",), ()), (("a", "b"), ()), (("a", "b", "c"), ()), (("a", "c"), ("b",))]
+        await runtime.stop(b)
+        network.crash("c")
+        await asyncio.sleep(1.0)
+        assert seen[-1] == (("a",), ("b",))
+        await runtime.stop(c)
+        again = await linked(runtime, network, "b")
+        assert seen[-1] == (("a", "b"), ())
+        assert again.live == {"a": 1, "b": 2}
+
+    run_virtual(main)
+
+
+def test_nothing_is_sent_before_it_is_open_and_a_second_close_does_nothing():
+    async def main(runtime):
+        network = Network(runtime.clock)
+        link = Link(TEAM, network.transport("a"))
+        await runtime.start(link)
+        assert not link.put(link.key("news"), b"")
+        link.connect()
+        await asyncio.sleep(0.1)
+        assert link.live == {"a": 1}
+        await runtime.stop(link)
+        await link.transport.close()
+
+    run_virtual(main)
+
+
+def test_a_transport_that_cannot_open_fails_the_program_in_words():
+    async def main(runtime):
+        network = Network(runtime.clock)
+        await linked(runtime, network, "a")
+        link = Link(TEAM, network.transport("a"), name="again")
+        await runtime.start(link)
+        link.connect()
+        await asyncio.sleep(1.0)
+
+    with pytest.raises(mdm.ActorFailure, match="live already"):
+        run_virtual(main)

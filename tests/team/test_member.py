@@ -1,0 +1,145 @@
+"""One agent of a team as an actor: who is there, who is lost, and how it ends."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from hypothesis import given, settings, strategies as st
+from team_robots import Robot, over_beliefs, started
+from teams import team as random_team
+
+import mdm
+from mdm import problems
+from mdm.team.member import Teammates
+from mdm.team.network import Network
+from mdm.team.placement import Placement
+from mdm.team.team import Team
+from mdm.testing import probe, run_virtual
+
+MODEL = problems.dec_tiger()
+
+
+def tigers(**options):
+    return Team("tigers", ["left", "right"], **options)
+
+
+def test_a_teammate_that_is_lost_is_a_fault_and_is_told():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers", lease=0.5)
+        left, right = await started(runtime, tigers(), network, over_beliefs(MODEL))
+        told = probe(left.member.channel("teammates", Teammates, retain=True))
+        await asyncio.sleep(1.0)
+        network.crash("right")
+        await asyncio.sleep(1.0)
+        assert left.kinds() == ["lost_teammate"]
+        assert "agent 'right' of team 'tigers' is lost" in left.faults[0].detail
+        assert (told[-1].live, told[-1].lost) == (("left",), ("right",))
+        statistics = left.member.statistics()
+        assert (statistics.live, statistics.lost) == (("left",), ("right",))
+        assert statistics.layers["joint"].members == ("left",)
+        assert sum(traffic.messages for traffic in statistics.transport.received.values()) > 0
+        await runtime.stop(right.member)
+        await Robot(tigers(), "right", network, over_beliefs(MODEL)).start(runtime)
+        await asyncio.sleep(1.0)
+        assert (told[-1].live, told[-1].lost) == (("left", "right"), ())
+
+    run_virtual(main)
+
+
+def test_what_does_not_fit_is_refused():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        robot = Robot(tigers(), "left", network, over_beliefs(MODEL))
+        transport = network.transport("left")
+        with pytest.raises(mdm.ConfigError, match="has no agent 'middle'"):
+            tigers().member("middle", robot.ensemble, transport=transport)
+        with pytest.raises(mdm.ConfigError, match="the transport is that of agent 'left'"):
+            tigers().member("right", robot.ensemble, transport=transport)
+        with pytest.raises(mdm.ConfigError, match="at least one ensemble"):
+            tigers().member("left", transport=transport)
+        with pytest.raises(mdm.ConfigError, match="has ensembles, not"):
+            tigers().member("left", "joint", transport=transport)
+        with pytest.raises(mdm.ConfigError, match="there is no ensemble 'other' to place"):
+            build = over_beliefs(MODEL)(robot, 0)
+            tigers().member("left", build, transport=transport, placement={"other": Placement()})
+
+    run_virtual(main)
+
+
+def test_an_ensemble_of_no_team_has_no_lost_teammates():
+    async def main(runtime):
+        class Nobody:
+            act = staticmethod(lambda name: lambda: None)
+
+        ensemble = over_beliefs(MODEL)(Nobody(), 0, on_lost_teammate="hold")
+        with pytest.raises(mdm.ConfigError, match="on_lost_teammate is for ensembles of a team"):
+            await runtime.start(ensemble)
+
+    run_virtual(main)
+
+
+EVENTS = st.sampled_from(["crash", "leave", "return", "partition", "heal", "observe", "observe", "reset", "wait"])
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.tuples(EVENTS, st.integers(0, 2)), max_size=14), st.booleans(), st.integers(0, 100))
+def test_copies_are_the_same_again_whatever_has_happened(events, fixed, seed):
+    names = ["left", "right", "third"]
+    random_model = random_team(7, agents=3)
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="team", lease=0.5, seed=seed, loss=0.1, delay=(0.001, 0.02))
+        team = Team("team", names, period=0.5) if fixed else Team("team", names)
+        build = over_beliefs(random_model)
+        robots = {robot.name: robot for robot in await started(runtime, team, network, build)}
+        every, out = list(robots.values()), set()
+
+        async def end(name, *, crash):
+            out.add(name)
+            if crash:
+                network.crash(name)
+            await runtime.stop(robots[name].member)
+
+        async def back(name):
+            if name in out:
+                out.discard(name)
+                robots[name] = await Robot(team, name, network, build).start(runtime)
+                every.append(robots[name])
+
+        for event, place in events:
+            name = names[place]
+            if event in {"crash", "leave"} and name not in out:
+                await end(name, crash=event == "crash")
+            elif event == "return":
+                await back(name)
+            elif event == "partition":
+                network.partition({name}, set(names) - {name})
+            elif event == "heal":
+                network.heal()
+            elif event == "observe" and name not in out:
+                robots[name].observe(*(0 if each == place else None for each in range(3)))
+            elif event == "reset" and name not in out:
+                robots[name].ensemble.reset()
+            await asyncio.sleep(0.7)
+        network.heal()
+        network.loss = 0.0
+        for name in names:
+            await back(name)
+        await asyncio.sleep(8.0)
+        assert {robot.role for robot in robots.values()} <= {"leading", "following"}
+        robots["left"].observe(1, None, None)
+        await asyncio.sleep(2.2)
+        steps = {robot.replica.statistics().step for robot in robots.values()}
+        digests = {robot.replica.statistics().digest for robot in robots.values()}
+        assert len(steps) == len(digests) == 1
+        applied = {}
+        for robot in every:  # nobody ever applies another input for a step of a term
+            for commit in robot.commits:
+                known = applied.setdefault((commit.term, commit.step), commit)
+                assert (known.input, known.missing, known.command) == (commit.input, commit.missing, commit.command)
+                assert known.digest == commit.digest
+        for robot in robots.values():
+            assert robot.ensemble.mode == "deciding"
+
+    run_virtual(main)

@@ -13,7 +13,30 @@ from mdm.logic import similar
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["find_function", "nothing"]
+    from mdm.config.problems import Problems
+
+__all__ = ["Functions", "find_function", "nothing"]
+
+
+class Functions:
+    """Finds the functions that a file names, and notes problems.
+
+    Args:
+        folder: The file's folder, whose modules take precedence.
+        problems: Where problems are noted.
+        callbacks: Whether functions are imported; otherwise each is one that does nothing.
+    """
+
+    def __init__(self, folder: Path, problems: Problems, *, callbacks: bool) -> None:
+        self._folder = folder
+        self._problems = problems
+        self._callbacks = callbacks
+
+    def find(self, reference: str, key: str) -> Callable[..., Any] | None:
+        """Return the function named ``module:name``; None where there is none, which is noted with its key."""
+        with self._problems.collecting(key):
+            return find_function(reference, self._folder) if self._callbacks else nothing
+        return None
 
 
 def find_function(reference: str, folder: Path) -> Callable[..., Any]:

@@ -45,6 +45,14 @@ class Problems:
         """Return a context manager that records an error of its block as a problem of a key and suppresses it."""
         return _Collecting(self, key)
 
+    def tables(self, document: dict[str, Any], key: str) -> list[tuple[str, Any]]:
+        """Return the tables below a key by their names; a problem where there is something else."""
+        tables = document.get(key, {})
+        if not isinstance(tables, dict):
+            self.add(f"{key} must be a table with a key per name", key)
+            return []
+        return list(tables.items())
+
     def convert(self, value: Any, kind: Any, key: str, *, partly: bool = False) -> Any:
         """Return a table as a struct; if it has problems None, or with ``partly`` a struct of its valid keys."""
         before = len(self)

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
-
-import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from loading import written
-from places import EXAMPLES
 from robot_file import GOOD
 
-import mdm
 from mdm import (
     ConfigError,
     Ensemble,
@@ -21,9 +16,7 @@ from mdm import (
     StateFactor,
     bind,
     load_system,
-    save_model,
 )
-from mdm.models import POMDP, Factor, Space
 from mdm.policies import DeterministicPolicy
 from mdm.testing import capture_decisions, run_virtual
 
@@ -105,99 +98,6 @@ def test_random_files_decide_as_the_python_api(tmp_path_factory, data):
     assert outcome(system, system.predicates) == outcome(robot, manager)
 
 
-ROOM = """
-[predicates]
-InA = {}
-InB = {}
-[events]
-Hot = {}
-Cold = {}
-[ensembles.robot]
-model = "room.pomdpx"
-policy = "room.policy"
-[ensembles.robot.states]
-place = STATES
-[ensembles.robot.observations]
-heat = OBSERVATIONS
-[ensembles.robot.actions]
-go = "robot_code:rest"
-"""
-
-
-@pytest.fixture
-def room(folder):
-    spaces = {name: Space([Factor(name, names)]) for name, names in (("place", "ab"), ("heat", "hc"))}
-    model = POMDP(
-        [np.eye(2)],
-        [np.eye(2)],
-        np.zeros((2, 1)),
-        discount=0.9,
-        states=spaces["place"],
-        actions=["go"],
-        observation_names=spaces["heat"],
-    )
-    save_model(model, folder / "room.pomdpx")
-    (folder / "room.policy").write_text("[2](0,0)")
-    return folder
-
-
-def wired(folder, states, observations='{ h = "Hot", c = "Cold" }'):
-    text = ROOM.replace("STATES", states).replace("OBSERVATIONS", observations)
-    return load_system(written(folder, text, "robot.toml")).ensembles["robot"]
-
-
-@pytest.mark.parametrize(
-    ("states", "observations", "places", "events"),
-    [
-        ('["InA", "InB"]', '["Hot", "Cold"]', ("InA", "InB"), ("Hot", "Cold")),
-        ('{ b = "InB", a = "InA" }', '{ c = "Cold", h = "Hot" }', ("InA", "InB"), ("Hot", "Cold")),
-        (
-            '{ predicates = { b = "InB", a = "InA" }, on_violation = "hold" }',
-            '{ events = { h = "Hot" }, idle = "c" }',
-            ("InA", "InB"),
-            ("Hot", None),
-        ),
-        ('{ a = "InA" }', '{ events = ["Hot", "Cold"], hold = true }', ("InA",), ("Hot", "Cold")),
-    ],
-)
-def test_symbols_are_wired_by_order_or_by_name(room, states, observations, places, events):
-    robot = wired(room, states, observations)
-    assert robot.state.factors[0].predicates == places
-    assert robot.state.factors[0].truth(0)["InA"] is (len(places) == 2 or robot.state.factors[0].positive == 0)
-    assert robot.observation.factors[0].events == events
-
-
-@pytest.mark.parametrize(
-    ("states", "key", "words"),
-    [
-        ('{ a = "InA", c = "InB" }', "states.place", "has no symbol 'c'"),
-        ('{ a = "InA", b = "InC" }', "states.place", "'InC', which is no declared predicate; did you mean"),
-        ('{ predicate = ["InA", "InB"] }', "states.place.predicate", "did you mean 'predicates'"),
-        ('{ predicates = "InA" }', "states.place.predicates", "Expected"),
-        ("7", "states.place", "a list of predicates, or a table of predicates by symbol, was expected, not 7"),
-        ("[7]", "states.place[0]", "Expected `str`"),
-        ("{}", "states.place", "required key 'predicates' is missing"),
-        ('["InA"]\nplce = ["InB"]', "states.plce", "no state factor 'plce'; did you mean 'place'"),
-    ],
-)
-def test_wrong_wiring_is_told_with_its_key(room, states, key, words):
-    with pytest.raises(ConfigError) as caught:
-        wired(room, states)
-    assert f"ensembles.robot.{key}" in {problem.key for problem in caught.value.problems}
-    assert words in str(caught.value)
-
-
-def test_two_parents_and_cycles(folder):
-    base = "[ensembles.{0}]\npolicy = [0]\n[ensembles.{0}.actions]\nX = {{ ensemble = '{1}' }}\n"
-    with pytest.raises(ConfigError, match=r"cycle: a -> b -> c -> a"):
-        load_system(
-            written(folder, base.format("a", "b") + base.format("b", "c") + base.format("c", "a"), "robot.toml")
-        )
-    leaf = "[ensembles.c]\npolicy = [0]\n[ensembles.c.actions]\nX = 'robot_code:rest'\n"
-    with pytest.raises(ConfigError, match="'c' is started by both 'a' and 'b'"):
-        load_system(written(folder, base.format("a", "c") + base.format("b", "c") + leaf, "robot.toml"))
-
-
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -214,79 +114,3 @@ def test_what_is_no_configuration(tmp_path, make, words):
     make(path)
     with pytest.raises(ConfigError, match=words):
         load_system(path)
-
-
-def test_a_search_with_its_fallback(tmp_path):
-    system = searching(tmp_path, "{ expansions = 200, seconds = 0.5, plans = true, particles = 50 }")
-    policy = system.ensembles["tiger"].controller.policy
-    assert isinstance(policy, mdm.solvers.TreeSearch)
-    assert isinstance(policy.fallback, mdm.policies.AlphaVectors)
-    assert (policy.expansions, policy.seconds) == (200, 0.5)
-    assert policy.parts()[1]["seed"] == 4
-    assert policy.parts()[1]["particles"] == 50
-    assert policy.value([0.5, 0.5]) > 19
-
-    async def main(runtime):
-        with capture_decisions(runtime) as decisions:
-            await runtime.start(system)
-            for _ in range(2):
-                system.ensembles["tiger"].publish_observation(0)
-        return [decision.action_name for decision in decisions]
-
-    assert run_virtual(main) == ["listen", "listen", "open-right"]
-
-
-def searching(folder, search, policy='"tiger.vf"', model='model = "tiger.pomdp"'):
-    for name in ("tiger.pomdp", "tiger.vf"):
-        shutil.copy(EXAMPLES / name, folder / name)
-    text = f"""
-        [ensembles.tiger]
-        {model}
-        policy = {policy}
-        seed = 4
-        search = {search}
-        [ensembles.tiger.actions]
-        listen = "gc:collect"
-        open-left = "gc:collect"
-        open-right = "gc:collect"
-    """
-    (folder / "system.toml").write_text(text)
-    return mdm.load_system(folder / "system.toml")
-
-
-@pytest.mark.parametrize(
-    ("search", "options", "text"),
-    [
-        ("{ second = 1.0 }", {}, "second"),
-        ("{ seconds = 0.0 }", {}, "seconds"),
-        ("{ }", {}, "a tree search needs an end: give it seconds, or a number of expansions"),
-        ("{ expansions = 5 }", {"model": "", "policy": "[0, 1]"}, "a search needs a model"),
-        (
-            "{ expansions = 5, plans = true }",
-            {"policy": "[0, 1]"},
-            "plans are alpha vectors, but the policy is of another",
-        ),
-        ("{ expansions = 5 }", {"policy": "[0, 1]"}, "the fallback chooses by state, but the search by belief"),
-    ],
-)
-def test_what_is_wrong_with_a_search_is_told_with_its_key(tmp_path, search, options, text):
-    with pytest.raises(mdm.ConfigError, match=text) as raised:
-        searching(tmp_path, search, **options)
-    assert "ensembles.tiger.search" in str(raised.value)
-
-
-@pytest.mark.parametrize(("wires", "first"), [('{ 1 = "A", 0 = "B" }', "B"), ('{ 0 = "B", 1 = "A" }', "B")])
-def test_digits_are_indices_where_there_is_no_model(folder, wires, first):
-    text = f"""
-        predicates = {{ A = {{}}, B = {{}} }}
-        [ensembles.robot]
-        policy = [0, 1]
-        states = {{ place = {wires} }}
-        actions = {{ 0 = "code:x", 1 = "code:y" }}
-    """
-    system = load_system(written(folder, text, "digits.toml"), callbacks=False)
-    layer = system.ensembles["robot"].state
-    assert layer is not None
-    assert layer.factors[0].predicates[0] == first
-    with pytest.raises(ConfigError, match=r"ensembles.robot.states.place: .*indices 0 to 1"):
-        load_system(written(folder, text.replace('1 = "A"', '7 = "A"'), "seven.toml"), callbacks=False)

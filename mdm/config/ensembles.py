@@ -1,0 +1,268 @@
+"""Construction of ensembles from the tables of a TOML file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
+
+import msgspec
+
+from mdm.actors import Binding, Ensemble, ObservationFactor, SafetyOptions, StateFactor
+from mdm.actors.drive import drive_of
+from mdm.actors.ensemble import MOST_LEVELS
+from mdm.config.tables import ActionTable, EnsembleTable, ObservationTable, RestartTable, SearchTable, StateTable
+from mdm.errors import ConfigError
+from mdm.formats import load_model, load_policy, load_rewards
+from mdm.logic import similar
+from mdm.policies import DeterministicPolicy
+from mdm.runtime import Restart, Supervision
+from mdm.solvers.online import TreeSearch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from mdm.actors import Drive, PredicateManager
+    from mdm.config.functions import Functions
+    from mdm.config.problems import Problems
+    from mdm.models import MDP, POMDP
+    from mdm.policies import Policy
+
+__all__ = ["Ensembles"]
+
+_OPTIONS = [
+    option
+    for option in SafetyOptions.__annotations__
+    if option in EnsembleTable.__struct_fields__ and option not in {"drive", "rewards", "seed"}
+]
+"""Options of a control layer that pass from an ensemble's table unchanged."""
+T = TypeVar("T")
+
+
+class Ensembles:
+    """Builds the ensembles of a file, those below before those above.
+
+    Args:
+        folder: The file's folder, to which paths are relative.
+        predicates: What they take their input from.
+        functions: Finds the functions that are named.
+        problems: Where problems are noted.
+    """
+
+    def __init__(self, folder: Path, predicates: PredicateManager, functions: Functions, problems: Problems) -> None:
+        self._folder = folder
+        self._predicates = predicates
+        self._functions = functions
+        self._problems = problems
+        self._tables: dict[str, EnsembleTable | None] = {}
+        self._ensembles: dict[str, Ensemble | None] = {}
+        self._invalid: set[str] = set()
+        self._parents: dict[str, str] = {}
+
+    def build(self, document: dict[str, Any]) -> dict[str, Ensemble]:
+        """Return the ensembles that could be built, in file order."""
+        self._take_tables(document)
+        for name in self._tables:
+            self._ensemble(name, ())
+        built = {name: self._ensembles.get(name) for name in self._tables}
+        return {name: ensemble for name, ensemble in built.items() if ensemble is not None}
+
+    @property
+    def complete(self) -> bool:
+        """Whether all of them could be built."""
+        return all(self._ensembles.get(name) is not None for name in self._tables)
+
+    def check(self, built: dict[str, Ensemble]) -> None:
+        """Note what would keep ensembles from starting."""
+        for name, ensemble in built.items():
+            if self._parents.get(name) not in built:  # otherwise the parent's problems include them
+                for problem in ensemble.problems():
+                    self._problems.add(problem.message, problem.key)
+
+    def _take_tables(self, document: dict[str, Any]) -> None:
+        for name, value in self._problems.tables(document, "ensembles"):
+            key, before = f"ensembles.{name}", len(self._problems)
+            if name in {"", self._predicates.name}:
+                self._problems.add(f"an ensemble cannot be called {name!r}: give it another name", key)
+            self._tables[name] = self._problems.convert(value, EnsembleTable, key, partly=True)
+            if len(self._problems) > before:
+                self._invalid.add(name)
+        if not document.get("ensembles"):
+            self._problems.add("there is no ensemble: a table such as [ensembles.robot] is missing", "ensembles")
+
+    def _ensemble(self, name: str, above: tuple[str, ...]) -> Ensemble | None:
+        """Build an ensemble after its children; None if it has problems, which are reported once."""
+        table, key = self._tables[name], f"ensembles.{name}"
+        if name in self._ensembles or table is None:
+            return self._ensembles.get(name)
+        self._ensembles[name] = None
+        with self._problems.collecting(key):
+            actions = self._actions(name, table, (*above, name))
+            indices = table.model is None
+            states = self._factors(StateFactor, StateTable, table.states, f"{key}.states", indices=indices)
+            observations = self._factors(
+                *(ObservationFactor, ObservationTable, table.observations, f"{key}.observations"), indices=indices
+            )
+            drive = self._drive(table.drive, f"{key}.drive")
+            supervision = self._supervision(table.supervision, f"{key}.supervision")
+            if name in self._invalid:
+                return None
+            model = self._model(table, key)
+            if table.model is not None and model is None:
+                return None
+            policy = self._policy(table, model, key)
+            if table.search is not None and policy is not None:
+                policy = self._search(table, model, policy, f"{key}.search")
+            rewards = None
+            if table.rewards is not None:
+                with self._problems.collecting(f"{key}.rewards"):
+                    rewards = load_rewards(self._resolve(table.rewards))
+            safe: Any = table.safe_action
+            if safe is not None and ":" in safe:
+                safe = self._functions.find(safe, f"{key}.safe_action")
+            if policy is None or actions is None or states is None or observations is None:
+                return None
+            if drive is None or supervision is None:
+                return None
+            self._ensembles[name] = ensemble = Ensemble(
+                name,
+                policy=policy,
+                actions=actions,
+                model=model,
+                predicates=self._predicates,
+                states=states,
+                observations=observations,
+                agent=table.agent,
+                local=table.local,
+                safe_action=safe,
+                supervision=supervision,
+                drive=drive,
+                rewards=rewards,
+                **{option: getattr(table, option) for option in _OPTIONS},
+            )
+            return ensemble
+        return None
+
+    def _resolve(self, path: str) -> Path:
+        if not path or "\0" in path:
+            raise ConfigError(f"the path of a file was expected, not {path!r}")
+        return self._folder / path
+
+    def _drive(self, given: str | float, key: str) -> Drive | None:
+        with self._problems.collecting(key):
+            return drive_of(given)
+        return None
+
+    def _model(self, table: EnsembleTable, key: str) -> MDP | POMDP | None:
+        if table.model is None:
+            return None
+        with self._problems.collecting(f"{key}.model"):
+            model = load_model(self._resolve(table.model))
+            return model if table.discount is None else model.with_discount(table.discount)
+        return None
+
+    def _policy(self, table: EnsembleTable, model: MDP | POMDP | None, key: str) -> Policy | None:
+        with self._problems.collecting(f"{key}.policy"):
+            if isinstance(table.policy, list):
+                count = len(table.actions) if model is None else len(model.action_space)
+                return DeterministicPolicy(table.policy, count)
+            path = self._resolve(table.policy)
+            return load_policy(path, model, kind=table.policy_kind, seed=table.seed)
+        return None
+
+    def _search(self, table: EnsembleTable, model: MDP | POMDP | None, policy: Any, key: str) -> TreeSearch | None:
+        given: SearchTable | None = self._problems.convert(table.search, SearchTable, key)
+        if given is None:
+            return None
+        with self._problems.collecting(key):
+            if model is None:
+                raise ConfigError("a search needs a model")
+            if table.false_negative is not None:
+                model = model.with_false_negatives(table.false_negative)
+            return TreeSearch(
+                model,
+                seconds=given.seconds,
+                expansions=given.expansions,
+                seed=table.seed,
+                fallback=policy,
+                plans=policy if given.plans else None,
+                particles=given.particles,
+            )
+        return None
+
+    def _factors(
+        self, factor: Callable[..., T], kind: Any, tables: dict[str, Any], key: str, *, indices: bool
+    ) -> list[T] | None:
+        """Build factors; where no model may call its symbols by digits, symbols in digits are ``indices``."""
+        factors: list[T] = []
+        names = kind.__struct_fields__[0]
+        for name, value in tables.items():
+            with self._problems.collecting(f"{key}.{name}"):
+                if isinstance(value, dict) and (names in value or not _is_mapping(value)):
+                    table = self._problems.convert(value, kind, f"{key}.{name}")
+                    fields = {} if table is None else msgspec.structs.asdict(table)
+                elif isinstance(value, list | dict):
+                    fields = {names: self._problems.convert(value, list[str] | dict[str, str], f"{key}.{name}")}
+                else:
+                    raise ConfigError(
+                        f"a list of {names}, or a table of {names} by symbol, was expected, not {value!r}"
+                    )
+                given = fields.get(names)
+                if indices and isinstance(given, dict) and all(symbol.isdecimal() for symbol in given):
+                    fields[names] = {int(symbol): source for symbol, source in given.items()}
+                    idle = fields.get("idle")
+                    fields |= {"idle": int(idle)} if idle is not None and idle.isdecimal() else {}
+                if given is not None:
+                    factors.append(factor(name, fields.pop(names), **fields))
+        return factors if len(factors) == len(tables) else None
+
+    def _supervision(self, given: object, key: str) -> Supervision | None:
+        if not isinstance(given, dict):
+            return cast("Supervision | None", self._problems.convert(given, Literal["stop", "escalate"], key))
+        table: RestartTable | None = self._problems.convert(given, RestartTable, key)
+        return None if table is None else Restart(limit=table.restart, within=table.within, backoff=table.backoff)
+
+    def _actions(self, name: str, table: EnsembleTable, above: tuple[str, ...]) -> dict[Any, Binding] | None:
+        bindings: dict[Any, Binding] = {}
+        for action, given in table.actions.items():
+            key = f"ensembles.{name}.actions.{action}"
+            written = {"call": given} if isinstance(given, str) else given
+            entry: ActionTable | None = self._problems.convert(written, ActionTable, key)
+            if entry is None:
+                continue
+            with self._problems.collecting(key):
+                target = self._target(entry, key, name, above)
+                if target is not None:
+                    bindings[int(action) if action.isdecimal() else action] = Binding(
+                        target,
+                        timeout=entry.timeout,
+                        grace=entry.grace,
+                        on_repeat=entry.on_repeat,
+                        resume=entry.resume,
+                        concurrent=entry.concurrent,
+                    )
+        return bindings if len(bindings) == len(table.actions) else None
+
+    def _target(self, entry: ActionTable, key: str, name: str, above: tuple[str, ...]) -> Any:
+        if (entry.call is None) == (entry.ensemble is None):
+            raise ConfigError("an action needs either a function ('call') or an 'ensemble'")
+        if entry.call is not None:
+            return self._functions.find(entry.call, key)
+        below = str(entry.ensemble)
+        if below not in self._tables:
+            raise ConfigError(f"there is no ensemble {below!r} in this file{similar(below, self._tables)}")
+        if len(above) >= MOST_LEVELS:
+            raise ConfigError(f"ensembles are nested more than {MOST_LEVELS} deep")
+        if below in above:
+            cycle = " -> ".join((*above[above.index(below) :], below))
+            raise ConfigError(f"ensembles start each other in a cycle: {cycle}")
+        parent = self._parents.setdefault(below, name)
+        if parent != name:
+            raise ConfigError(
+                f"ensemble {below!r} is started by both {parent!r} and {name!r}; it can have only one parent"
+            )
+        return self._ensemble(below, above)
+
+
+def _is_mapping(table: dict[str, Any]) -> bool:
+    """Whether a factor's table is a mapping from symbols to names, without options."""
+    return bool(table) and all(isinstance(value, str) for value in table.values())

@@ -1,0 +1,56 @@
+"""Predicates and events as a file declares them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mdm import ConfigError
+from mdm.config.declarations import Declarations
+from mdm.config.problems import Problems
+
+
+def declared(**tables):
+    problems = Problems(Path("robot.toml"))
+    declarations = Declarations(problems)
+    declarations.declare(tables)
+    declarations.check()
+    problems.raise_all()
+    return declarations
+
+
+def test_predicates_and_events_are_declared_by_what_their_tables_say():
+    manager = declared(
+        predicates={"A": {"initial": True}, "B": "not A", "C": {"set": "A", "reset": "Up"}},
+        events={"Up": "B", "Go": {}},
+    ).manager
+    assert manager.names == {"A": "predicate", "B": "predicate", "C": "predicate", "Up": "event", "Go": "event"}
+    assert manager.derived("B")
+    assert manager.senses("A")
+    assert manager.raises("Go")
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"predicates": {"A": "not A"}}, "A"),
+        ({"predicates": {"A": {}, "B": "not AA"}}, "'B' uses 'AA', which is not declared; did you mean 'A'"),
+        ({"predicates": {"A": {"set": "B"}}}, "a latch needs both 'set' and 'reset'"),
+        ({"predicates": 7}, "predicates must be a table"),
+        ({"events": {"Up": {"formula": "not"}}}, "events.Up"),
+    ],
+)
+def test_what_cannot_be_declared_is_told(tables, words):
+    with pytest.raises(ConfigError) as caught:
+        declared(**tables)
+    assert words in str(caught.value)
+
+
+def test_ends_of_actions_are_those_of_the_ensembles():
+    problems = Problems(Path("robot.toml"))
+    declarations = Declarations(problems)
+    declarations.declare({"predicates": {"Done": {"set": "Work.succeeded", "reset": "Rest.succeeded"}}})
+    declarations.check_ends(["Work", "Rst"])
+    with pytest.raises(ConfigError, match="'Rest.succeeded' is the end of an unknown action; did you mean 'Rst'"):
+        problems.raise_all()

@@ -1,8 +1,15 @@
-"""The link: connects an agent with its team. It owns the transport, and brings what that hears to actors, in turns."""
+"""The link: connects an agent with its team. It owns the transport, and brings what that hears to actors, in turns.
+
+Who is live is told by beats: each agent says several times a lease whom it hears. The event loop itself says it, so
+that an agent whose loop is held is not taken for live, however well its transport keeps the connection. An agent is
+live for another where both hear each other.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from mdm.runtime import Actor, Subscription
 from mdm.team.keys import join
@@ -10,6 +17,7 @@ from mdm.team.keys import join
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Mapping
 
+    from mdm.messages import Tick
     from mdm.runtime import Work
     from mdm.team.team import Team
     from mdm.team.transport import Priority, Sample, Transport
@@ -18,6 +26,15 @@ __all__ = ["Link"]
 
 FAREWELL = "leaving"
 """The channel on which an agent says that it leaves in order."""
+
+BEAT = "beat"
+"""The channel on which an agent says whom it hears, by incarnation."""
+
+BEATS = 5
+"""Beats in a lease."""
+
+_encode = msgspec.msgpack.Encoder().encode
+_decode = msgspec.msgpack.Decoder(dict[str, int]).decode
 
 
 class Link(Actor):
@@ -30,7 +47,8 @@ class Link(Actor):
         transport: What carries the messages of one of its agents.
 
     Attributes:
-        live: The live agents and their incarnations, this one included; without those who said that they leave.
+        live: The agents that this one hears and that hear it, by incarnation, itself included; without those who said
+            that they leave.
         left: Those who have left in order, with the incarnation that has.
         opened: Whether the transport is open.
     """
@@ -45,6 +63,9 @@ class Link(Actor):
         self.opened = False
         self._leaving = False
         self._seen: Mapping[str, int] = {}
+        self._heard_at: dict[str, int] = {}
+        self._beats: dict[str, tuple[int, bool]] = {}
+        self._lease = round(team.lease * 1e9)
         self._heard: dict[str, list[Subscription[Any]]] = {}
         self._watching: list[Subscription[Any]] = []
         self._opening: Work | None = None
@@ -60,6 +81,8 @@ class Link(Actor):
         self.transport.supervise(self.fail, self.report)
         self.transport.watch(self._in_turn(self._on_seen))
         self.listen(join(self.team.name, "*", FAREWELL), self._on_farewell, self)
+        self.listen(join(self.team.name, "*", BEAT), self._on_beat, self)
+        self.every(BEATS / self.team.lease, self._on_tick)
 
     def connect(self) -> None:
         """Open the transport, beside the loop; what keeps it from opening is this actor's failure."""
@@ -71,6 +94,7 @@ class Link(Actor):
 
     def _on_open(self, _: None) -> None:
         self.opened = True
+        self._beat()
         self._tell()
 
     def say_farewell(self) -> None:
@@ -103,9 +127,10 @@ class Link(Actor):
         if known is None:
             known = self._heard[expression] = []
             deliver = self.runtime.dispatcher.deliver
-            heard = known
+            heard, now, heard_at = known, self.runtime.clock.reader(), self._heard_at
 
             def hand_on(sample: Sample) -> None:
+                heard_at[sample.owner] = now()
                 for one in tuple(heard):
                     deliver(one, sample)
 
@@ -147,16 +172,51 @@ class Link(Actor):
         self._seen = seen
         self.left = {agent: life for agent, life in self.left.items() if seen.get(agent, life) <= life}
         if self.opened:
+            self._beat()
             self._tell()
+
+    def _beat(self) -> None:
+        """Say whom this agent hears."""
+        hears = {agent: life for agent, (life, _) in self._beats.items()}
+        self.put(self.key(BEAT), _encode(hears), priority="step")
+
+    def _on_beat(self, sample: Sample) -> None:
+        try:
+            hears = _decode(sample.body)
+        except (msgspec.MsgspecError, ValueError):
+            return
+        old = self._beats.get(sample.owner)
+        new = self._beats[sample.owner] = (sample.incarnation, hears.get(self.agent) == self.transport.incarnation)
+        if old is None or old[0] != new[0]:
+            self._beat()  # so that it soon knows that it is heard
+        if old != new:
+            self._tell()
+
+    def _on_tick(self, tick: Tick) -> None:
+        if not tick.missed:  # else what came meanwhile has yet to be heard
+            now = self.runtime.clock.now()
+            silent = [agent for agent in self._beats if now - self._heard_at.get(agent, 0) > self._lease]
+            for agent in silent:
+                del self._beats[agent]
+            if silent:
+                self._tell()
+        if self.opened:
+            self._beat()
 
     def _on_farewell(self, sample: Sample) -> None:
         self.left[sample.owner] = sample.incarnation
         self._tell()
 
     def _tell(self) -> None:
-        live = {agent: life for agent, life in self._seen.items() if self.left.get(agent, -1) < life}
-        live = {agent: live[agent] for agent in self.team.names if agent in live}
+        if not self.opened:
+            return
+        live = {
+            agent: life
+            for agent, life in self._seen.items()
+            if self.left.get(agent, -1) < life and self._beats.get(agent) == (life, True)
+        }
         live[self.agent] = self.transport.incarnation
+        live = {agent: live[agent] for agent in self.team.names if agent in live}
         if live != self.live:
             self.live = live
             for subscription in tuple(self._watching):

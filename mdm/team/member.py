@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -10,19 +10,28 @@ from mdm.actors import Ensemble
 from mdm.errors import ConfigError
 from mdm.messages import Message
 from mdm.runtime import Actor, ActorStatistics
+from mdm.team.calls import Answers
 from mdm.team.centralised import CentralisedStatistics, Centre, Outpost, controlling
 from mdm.team.commits import Committed
 from mdm.team.link import Link
 from mdm.team.placement import Placement
+from mdm.team.predicates import Followed, Told, wanted
+from mdm.team.remote import Exports, Imports, typed
 from mdm.team.replica import Replica, ReplicaStatistics
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from mdm.actors import PredicateManager
+    from mdm.runtime import Channel
+    from mdm.team.allowance import Allowance
     from mdm.team.team import Team
     from mdm.team.transport import Transport, TransportStatistics
 
-__all__ = ["Member", "MemberStatistics", "Teammates"]
+__all__ = ["FIRST_PORT", "Member", "MemberStatistics", "Teammates"]
+
+FIRST_PORT = 7447
+"""The port of the first agent on this machine, where nothing is said about endpoints; the others' follow."""
 
 
 class Teammates(Message, frozen=True, gc=False):
@@ -62,6 +71,10 @@ class Member(Actor):
         transport: What carries its messages; by default a session of Zenoh.
         placement: Where the layers of ensembles are, by the ensembles' names. One whose control layer is placed at an
             agent is decided there, whatever the team's mode.
+        exports: Channels of this agent that others may import, such as ``patrol/belief``; a mapping to the types of
+            their messages where they are none of an ensemble's own.
+        imports: Channels of others, such as ``robot2/patrol/belief``; the same.
+        allowance: How much the session may send.
 
     Raises:
         ConfigError: If there is no such agent, or an ensemble does not fit the team.
@@ -79,13 +92,18 @@ class Member(Actor):
         *,
         transport: Transport | None = None,
         placement: Mapping[str, Placement] | None = None,
+        exports: Iterable[str] | Mapping[str, type[Any]] = (),
+        imports: Iterable[str] | Mapping[str, type[Any]] = (),
+        allowance: Allowance | None = None,
     ) -> None:
         super().__init__(team.check_agent(agent))
         self.team = team
         self.agent = agent
         self.ensembles = _by_name(ensembles)
         if transport is None:
-            raise ConfigError("a member needs a transport", key="transport")
+            transport = _session(team, agent, allowance)
+        elif allowance is not None:
+            raise ConfigError("an allowance is for the session that a member makes; give it to the transport")
         if transport.agent != agent:
             raise ConfigError(f"the transport is that of agent {transport.agent!r}, not of {agent!r}", key="transport")
         self.link = Link(team, transport)
@@ -93,11 +111,24 @@ class Member(Actor):
         self.layers: dict[str, Replica | Centre | Outpost] = {}
         self.lost: tuple[str, ...] = ()
         self._live: tuple[str, ...] = ()
+        self.managers = _managers(self.ensembles.values())
+        self.exports = Exports(self.link, typed(exports, "exports"))
+        self.imports = Imports(self.link, typed(imports, "imports"))
+        told = Told(self.link, self.managers)
+        self._followed = _followed(team, self.link, self.managers, told)
         self.add(self.link)
         for name, ensemble in self.ensembles.items():
             layer = self.layers[name] = _layer(team, ensemble, self.link, given.pop(name, Placement()))
             ensemble.add(layer)
             self.add(ensemble)
+        for actor in (
+            told,
+            *self._followed,
+            self.exports,
+            self.imports,
+            Answers(self.link, self.ensembles, self.layers),
+        ):
+            self.add(actor)
         if given:
             raise ConfigError(
                 f"there is no ensemble {next(iter(given))!r} to place; there are {', '.join(self.ensembles)}",
@@ -107,7 +138,9 @@ class Member(Actor):
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Make the channels."""
+        """Make the channels, and have predicate managers follow the other agents."""
+        for followed in self._followed:
+            followed.prepare(self.runtime)
         commits = self.channel("commits", Committed)
         self._teammates = self.channel("teammates", Teammates, retain=True)
         for layer in self.layers.values():
@@ -117,6 +150,10 @@ class Member(Actor):
         """Connect with the others: everything here listens by now."""
         self.link.watch(self._on_live, self)
         self.link.connect()
+
+    def imported(self, name: str) -> Channel[Any]:
+        """Return the channel on which another agent's is published here, such as ``robot2/patrol/belief``."""
+        return self.imports.imported(name)
 
     async def on_stopping(self) -> None:
         """Tell the others that this agent leaves, before anything of it ends."""
@@ -155,6 +192,44 @@ def _layer(team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> 
         decides = controlling(team, ensemble, placement) == link.agent
         return (Centre if decides else Outpost)(team, ensemble, link, placement)
     return Replica(team, ensemble, link, placement)
+
+
+def _session(team: Team, agent: str, allowance: Allowance | None) -> Transport:
+    """Return a session of Zenoh, which connects to the agents that were declared before this one."""
+    from mdm.team.session import Session  # noqa: PLC0415 - the one that needs Zenoh
+
+    endpoints = {other.name: other.endpoint or f"tcp/127.0.0.1:{FIRST_PORT + n}" for n, other in enumerate(team.agents)}
+    before = team.names[: team.names.index(agent)]
+    return Session(
+        *(team.name, agent),
+        listen=endpoints[agent],
+        connect=[endpoints[other] for other in before],
+        lease=team.lease,
+        allowance=allowance,
+    )
+
+
+def _managers(ensembles: Iterable[Ensemble]) -> tuple[PredicateManager, ...]:
+    """Return the predicate managers of ensembles and of those below them, each once."""
+    found: dict[PredicateManager, None] = {}
+    for ensemble in ensembles:
+        if ensemble.predicates is not None:
+            found[ensemble.predicates] = None
+        found.update(dict.fromkeys(_managers(ensemble.subensembles)))
+    return tuple(found)
+
+
+def _followed(team: Team, link: Link, managers: Sequence[PredicateManager], told: Told) -> list[Followed]:
+    """Return what keeps other agents' predicates and events up to date, one for each manager and agent."""
+    found = []
+    for number, manager in enumerate(managers):
+        for name in manager.used:
+            agent, slash, _ = name.partition("/")
+            if slash and manager.knows(name) == "predicate" and name not in manager.names:
+                team.check_agent(agent, key=f"predicates.{name}")
+        for agent, names in wanted(manager, team.names).items():
+            found.append(Followed(link, agent, manager, names, told, name=f"{agent} for {manager.name} {number}"))
+    return found
 
 
 def _by_name(ensembles: Iterable[Ensemble]) -> dict[str, Ensemble]:

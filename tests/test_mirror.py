@@ -40,6 +40,7 @@ ACROSS = {
     "simulation/test_maiss.py": "a hierarchy of robots, from a file to its decisions",
     "team/test_planted.py": "that random schedules find faults that are planted in the agreement",
     "team/test_schedules.py": "the agreement under random faults",
+    "team/test_search.py": "the agreement in all that can happen to a few agents",
     "test_benchmarks.py": "programs beside the package",
     "test_examples.py": "programs beside the package",
     "test_documentation.py": "pages",

@@ -58,6 +58,7 @@ class Schedule:
             "faults": random.randrange(5),
             "restarts": True,
             "encoded": random.random() < 0.02,
+            "divided": random.random() < 0.25,
             "log_size": random.choice([1, 4, 256]),
         } | fixed
         self.__dict__.update(draw)
@@ -245,7 +246,7 @@ class Schedule:
     def fault(self):
         """Draw something that goes wrong, and when it ends."""
         random = self.random
-        begin, end = random.randrange(400) * MILLISECOND, random.randrange(1, 300) * MILLISECOND
+        begin, end = random.randrange(250) * MILLISECOND, random.randrange(1, 200) * MILLISECOND
         kind = random.choice(["crash", "crash", "pause", "partition", "partition", "link", "one way", "flap"])
         name, other = random.sample(self.names, 2)
         side = set(random.sample(self.names, random.randrange(1, self.agents)))
@@ -271,27 +272,53 @@ class Schedule:
             self.after(self.random.randrange(50) * MILLISECOND, self.start, name)
         for _ in range(self.faults):
             self.fault()
-        self.until(700 * MILLISECOND)
+        self.until(400 * MILLISECOND)
         self.heal()
-        machines = [node.machine for node in self.nodes.values()]
-        first = next(iter(machines))
+        if self.divided:
+            side = set(self.random.sample(self.names, self.random.randrange(1, self.agents)))
+            cut = {(a, b) for a in self.names for b in self.names if (a in side) != (b in side)}
+            self.block(cut)
+            self.settle(
+                [name for name in self.names if name in side], [name for name in self.names if name not in side]
+            )
+            self.unblock(cut)
+        self.settle(self.names)
+        return self
+
+    def settle(self, *sides):
+        """Let nothing happen but steps, and see that each side has come to one history, or waits."""
+        machines = {name: self.nodes[name].machine for name in self.names}
+        first = machines[self.names[0]]
+        self.proposing = False
         self.until(self.now + 2 * self.lease + (self.agents + 3) * first.patience)
-        steps = [machine.step for machine in machines]
-        self.until(self.now + 100 * MILLISECOND + 8 * first.deadline)
+        steps = {name: machine.step for name, machine in machines.items()}
+        self.proposing = True
+        for node in self.nodes.values():
+            self.after(self.random.randrange(self.period), self.propose, node, node.machine)
+        self.until(self.now + 4 * self.period + 8 * first.deadline)
         self.proposing = False
         self.until(self.now + 40 * first.retry)
-        roles = [machine.role for machine in machines]
-        if {*roles} - {"leading", "following"} or roles.count("leading") != 1:
-            raise Violation(f"after healing the agents are {roles}")
-        if len({(machine.term, machine.history.position, machine.replica.digest()) for machine in machines}) != 1:
-            raise Violation(f"after healing the agents are at {[machine.history.position for machine in machines]}")
-        if any(machine.step <= step for machine, step in zip(machines, steps, strict=True)):
-            raise Violation(f"after healing the agents stay at {steps}")
-        return self
+        for side in sides:
+            self.check(side, {name: machines[name] for name in side}, steps)
+
+    def check(self, side, machines, steps):
+        roles = [machine.role for machine in machines.values()]
+        places = {(machine.term, machine.history.position, machine.replica.digest()) for machine in machines.values()}
+        moved = {machine.step > steps[name] for name, machine in machines.items()}
+        if self.oracle.majority and len(side) < self.oracle.majority:
+            if {*roles} != {"waiting"} or moved != {False}:
+                raise Violation(f"{side}, too few, are {roles} at {places}")
+        elif {*roles} - {"leading", "following"} or roles.count("leading") != 1:
+            raise Violation(f"{side} are {roles}")
+        elif len(places) != 1:
+            raise Violation(f"{side} are at {places}")
+        elif moved != {True}:
+            raise Violation(f"{side} stay where they are: {steps}")
 
     def heal(self):
         self.blocked, self.unseen, self.loss = set(), set(), 0
-        self.queue = [event for event in self.queue if event[2] not in {self.crash, self.pause, self.block, self.hide}]
+        faults = {self.crash, self.start, self.pause, self.resume, self.block, self.unblock, self.hide, self.show}
+        self.queue = [event for event in self.queue if event[2] not in faults]
         heapq.heapify(self.queue)
         for name in self.names:
             self.start(name)

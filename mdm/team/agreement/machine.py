@@ -66,8 +66,8 @@ class Agreement(Recovery):
 
     def members(self, live: Mapping[str, int], now: int) -> list[Send]:
         """Take note of who is live, by incarnation, this agent included."""
+        live = {**live, self.agent: self.incarnation}
         self.live = {agent: live[agent] for agent in self.agents if agent in live}
-        self.live[self.agent] = self.incarnation
         self._review(now)
         return self._sent()
 

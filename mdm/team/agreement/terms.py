@@ -181,7 +181,7 @@ class Terms(Steps):
         source = self.ballot.source(self.agent, by_side=self.mode == "continue")
         if source != self.agent:
             if self.fetching != source:
-                self.fetching = None
+                self.sound = self.sound and self.ballot.joined[source].lineage[-1] != self.history.position
                 self._fetch(source, now)
             return
         self._stop()

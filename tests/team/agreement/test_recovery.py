@@ -163,6 +163,18 @@ def test_a_leader_that_differs_from_most_takes_theirs(count):
     assert team.steps == [3] * count
 
 
+def test_a_leader_that_differs_from_most_when_it_calls_takes_theirs():
+    team = Lockstep(4)
+    full(team, 2)
+    sound = team["b"].replica.value
+    team["a"].replica.value = 4711
+    team.crash("d")
+    team.see()
+    team.deliver()
+    assert team.roles == ["leading", "following", "following"]
+    assert team["a"].replica.value == sound
+
+
 def test_of_two_the_leader_s_copy_counts():
     team = Lockstep(2)
     full(team, 2)

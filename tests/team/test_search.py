@@ -1,0 +1,31 @@
+"""Small spaces, searched whole; ``python -m team.search``, with ``tests`` in ``PYTHONPATH``, searches large ones."""
+
+from __future__ import annotations
+
+import pytest
+from team.copies import Violation
+from team.search import Search, Space
+from team.test_planted import SameTerm, WithoutLog, WithoutMajority
+
+SPACES = {
+    "crash and restart": Space(2, "majority", False, crashes=1, restarts=1),
+    "crash and restart, event-driven": Space(2, "majority", True, crashes=1, restarts=1),
+    "cut and loss": Space(2, "majority", False, partitions=1, losses=1),
+    "loss, repetition and overtaking": Space(2, "majority", False, losses=1, duplicates=1, overtakings=1),
+    "cut, and both go on": Space(2, "continue", False, partitions=1),
+    "crash, and the other goes on": Space(2, "continue", True, crashes=1),
+    "three": Space(3, "majority", False, steps=1),
+}
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_no_state_violates_what_is_promised(name):
+    search = Search(SPACES[name])
+    assert search.run(settle_every=10) > 5_000
+    assert search.cut_off == 0
+
+
+@pytest.mark.parametrize("machine", [SameTerm, WithoutLog, WithoutMajority])
+def test_a_planted_fault_is_found(machine):
+    with pytest.raises(Violation):
+        Search(Space(2, "majority", True, crashes=1, restarts=1, losses=1), machine).run(settle_every=10)

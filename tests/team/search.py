@@ -430,11 +430,14 @@ SPACES = {
     "two-continue-events": Space(2, "continue", True, **FAULTS, impatience=1),
     "three": Space(3, "majority", False),
     "three-crash": Space(3, "majority", False, crashes=1),
+    "three-cut": Space(3, "majority", False, partitions=1),
     "three-restart": Space(3, "majority", False, crashes=1, restarts=1),
-    "three-partition": Space(3, "majority", False, partitions=1),
     "three-lost": Space(3, "majority", False, losses=1, duplicates=1),
     "three-events": Space(3, "majority", True),
-    "three-events-crash": Space(3, "majority", True, crashes=1),
+    "one-step-cut": Space(3, "majority", False, steps=1, partitions=1),
+    "one-step-lost": Space(3, "majority", False, steps=1, losses=1, duplicates=1),
+    "one-step-restart": Space(3, "majority", False, steps=1, crashes=1, restarts=1),
+    "one-step-events": Space(3, "majority", True, steps=1),
 }
 """What is searched by name."""
 

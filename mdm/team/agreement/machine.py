@@ -139,6 +139,8 @@ class Agreement(Recovery):
             self._send(None, Ended(self.term))
         elif self.fetching is not None:
             self._send(self.fetching if self.ballot is not None or not self.sound else None, self._request())
+            if self.ballot is not None:
+                self._send(None, self._invitation())  # those who wait for this copy know that its agent lives
         elif self.ballot is not None:
             if self.begun:
                 self._remind()

@@ -116,6 +116,9 @@ class Terms(Steps):
             self._on_difference(caller, call, now)
         elif call.term == self.term:
             self._send(caller, self._own())
+            if "call" in self.timers:
+                del self.timers["call"]
+                self._review(now)
         elif self._prevails(caller):
             if call.term > self.term:
                 self.heard = max(self.heard, call.term.number)

@@ -3,7 +3,7 @@ from __future__ import annotations
 from team.lockstep import PATIENCE, RETRY, Lockstep
 
 from mdm.team.agreement import Term
-from mdm.team.agreement.entries import Begin, Call, Joined
+from mdm.team.agreement.entries import Begin, Call, Joined, Snapshot
 
 
 def full(team, times=1):
@@ -205,6 +205,25 @@ def test_an_agent_with_a_majority_leads_where_the_first_has_none():
     full(team)
     team.wait(PATIENCE)
     assert [team[name].step for name in "cde"] == [1, 1, 1]
+
+
+def test_others_wait_while_the_leader_takes_what_it_lacks():
+    team = Lockstep(3, log_size=1)
+    team.divide("a", "bc")
+    full(team, 5)
+
+    def losing(sender, target, message):
+        return isinstance(message, Snapshot)
+
+    team.heal()
+    team.wait(PATIENCE, losing=losing)
+    term = team["a"].term
+    team.wait(10 * PATIENCE, losing=losing)
+    assert team.roles == ["joining"] * 3
+    assert team["a"].term == term
+    team.wait(2 * RETRY)
+    assert team.roles == ["leading", "following", "following"]
+    assert team.steps == [5, 5, 5]
 
 
 def test_lost_calls_and_answers_are_said_again():

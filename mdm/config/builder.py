@@ -11,16 +11,23 @@ from mdm.config.declarations import Declarations
 from mdm.config.ensembles import Ensembles
 from mdm.config.functions import Functions
 from mdm.config.problems import Problems
+from mdm.config.share import Share, read_team
 from mdm.config.system import System
+from mdm.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["load_system"]
+    from mdm.team import Team
+    from mdm.team.transport import Transport
+
+__all__ = ["load_system", "load_team"]
 
 
-def load_system(path: str | Path, *, callbacks: bool = True) -> System:
-    """Build the system that a TOML file describes.
+def load_system(
+    path: str | Path, *, agent: str | None = None, callbacks: bool = True, transport: Transport | None = None
+) -> System:
+    """Build the system that a TOML file describes; of a team's file, that of one agent.
 
     Example::
 
@@ -29,12 +36,23 @@ def load_system(path: str | Path, *, callbacks: bool = True) -> System:
 
     Args:
         path: The file. Paths in it are relative to its folder, which is also searched first for modules.
+        agent: Of a team's file, which agent's system.
         callbacks: Import and bind the functions; otherwise actions do nothing and tasks are left out.
+        transport: Of a team's file, what carries the agent's messages; by default a session of Zenoh at its endpoint.
 
     Raises:
         ConfigError: With all problems, one per line and each in its ``problems``.
     """
-    return _Builder(Path(path), callbacks=callbacks).system()
+    return _Builder(Path(path), callbacks=callbacks).system(agent, transport)
+
+
+def load_team(path: str | Path) -> Team | None:
+    """Return the team that a TOML file describes, without its ensembles; None where it describes none.
+
+    Raises:
+        ConfigError: If the file cannot be read, or with all problems of its table ``team``.
+    """
+    return _Builder(Path(path), callbacks=False).team()
 
 
 class _Builder:
@@ -45,25 +63,66 @@ class _Builder:
         self._callbacks = callbacks
         self._problems = Problems(path)
         self._functions = Functions(path.parent, self._problems, callbacks=callbacks)
-        self._declarations = Declarations(self._problems)
 
-    def system(self) -> System:
+    def team(self) -> Team | None:
+        """Return the team, or raise its problems."""
+        document = self._read()
+        if "team" not in document:
+            return None
+        team = read_team(document["team"], self._problems)
+        self._problems.raise_all()
+        return team
+
+    def system(self, agent: str | None, transport: Transport | None) -> System:
         """Return the system, or raise all problems."""
         document = self._read()
-        known = ("predicates", "events", "ensembles", "tasks")
+        known = ("team", "predicates", "events", "ensembles", "tasks")
         for key in document:
             if key not in known:
                 self._problems.add(f"there is no key {key!r} here; the keys are {', '.join(known)}", key)
-        self._declarations.declare(document)
-        builder = Ensembles(self._path.parent, self._declarations.manager, self._functions, self._problems)
+        share = self._share(document, agent)
+        declarations = Declarations(self._problems, share)
+        declarations.declare(document)
+        declarations.declare_others(document.get("ensembles"))
+        builder = Ensembles(self._path.parent, declarations.manager, self._functions, self._problems, share)
         ensembles = builder.build(document)
-        tasks = self._tasks(document.get("tasks", []))
-        self._declarations.check()
-        builder.check(ensembles)
+        tasks = self._tasks(self._own_tasks(document, share))
+        member = None
+        if share is not None and builder.complete:
+            with self._problems.collecting("team"):
+                joint = [ensembles[name] for name in builder.joint]
+                member = share.team.member(share.agent, *joint, transport=transport, placement=builder.joint)
+        declarations.check()
+        if share is None or member is not None:  # else nothing leads what the team decides
+            builder.check(ensembles)
         if builder.complete:
-            self._declarations.check_ends({name for ensemble in ensembles.values() for name in ensemble.action.names})
+            declarations.check_ends({name for ensemble in ensembles.values() for name in ensemble.action.names})
         self._problems.raise_all()
-        return System(self._declarations.manager, ensembles, tasks)
+        return System(declarations.manager, ensembles, tasks, member=member)
+
+    def _share(self, document: dict[str, Any], agent: str | None) -> Share | None:
+        """Return what of a team's file is the agent's."""
+        if "team" not in document:
+            if agent is not None:
+                self._problems.add(f"there is no table [team] in this file, and so no agent {agent!r}", "team")
+                self._problems.raise_all()
+            return None
+        team = read_team(document["team"], self._problems)
+        if team is not None:
+            with self._problems.collecting("team.agents"):
+                if agent is None:
+                    raise ConfigError(f"this file describes a team: say which agent's part: {', '.join(team.names)}")
+                return Share(team, agent)
+        self._problems.raise_all()
+        raise AssertionError
+
+    def _own_tasks(self, document: dict[str, Any], share: Share | None) -> object:
+        given = document.get("tasks", [])
+        if share is not None:
+            with self._problems.collecting("tasks"):
+                return share.tasks(given, "tasks")
+            return []
+        return given
 
     def _read(self) -> dict[str, Any]:
         try:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
     from mdm.config.problems import Problems
+    from mdm.config.share import Share
 
 __all__ = ["Declarations"]
 
@@ -29,14 +30,16 @@ class Declarations:
 
     Args:
         problems: Where problems are noted.
+        share: In a team's file, whose part it is; ``robot2/IsMoving`` is the file's name at that agent.
 
     Attributes:
         manager: The predicate manager that knows them.
     """
 
-    def __init__(self, problems: Problems) -> None:
+    def __init__(self, problems: Problems, share: Share | None = None) -> None:
         self.manager = PredicateManager()
         self._problems = problems
+        self._share = share
         self._formulas: list[tuple[str, Formula]] = []
 
     def declare(self, document: dict[str, Any]) -> None:
@@ -50,6 +53,20 @@ class Declarations:
             with self._problems.collecting(f"events.{name}"):
                 self._event(name, value)
             if self.manager.knows(name) is None:
+                self.manager.event(name)
+
+    def declare_others(self, ensembles: object) -> None:
+        """Declare the events of other agents that formulas and the observations of ensembles name."""
+        if self._share is None:
+            return
+        used = [name for _, formula in self._formulas for name in formula.names]
+        if isinstance(ensembles, dict):
+            tables = [table for table in ensembles.values() if isinstance(table, dict)]
+            used += [name for table in tables for name in _texts(table.get("observations"))]
+        for name in dict.fromkeys(used):
+            agent, slash, event = name.partition("/")
+            foreign = slash and agent in self._share.team.names and agent != self._share.agent
+            if foreign and self.manager.names.get(event) == "event" and name not in self.manager.names:
                 self.manager.event(name)
 
     def _predicate(self, name: str, value: Any) -> None:
@@ -76,6 +93,8 @@ class Declarations:
 
     def _formula(self, text: str, key: str) -> Formula:
         formula = parse(text)
+        if self._share is not None:
+            formula = self._share.formula(formula)
         self._formulas.append((key, formula))
         return formula
 
@@ -98,11 +117,22 @@ class Declarations:
         before = len(self._problems)
         for key, formula in self._formulas:
             for name in sorted(formula.names):
+                if self._share is not None:
+                    with self._problems.collecting(key):
+                        self._share.check_name(name, self.manager.names)
                 if self.manager.knows(name) is None:
                     hint = similar(name, self.manager.names)
                     user = key.partition(".")[2]
                     self._problems.add(f"{user!r} uses {name!r}, which is not declared{hint}", key)
         return len(self._problems) > before
+
+
+def _texts(value: object) -> list[str]:
+    """Return the texts in a table, however deep."""
+    if isinstance(value, str):
+        return [value]
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return [text for part in inner for text in _texts(part)]
 
 
 def _refuse_mixture(table: PredicateTable, keys: Iterable[str]) -> None:

@@ -9,6 +9,8 @@ import msgspec
 from mdm.actors import Binding, Ensemble, ObservationFactor, SafetyOptions, StateFactor
 from mdm.actors.drive import drive_of
 from mdm.actors.ensemble import MOST_LEVELS
+from mdm.config.functions import nothing
+from mdm.config.share import Seat
 from mdm.config.tables import ActionTable, EnsembleTable, ObservationTable, RestartTable, SearchTable, StateTable
 from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
@@ -18,14 +20,16 @@ from mdm.runtime import Restart, Supervision
 from mdm.solvers.online import TreeSearch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from mdm.actors import Drive, PredicateManager
     from mdm.config.functions import Functions
     from mdm.config.problems import Problems
+    from mdm.config.share import Share
     from mdm.models import MDP, POMDP
     from mdm.policies import Policy
+    from mdm.team import Placement
 
 __all__ = ["Ensembles"]
 
@@ -46,9 +50,20 @@ class Ensembles:
         predicates: What they take their input from.
         functions: Finds the functions that are named.
         problems: Where problems are noted.
+        share: In a team's file, whose part it is.
+
+    Attributes:
+        joint: The placements of the team's ensembles, by their names: of those that agents decide together.
     """
 
-    def __init__(self, folder: Path, predicates: PredicateManager, functions: Functions, problems: Problems) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        predicates: PredicateManager,
+        functions: Functions,
+        problems: Problems,
+        share: Share | None = None,
+    ) -> None:
         self._folder = folder
         self._predicates = predicates
         self._functions = functions
@@ -57,10 +72,15 @@ class Ensembles:
         self._ensembles: dict[str, Ensemble | None] = {}
         self._invalid: set[str] = set()
         self._parents: dict[str, str] = {}
+        self._share = share
+        self.joint: dict[str, Placement] = {}
 
     def build(self, document: dict[str, Any]) -> dict[str, Ensemble]:
         """Return the ensembles that could be built, in file order."""
         self._take_tables(document)
+        if self._share is not None:
+            for name in self._share.survey(dict(self._problems.tables(document, "ensembles"))):
+                self._tables.pop(name, None)
         for name in self._tables:
             self._ensemble(name, ())
         built = {name: self._ensembles.get(name) for name in self._tables}
@@ -96,51 +116,93 @@ class Ensembles:
             return self._ensembles.get(name)
         self._ensembles[name] = None
         with self._problems.collecting(key):
-            actions = self._actions(name, table, (*above, name))
-            indices = table.model is None
-            states = self._factors(StateFactor, StateTable, table.states, f"{key}.states", indices=indices)
-            observations = self._factors(
-                *(ObservationFactor, ObservationTable, table.observations, f"{key}.observations"), indices=indices
-            )
-            drive = self._drive(table.drive, f"{key}.drive")
-            supervision = self._supervision(table.supervision, f"{key}.supervision")
-            if name in self._invalid:
-                return None
-            model = self._model(table, key)
-            if table.model is not None and model is None:
-                return None
-            policy = self._policy(table, model, key)
-            if table.search is not None and policy is not None:
-                policy = self._search(table, model, policy, f"{key}.search")
-            rewards = None
-            if table.rewards is not None:
-                with self._problems.collecting(f"{key}.rewards"):
-                    rewards = load_rewards(self._resolve(table.rewards))
-            safe: Any = table.safe_action
-            if safe is not None and ":" in safe:
-                safe = self._functions.find(safe, f"{key}.safe_action")
-            if policy is None or actions is None or states is None or observations is None:
-                return None
-            if drive is None or supervision is None:
+            parts = self._parts(name, table, (*above, name))
+            if parts is None:
                 return None
             self._ensembles[name] = ensemble = Ensemble(
                 name,
-                policy=policy,
-                actions=actions,
-                model=model,
                 predicates=self._predicates,
-                states=states,
-                observations=observations,
-                agent=table.agent,
                 local=table.local,
-                safe_action=safe,
-                supervision=supervision,
-                drive=drive,
-                rewards=rewards,
+                **parts,
                 **{option: getattr(table, option) for option in _OPTIONS},
             )
             return ensemble
         return None
+
+    def _parts(self, name: str, table: EnsembleTable, above: tuple[str, ...]) -> dict[str, Any] | None:
+        """Return what an ensemble is made of; None if something has problems, which are noted."""
+        key = f"ensembles.{name}"
+        given = self._given_actions(table, key)
+        actions = None if given is None else self._actions(name, given, above)
+        indices = table.model is None
+        states = self._factors(StateFactor, StateTable, table.states, f"{key}.states", indices=indices)
+        observations = self._factors(
+            *(ObservationFactor, ObservationTable, table.observations, f"{key}.observations"), indices=indices
+        )
+        drive = self._drive(table.drive, f"{key}.drive")
+        supervision = self._supervision(table.supervision, f"{key}.supervision")
+        if name in self._invalid:
+            return None
+        model = self._model(table, key)
+        if table.model is not None and model is None:
+            return None
+        policy = self._policy(table, model, key)
+        if table.search is not None and policy is not None:
+            policy = self._search(table, model, policy, f"{key}.search")
+        seat = self._seat(name, table, model)
+        if given is None:
+            actions = self._idle(seat, model, f"{key}.actions")
+        parts: dict[str, Any] = {
+            "policy": policy,
+            "actions": actions,
+            "states": states,
+            "observations": observations,
+            "drive": drive,
+            "supervision": supervision,
+        }
+        rewards = self._rewards(table, f"{key}.rewards")
+        safe = self._safe_action(table, seat, f"{key}.safe_action")
+        if any(part is None for part in parts.values()):
+            return None
+        self._refuse_owners(seat, (*parts["states"], *parts["observations"]), key)
+        if seat.placement is not None:
+            self.joint[name] = seat.placement
+        return {**parts, "model": model, "rewards": rewards, "safe_action": safe, "agent": seat.agent}
+
+    # -- A team's --------------------------------------------------------------------------------------------------
+
+    def _given_actions(self, table: EnsembleTable, key: str) -> Mapping[str, Any] | None:
+        """Return the actions of this agent; None where the others have theirs, and it has none."""
+        return table.actions if self._share is None else self._share.actions(table.actions, f"{key}.actions")
+
+    def _seat(self, name: str, table: EnsembleTable, model: MDP | POMDP | None) -> Seat:
+        key = f"ensembles.{name}"
+        if self._share is not None:
+            agents = () if model is None else [factor.name for factor in model.action_space.factors]
+            return self._share.seat(name, table, agents, self._problems)
+        for field in ("agents", "placement"):
+            if getattr(table, field) is not None:
+                raise ConfigError(f"{field!r} is for a team's file, which has a table [team]", key=f"{key}.{field}")
+        return Seat(0 if table.agent is None else table.agent)
+
+    def _idle(self, seat: Seat, model: MDP | POMDP | None, key: str) -> dict[Any, Binding]:
+        """Return the actions of an agent that carries none out, where the others have theirs.
+
+        Raises:
+            ConfigError: If it should carry some out.
+        """
+        if seat.acts or model is None:
+            raise ConfigError(f"there are no actions for agent {seat.who!r}", key=key)
+        return {name: Binding(nothing) for name in model.action_space.factors[0].names}
+
+    def _refuse_owners(self, seat: Seat, factors: Sequence[StateFactor | ObservationFactor], key: str) -> None:
+        owned = next((factor for factor in factors if factor.owner is not None), None)
+        if owned is not None and seat.placement is None:
+            kind = "states" if isinstance(owned, StateFactor) else "observations"
+            place = f"{key}.{kind}.{owned.name}"
+            raise ConfigError("an owner is for factors of what a team decides together", key=place)
+
+    # -- Parts -----------------------------------------------------------------------------------------------------
 
     def _resolve(self, path: str) -> Path:
         if not path or "\0" in path:
@@ -168,6 +230,18 @@ class Ensembles:
             path = self._resolve(table.policy)
             return load_policy(path, model, kind=table.policy_kind, seed=table.seed)
         return None
+
+    def _rewards(self, table: EnsembleTable, key: str) -> Any:
+        if table.rewards is not None:
+            with self._problems.collecting(key):
+                return load_rewards(self._resolve(table.rewards))
+        return None
+
+    def _safe_action(self, table: EnsembleTable, seat: Seat, key: str) -> Any:
+        safe = table.safe_action
+        if safe is None or ":" not in safe:
+            return safe
+        return self._functions.find(safe, key) if seat.acts else nothing
 
     def _search(self, table: EnsembleTable, model: MDP | POMDP | None, policy: Any, key: str) -> TreeSearch | None:
         given: SearchTable | None = self._problems.convert(table.search, SearchTable, key)
@@ -207,6 +281,8 @@ class Ensembles:
                         f"a list of {names}, or a table of {names} by symbol, was expected, not {value!r}"
                     )
                 given = fields.get(names)
+                if given is not None and self._share is not None:
+                    given = fields[names] = self._share.wires(given, self._predicates.names)
                 if indices and isinstance(given, dict) and all(symbol.isdecimal() for symbol in given):
                     fields[names] = {int(symbol): source for symbol, source in given.items()}
                     idle = fields.get("idle")
@@ -221,9 +297,9 @@ class Ensembles:
         table: RestartTable | None = self._problems.convert(given, RestartTable, key)
         return None if table is None else Restart(limit=table.restart, within=table.within, backoff=table.backoff)
 
-    def _actions(self, name: str, table: EnsembleTable, above: tuple[str, ...]) -> dict[Any, Binding] | None:
+    def _actions(self, name: str, actions: Mapping[str, Any], above: tuple[str, ...]) -> dict[Any, Binding] | None:
         bindings: dict[Any, Binding] = {}
-        for action, given in table.actions.items():
+        for action, given in actions.items():
             key = f"ensembles.{name}.actions.{action}"
             written = {"call": given} if isinstance(given, str) else given
             entry: ActionTable | None = self._problems.convert(written, ActionTable, key)
@@ -240,7 +316,7 @@ class Ensembles:
                         resume=entry.resume,
                         concurrent=entry.concurrent,
                     )
-        return bindings if len(bindings) == len(table.actions) else None
+        return bindings if len(bindings) == len(actions) else None
 
     def _target(self, entry: ActionTable, key: str, name: str, above: tuple[str, ...]) -> Any:
         if (entry.call is None) == (entry.ensemble is None):

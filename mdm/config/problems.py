@@ -113,7 +113,7 @@ class _Collecting:
     ) -> bool:
         if isinstance(error, ConfigError):
             inner = error.key or ""
-            self._problems.add(error.message, inner if inner.startswith("ensembles.") else self._key)
+            self._problems.add(error.message, inner if inner.startswith(("ensembles.", "team.")) else self._key)
         elif isinstance(error, FormatError):
             place = f" (column {error.column})" if error.file is None and error.column is not None else ""
             self._problems.add(f"{error if error.file else error.message}{place}", self._key)

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mdm.actors import Ensemble, PredicateManager
+    from mdm.team import Member
 
 __all__ = ["System"]
 
@@ -27,6 +28,7 @@ class System(Actor):
         predicates: The predicate manager that all ensembles share.
         ensembles: All ensembles by name. Those without a parent start with the system.
         tasks: Async functions that take the system and run beside the ensembles, such as sensor drivers.
+        member: Of a team, this agent's part: its ensembles start with it.
     """
 
     def __init__(
@@ -35,14 +37,20 @@ class System(Actor):
         ensembles: dict[str, Ensemble],
         tasks: list[Callable[[System], Any]],
         name: str = "system",
+        *,
+        member: Member | None = None,
     ) -> None:
         super().__init__(name)
         self.predicates = predicates
         self.ensembles = ensembles
         self.tasks = tasks
+        self.member = member
         self.add(predicates)
+        if member is not None:
+            self.add(member)
         for ensemble in self.top:
-            self.add(ensemble)
+            if member is None or ensemble.name not in member.ensembles:
+                self.add(ensemble)
 
     @property
     def path(self) -> str:
@@ -50,10 +58,20 @@ class System(Actor):
         return ""
 
     @property
+    def agent(self) -> str | None:
+        """Of a team, which agent this is."""
+        return None if self.member is None else self.member.agent
+
+    @property
     def top(self) -> tuple[Ensemble, ...]:
         """The ensembles without a parent, which start with the system."""
         below = {below.name for ensemble in self.ensembles.values() for below in ensemble.subensembles}
         return tuple(ensemble for name, ensemble in self.ensembles.items() if name not in below)
+
+    def on_start(self) -> None:
+        """Have the predicates of teammates known before the predicate manager starts."""
+        if self.member is not None:
+            self.member.prepare(self.runtime)
 
     def on_running(self) -> None:
         """Run the tasks."""

@@ -9,13 +9,16 @@ from msgspec import Meta
 
 __all__ = [
     "ActionTable",
+    "AgentTable",
     "EnsembleTable",
     "EventTable",
     "ObservationTable",
+    "PlacementTable",
     "PredicateTable",
     "RestartTable",
     "SearchTable",
     "StateTable",
+    "TeamTable",
 ]
 
 
@@ -49,6 +52,7 @@ class StateTable(_Table, frozen=True):
 
     predicates: list[str] | dict[str, str]
     on_violation: Literal["first", "hold", "error"] | None = None
+    owner: str | None = None
 
 
 class ObservationTable(_Table, frozen=True):
@@ -57,6 +61,7 @@ class ObservationTable(_Table, frozen=True):
     events: list[str] | dict[str, str]
     idle: str | None = None
     hold: bool = False
+    owner: str | None = None
 
 
 class ActionTable(_Table, frozen=True):
@@ -105,15 +110,49 @@ class EnsembleTable(_Table, frozen=True):
     on_no_observation: str = "predict"
     false_negative: str | int | None = None
     deadline: Seconds | None = None
-    agent: int | str = 0
+    agent: int | str | None = None
+    agents: list[str] | None = None
+    placement: Any = None
     local: bool = False
     safe_action: str | None = None
     safe_timeout: Seconds = 10.0
     on_failed_action: Literal["safe", "continue"] | None = None
     on_lost_input: Literal["safe", "continue"] | None = None
     on_unknown: Literal["safe", "continue"] | None = None
+    on_lost_teammate: Literal["continue", "hold", "safe_action"] | None = None
     after_safe: Literal["reset", "keep"] = "reset"
     supervision: Any = "escalate"
     search: Any = None
     states: dict[str, Any] = {}
     observations: dict[str, Any] = {}
+
+
+class PlacementTable(_Table, frozen=True):
+    """Where an ensemble's layers are, by agents; see `mdm.team.Placement`."""
+
+    control: str | None = None
+    actions: str | dict[str, str] | None = None
+    inputs: str | None = None
+
+
+class AgentTable(_Table, frozen=True):
+    """An agent of a team; short form: its name."""
+
+    name: str
+    endpoint: str | None = None
+
+
+class TeamTable(_Table, frozen=True):
+    """The team that a file is of, see `mdm.Team`; agents are converted separately."""
+
+    name: str
+    agents: list[Any]
+    port: Annotated[int, Meta(ge=1, le=65535)] = 7447
+    mode: Literal["replicated", "centralised", "communicating"] = "replicated"
+    period: Seconds | None = None
+    drive: str | float | None = None
+    deadline: Seconds | None = None
+    quorum: Literal["majority", "continue"] | None = None
+    controller: str | None = None
+    lease: Seconds = 1.0
+    max_age: Seconds = 1.0

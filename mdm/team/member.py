@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from mdm.actors import PredicateManager
-    from mdm.runtime import Channel
+    from mdm.runtime import Channel, Runtime
     from mdm.team.allowance import Allowance
     from mdm.team.team import Team
     from mdm.team.transport import Transport, TransportStatistics
@@ -137,10 +137,14 @@ class Member(Actor):
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
+    def prepare(self, runtime: Runtime) -> None:
+        """Have predicate managers follow the other agents; whoever starts one itself calls this before."""
+        for followed in self._followed:
+            followed.prepare(runtime)
+
     def on_start(self) -> None:
         """Make the channels, and have predicate managers follow the other agents."""
-        for followed in self._followed:
-            followed.prepare(self.runtime)
+        self.prepare(self.runtime)
         commits = self.channel("commits", Committed)
         self._teammates = self.channel("teammates", Teammates, retain=True)
         for layer in self.layers.values():

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mdm.team.placement import Placement
     from mdm.team.team import Team
 
-__all__ = ["Parts", "acting"]
+__all__ = ["Parts", "acting", "matched"]
 
 
 class Parts:
@@ -150,24 +150,38 @@ def acting(team: Team, ensemble: Ensemble, placement: Placement | None = None) -
             f"ensemble {ensemble.name!r} of a team needs a model, which says which agent does what",
             key=f"ensembles.{ensemble.name}.model",
         )
-    names = [factor.name for factor in space.factors]
+    return matched(team, ensemble.name, [factor.name for factor in space.factors], placement)
+
+
+def matched(team: Team, ensemble: str, names: Sequence[str], placement: Placement | None = None) -> tuple[str, ...]:
+    """Return the agents of the team that carry out the components of a model's agents, in their order.
+
+    Args:
+        team: The team.
+        ensemble: The name of the model's ensemble.
+        names: The model's agents.
+        placement: Where the ensemble's layers are.
+
+    Raises:
+        ConfigError: If there are more or fewer, and the placement does not say who is meant.
+    """
+    key = f"ensembles.{ensemble}"
     actions = None if placement is None else placement.actions
     if actions is not None:
         given = {names[0]: actions} if isinstance(actions, str) else actions
         if given.keys() != set(names):
             raise ConfigError(
                 f"the placement of actions names {', '.join(map(repr, given))}, but the model of ensemble "
-                f"{ensemble.name!r} has the agents {', '.join(names)}: name an agent of the team for each",
-                key=f"ensembles.{ensemble.name}.placement",
+                f"{ensemble!r} has the agents {', '.join(names)}: name an agent of the team for each",
+                key=f"{key}.placement",
             )
-        key = f"ensembles.{ensemble.name}.placement"
-        return tuple(team.check_agent(given[name], key=key) for name in names)
+        return tuple(team.check_agent(given[name], key=f"{key}.placement") for name in names)
     if set(names) <= set(team.names):
         return tuple(names)
     if len(names) == len(team.names):
         return team.names
     raise ConfigError(
-        f"the model of ensemble {ensemble.name!r} has {len(names)} agents ({', '.join(names)}), but team "
+        f"the model of ensemble {ensemble!r} has {len(names)} agents ({', '.join(names)}), but team "
         f"{team.name!r} has {len(team.names)} ({', '.join(team.names)})",
-        key=f"ensembles.{ensemble.name}.model",
+        key=f"{key}.model",
     )

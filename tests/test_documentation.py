@@ -135,3 +135,11 @@ def test_the_values_in_the_page_are_those_of_the_docstrings():
             name = line.removeprefix("| `").partition("(")[0]
             value = line.split("|")[5].strip().partition(" ")[0]
             assert value in getattr(problems, name).__doc__, name
+
+
+def test_the_programs_of_the_page_about_replicated_and_centralised_teams_run():
+    page = read("docs/teams.md").partition("\n## Agreement\n")[0]
+    scope: dict[str, object] = {"stand_still": print, "open_left": print, "open_right": print}
+    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        exec(block.replace('mdm.run(robot("left"))', 'member = robot("left")'), scope)
+    assert scope["member"].agent == "left"

@@ -13,6 +13,7 @@ from mdm.runtime import Actor, ActorStatistics
 from mdm.team.calls import Answers
 from mdm.team.centralised import CentralisedStatistics, Centre, Outpost, controlling
 from mdm.team.commits import Committed
+from mdm.team.decisions import Decisions
 from mdm.team.link import Link
 from mdm.team.placement import Placement
 from mdm.team.predicates import Followed, Told, wanted
@@ -21,6 +22,7 @@ from mdm.team.replica import Replica, ReplicaStatistics
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
 
     from mdm.actors import PredicateManager
     from mdm.runtime import Channel, Runtime
@@ -75,6 +77,7 @@ class Member(Actor):
             their messages where they are none of an ensemble's own.
         imports: Channels of others, such as ``robot2/patrol/belief``; the same.
         allowance: How much the session may send.
+        decisions: A file to which each joint step that this agent applies is added as a line of JSON.
 
     Raises:
         ConfigError: If there is no such agent, or an ensemble does not fit the team.
@@ -95,6 +98,7 @@ class Member(Actor):
         exports: Iterable[str] | Mapping[str, type[Any]] = (),
         imports: Iterable[str] | Mapping[str, type[Any]] = (),
         allowance: Allowance | None = None,
+        decisions: str | Path | None = None,
     ) -> None:
         super().__init__(team.check_agent(agent))
         self.team = team
@@ -129,6 +133,8 @@ class Member(Actor):
             Answers(self.link, self.ensembles, self.layers),
         ):
             self.add(actor)
+        if decisions is not None:
+            self.add(Decisions(decisions))
         if given:
             raise ConfigError(
                 f"there is no ensemble {next(iter(given))!r} to place; there are {', '.join(self.ensembles)}",

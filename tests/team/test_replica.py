@@ -7,6 +7,7 @@ import asyncio
 import numpy as np
 import pytest
 from team_robots import Robot, history, over_beliefs, over_states, started
+from teams import team as random_team
 
 import mdm
 from mdm import problems
@@ -442,3 +443,42 @@ def test_ensembles_that_cannot_be_replicated_are_refused():
         refused("has 2 agents .* but team 'tigers' has 3", Team("tigers", ["left", "right", "third"]))
 
     run_virtual(main)
+
+
+def test_a_step_costs_as_many_messages_as_the_page_says():
+    async def main(runtime):
+        network = Network(runtime.clock, team="fire")
+        team = Team("fire", ["one", "two", "three"], period=0.1)
+        robots = await started(runtime, team, network, over_beliefs(random_team(7, agents=3)))
+        await asyncio.sleep(1.05)
+
+        def sent():
+            traffic = [robot.member.link.transport.statistics().sent for robot in robots]
+            return sum(t.messages for each in traffic for key, t in each.items() if "/agreement/" in key)
+
+        before = sent()
+        await asyncio.sleep(2.0)
+        assert sent() - before == 20 * (3 + 2 * 2)
+
+    run_virtual(main)
+
+
+def test_stochastic_policies_need_the_same_seed():
+    model = problems.dec_tiger()
+
+    async def main(runtime, seeds):
+        network = Network(runtime.clock, team="tigers")
+
+        def build(robot, agent):
+            policy = mdm.policies.RandomPolicy(9, 2)
+            return over_beliefs(model, policy)(robot, agent, seed=seeds[agent])
+
+        left, right = await started(runtime, tigers(period=0.5), network, build)
+        await asyncio.sleep(5.0)
+        return left, right
+
+    left, right = run_virtual(lambda runtime: main(runtime, (4, 4)))
+    assert history(left) == history(right)
+    assert len(left.commits) > 8
+    left, right = run_virtual(lambda runtime: main(runtime, (4, 5)))
+    assert "refused" in right.kinds()

@@ -47,6 +47,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/solvers.py
 	$(BIN)/python benchmarks/tree_search.py
 	$(BIN)/python benchmarks/communication.py
+	$(BIN)/python benchmarks/team_bridge.py
 
 clean:
 	rm -rf .venv build dist docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis

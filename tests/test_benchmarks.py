@@ -26,11 +26,14 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
         "solvers",
         "tree_search",
         "communication",
+        "team_bridge",
     ],
 )
 def test_benchmark(tmp_path, name):
     if name == "decision_latency":
         pytest.importorskip("pykka")
+    if name == "team_bridge":
+        pytest.importorskip("zenoh")
     output = tmp_path / "out.json"
     done = subprocess.run(
         [sys.executable, str(BENCHMARKS / f"{name}.py"), "--quick", "--output", str(output)],
@@ -52,6 +55,8 @@ def test_benchmark(tmp_path, name):
     elif name == "solvers":
         assert {row["problem"] for row in results["mdps"]} == {"forest", "grid", "large grid"}
         assert all(float(row["error"]) <= 1e-3 for row in results["mdps"])
+    elif name == "team_bridge":
+        assert len(results["bridge"]) == 6
     elif name == "ticks":
         assert {row["way"] for row in results["ticks"]} == {"mdm", "loop.call_at", "asyncio.sleep"}
     elif name == "tree_search":

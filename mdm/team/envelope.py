@@ -16,7 +16,7 @@ from mdm.team.transport import Sample
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["LARGEST", "VERSION", "Packer", "Refusal", "Unpacker"]
+__all__ = ["LARGEST", "VERSION", "Packer", "Refusal", "Unpacker", "check_size", "is_step"]
 
 VERSION = 1
 """The form of envelopes and bodies that this program speaks; it grows when an older program could not read a newer."""
@@ -25,8 +25,10 @@ LARGEST = 1 << 20
 """The largest message in bytes, unless told otherwise."""
 
 _MAGIC = b"mD"
-_HEADER = struct.Struct("<2sHQQqB")  # magic, version, incarnation, number, time, bytes of the owner's name
+_START = struct.Struct("<2sH?QB")  # magic, version, whether of a step, incarnation, bytes of the owner's name; the name
+_REST = struct.Struct("<Qq")  # number, time; then the body
 _MOST_KEYS = 4096
+_NONE = -2  # a number that no other follows
 
 
 class Refusal(Exception):
@@ -53,29 +55,38 @@ class Packer:
     """
 
     def __init__(self, owner: str, incarnation: int, now: Callable[[], int], *, version: int = VERSION) -> None:
-        self._name = owner.encode()
-        self._incarnation = incarnation
-        self._version = version
+        name = owner.encode()
+        self._starts = tuple(
+            _START.pack(_MAGIC, version, step, incarnation, len(name)) + name for step in (False, True)
+        )
         self._now = now
         self._numbers: dict[str, int] = {}
 
-    def pack(self, key: str, body: bytes) -> bytes:
-        """Return the next message under a key."""
+    def pack(self, key: str, body: bytes, *, step: bool = False) -> bytes:
+        """Return the next message under a key; one of an agreed step is given up last where there are too many."""
         number = self._numbers[key] = self._numbers.get(key, 0) + 1
-        return self._pack(number, body)
+        return self._starts[step] + _REST.pack(number, self._now()) + body
 
     def size(self, body: bytes) -> int:
         """Return the bytes of a message with its envelope."""
-        return _HEADER.size + len(self._name) + len(body)
+        return len(self._starts[0]) + _REST.size + len(body)
 
     def seal(self, body: bytes) -> bytes:
         """Return a message without a number: a question or an answer."""
-        return self._pack(0, body)
+        return self._starts[0] + _REST.pack(0, self._now()) + body
 
-    def _pack(self, number: int, body: bytes) -> bytes:
-        name = self._name
-        header = _HEADER.pack(_MAGIC, self._version, self._incarnation, number, self._now(), len(name))
-        return header + name + body
+
+class _Last:
+    """The last message under a key: how it began, and its number."""
+
+    __slots__ = ("incarnation", "length", "number", "owner", "start")
+
+    def __init__(self, owner: str, incarnation: int, number: int, start: bytes) -> None:
+        self.owner = owner
+        self.incarnation = incarnation
+        self.number = number
+        self.start = start
+        self.length = len(start)
 
 
 class Unpacker:
@@ -83,21 +94,27 @@ class Unpacker:
 
     Args:
         team: Whose keys.
+        agent: Who receives.
         largest: The largest message in bytes.
         missing: Called with a key and the number of its messages that were lost before the one that came.
     """
 
-    def __init__(self, team: str, missing: Callable[[str, int], None], *, largest: int = LARGEST) -> None:
+    def __init__(self, team: str, agent: str, missing: Callable[[str, int], None], *, largest: int = LARGEST) -> None:
         self.largest = largest
         self._team = team
+        self._agent = agent
         self._missing = missing
         self._present: dict[str, int] = {}
-        self._last: dict[str, tuple[int, int]] = {}
+        self._last: dict[str, _Last] = {}
         self._excused: dict[str, int] = {}
 
     def present(self, owner: str, incarnation: int) -> None:
         """Take this for the present life of an agent, because it is seen to live; what other lives sent is stale."""
-        self._present[owner] = incarnation
+        if self._present.get(owner) != incarnation:
+            self._present[owner] = incarnation
+            for last in self._last.values():
+                if last.owner == owner and last.incarnation != incarnation:
+                    last.number = _NONE
 
     def excuse(self, key: str, count: int) -> None:
         """Do not miss so many messages under a key: they came, and were superseded."""
@@ -110,30 +127,44 @@ class Unpacker:
         Raises:
             Refusal: If it must not be handed on.
         """
-        owner, incarnation, number, time, body = _open(key, data, self.largest)
+        # Every message comes here. Nearly all begin as the last of their key did, and are the next: these take a third
+        # of the time that it takes to look at all of an envelope.
+        last = self._last.get(key)
+        if last is not None and data.startswith(last.start) and len(data) <= self.largest:
+            length = last.length
+            try:
+                number, time = _REST.unpack_from(data, length)
+            except struct.error:
+                raise Refusal("malformed", f"a message under {key} is shorter than an envelope") from None
+            if number == last.number + 1:
+                last.number = number
+                return Sample(key, last.owner, last.incarnation, data[length + 16 :], time)
+        return self._unpack(key, data, last)
+
+    def _unpack(self, key: str, data: bytes, last: _Last | None) -> Sample:
+        owner, incarnation, number, time, start = _open(key, data, self.largest)
         if owner != owner_of(key, self._team):
             raise Refusal("foreign", f"agent {owner!r} sent under {key}, where it is not the owner")
+        if owner == self._agent:
+            raise Refusal("foreign", f"another process sent under {key}, of this agent")
         present = self._present.get(owner, 0)
-        if incarnation != present:
-            if incarnation < present:
-                raise Refusal("stale", f"a message under {key} is of an earlier life of agent {owner!r}")
-            self._present[owner] = incarnation
-        last = self._last.get(key)
+        if incarnation < present:
+            raise Refusal("stale", f"a message under {key} is of an earlier life of agent {owner!r}")
+        self.present(owner, incarnation)
         if last is None:
             if len(self._last) >= _MOST_KEYS:
                 oldest = next(iter(self._last))
                 del self._last[oldest]
                 self._excused.pop(oldest, None)
-        elif last[0] == incarnation:
-            missed = number - last[1] - 1
+        elif last.incarnation == incarnation and last.number != _NONE:
+            missed = number - last.number - 1
             if missed < 0:
                 raise Refusal("repeated", f"a message under {key} came again, or after a newer one")
-            if missed:
-                missed -= self._excused.pop(key, 0)
-                if missed > 0:
-                    self._missing(key, missed)
-        self._last[key] = (incarnation, number)
-        return Sample(key, owner, incarnation, body, time)
+            missed -= self._excused.pop(key, 0)
+            if missed > 0:
+                self._missing(key, missed)
+        self._last[key] = _Last(owner, incarnation, number, data[:start])
+        return Sample(key, owner, incarnation, data[start + _REST.size :], time)
 
     def unseal(self, key: str, data: bytes, *, of_owner: bool) -> Sample:
         """Return a question or an answer; an answer is of the owner of the key.
@@ -141,10 +172,15 @@ class Unpacker:
         Raises:
             Refusal: If it must not be handed on.
         """
-        owner, incarnation, _, time, body = _open(key, data, self.largest)
+        owner, incarnation, _, time, start = _open(key, data, self.largest)
         if of_owner and owner != owner_of(key, self._team):
             raise Refusal("foreign", f"agent {owner!r} answered under {key}, where it is not the owner")
-        return Sample(key, owner, incarnation, body, time)
+        return Sample(key, owner, incarnation, data[start + _REST.size :], time)
+
+
+def is_step(data: bytes) -> bool:
+    """Whether a message in its envelope says that it is one of an agreed step."""
+    return data[4:5] == b"\1"
 
 
 def check_size(key: str, data: bytes, largest: int) -> None:
@@ -157,22 +193,24 @@ def check_size(key: str, data: bytes, largest: int) -> None:
         raise Error(f"a message under {key} has {len(data):,} bytes, and at most {largest:,} are taken")
 
 
-def _open(key: str, data: bytes, largest: int) -> tuple[str, int, int, int, bytes]:
+def _open(key: str, data: bytes, largest: int) -> tuple[str, int, int, int, int]:
+    """Return the owner, its incarnation, the number, the time, and where the last two stand."""
     if len(data) > largest:
         raise Refusal("oversize", f"a message under {key} has {len(data):,} bytes, and at most {largest:,} are taken")
     try:
-        magic, version, incarnation, number, time, length = _HEADER.unpack_from(data)
+        magic, version, _, incarnation, length = _START.unpack_from(data)
+        if magic == _MAGIC and version != VERSION:
+            raise Refusal(
+                "version", f"a message under {key} is of version {version}, and this program reads version {VERSION}"
+            )
+        start = _START.size + length
+        number, time = _REST.unpack_from(data, start)
     except struct.error:
         raise Refusal("malformed", f"a message under {key} is shorter than an envelope") from None
     if magic != _MAGIC:
         raise Refusal("malformed", f"a message under {key} is not of this program")
-    if version != VERSION:
-        raise Refusal(
-            "version", f"a message under {key} is of version {version}, and this program reads version {VERSION}"
-        )
-    end = _HEADER.size + length
     try:
-        owner = data[_HEADER.size : end].decode()
+        owner = data[_START.size : start].decode()
     except UnicodeDecodeError:
         raise Refusal("malformed", f"a message under {key} names no owner") from None
-    return owner, incarnation, number, time, data[end:]
+    return owner, incarnation, number, time, start

@@ -19,14 +19,17 @@ if TYPE_CHECKING:
 
 __all__ = ["Mailbox"]
 
-Item: TypeAlias = "tuple[str | None, str, bytes | Callable[[], None], Any]"
-"""What brought it, its key, its bytes, its priority; or None, "", and what is to be called."""
+Item: TypeAlias = "tuple[str | None, str, Any]"
+"""What brought a message, its key and its bytes; or None, nothing, and what is to be called."""
 
 _BOUND = 8192
 _LARGE = 4096
 _MOST_BYTES = 64 << 20
 _ROUND = 32
 _SLICE = 5_000_000
+_WINDOW = 1_000_000
+_PAUSE = 0.001
+_MANY = 50_000
 
 
 class Mailbox:
@@ -34,9 +37,10 @@ class Mailbox:
 
     Args:
         loop: The running event loop.
-        deliver: Called on the loop with what brought a message, its key and its bytes.
+        deliver: Called on the loop with a message's key, its bytes, the time, and what brought it.
         lost: Called on the loop with a key, and how many of its messages were too many.
-        urgent: The priority of messages that are given up last.
+        now: The time in nanoseconds.
+        urgent: Whether a message is one that is given up last.
         failed: Told what a call raised that was posted.
         bound: How many messages may wait.
     """
@@ -44,10 +48,11 @@ class Mailbox:
     def __init__(
         self,
         loop: asyncio.AbstractEventLoop,
-        deliver: Callable[[str, str, bytes], None],
+        deliver: Callable[[str, bytes, int, str], None],
         lost: Callable[[str, int], None],
         *,
-        urgent: object,
+        now: Callable[[], int],
+        urgent: Callable[[bytes], bool],
         failed: Callable[[BaseException], None],
         bound: int = _BOUND,
     ) -> None:
@@ -56,10 +61,14 @@ class Mailbox:
         self._loop = loop
         self._deliver = deliver
         self._lost = lost
+        self._now = now
         self._urgent = urgent
         self._failed = failed
         self._bound = bound
         self._large = 0
+        self._since = self._taken = 0
+        self._crowd = False
+        self._pause: asyncio.Handle | None = None
         self._losses: Counter[str] = Counter()
         self._lock = Lock()
         self._closed = False
@@ -72,11 +81,10 @@ class Mailbox:
                 os.close(self._descriptor)
                 self._descriptor = None
 
-    def put(self, carrier: str, key: str, data: bytes, priority: object) -> None:
+    def put(self, carrier: str, key: str, data: bytes) -> None:
         """Let a message wait; from any thread."""
-        # On the way of every message. What is here twice, and not in a function of its own, saves a tenth of its cost.
         items = self.items
-        items.append((carrier, key, data, priority))
+        items.append((carrier, key, data))
         if len(data) > _LARGE or len(items) > self._bound:
             self._crowded(len(data))
         if not self.armed:
@@ -84,7 +92,7 @@ class Mailbox:
 
     def post(self, call: Callable[[], None]) -> None:
         """Have something called on the loop, after what waits; from any thread."""
-        self.items.append((None, "", call, self._urgent))
+        self.items.append((None, "", call))
         if not self.armed:
             self._arm()
 
@@ -118,14 +126,14 @@ class Mailbox:
         seen: set[str] = set()
         order = {id(item): place for place, item in enumerate(waiting)}
         for item in reversed(waiting):
-            if item[0] is None or item[3] == self._urgent:
+            if item[0] is None or self._urgent(item[2]):
                 kept.append(item)
             elif item[1] not in seen:
                 seen.add(item[1])
                 values.append(item)
         chosen = []
         for item in (*kept, *values):
-            size = len(item[2]) if isinstance(item[2], bytes) else 0
+            size = 0 if item[0] is None else len(item[2])
             if item[0] is None or (room > 0 and space >= size):
                 room -= 1
                 space -= size
@@ -133,42 +141,72 @@ class Mailbox:
         chosen.sort(key=lambda item: order[id(item)])
         remaining = {id(item) for item in chosen}
         self._losses.update(item[1] for item in waiting if id(item) not in remaining)
-        self._large = sum(len(item[2]) for item in chosen if isinstance(item[2], bytes) and len(item[2]) > _LARGE)
+        self._large = sum(len(item[2]) for item in chosen if item[0] is not None and len(item[2]) > _LARGE)
         self.items.extendleft(reversed(chosen))
 
     def _woken(self) -> None:
         descriptor = self._descriptor
-        if descriptor is not None:
-            with suppress(BlockingIOError):
-                os.eventfd_read(descriptor)
+        if descriptor is None:
+            return
+        with suppress(BlockingIOError):
+            os.eventfd_read(descriptor)
+        if self._pause is None:
             self._drain()
 
     def _drain(self) -> None:
-        self.armed = False  # before the first is taken: what comes from now on wakes the loop anew
+        if self._closed:
+            return
+        paused, self._pause = self._pause is not None, None
+        if not paused:
+            self.armed = False  # before the first is taken: what comes from now on wakes the loop anew
         if self._losses:
-            with self._lock:
-                losses, self._losses = self._losses, Counter()
-            for key, count in losses.items():
-                self._lost(key, count)
+            self._tell_losses()
+        began = monotonic_ns()
+        if began - self._since >= _WINDOW:
+            self._crowd = self._taken * 1_000_000_000 > _MANY * (began - self._since)
+            self._since, self._taken = began, 0
+        if not self._take(began + _SLICE):
+            return
+        if self.items:  # it took too long: others of the loop have their turn
+            self.armed = True
+            self._pause = self._loop.call_soon(self._drain)
+        elif self._crowd:
+            # So many come that a wake-up for every few of them would cost more than they do: look again a little later.
+            self.armed = True
+            self._pause = self._loop.call_later(_PAUSE, self._drain)
+        elif paused:
+            self.armed = False
+            if self.items:
+                self._arm()
+
+    def _take(self, until: int) -> bool:
+        """Hand on what waits, or what a time allows; return whether the mailbox is still open."""
         items, deliver = self.items, self._deliver
-        until = monotonic_ns() + _SLICE
         while not self._closed:
-            for _ in range(_ROUND):
+            now = self._now()
+            for number in range(_ROUND):
                 try:
-                    carrier, key, data, _ = items.popleft()
+                    carrier, key, data = items.popleft()
                 except IndexError:
-                    return
+                    self._taken += number
+                    return not self._closed
                 if carrier is None:
-                    self._call(data)  # type: ignore[arg-type]
+                    self._call(data)
                     continue
-                if len(data) > _LARGE:  # type: ignore[arg-type]
+                if len(data) > _LARGE:
                     with self._lock:
-                        self._large -= len(data)  # type: ignore[arg-type]
-                deliver(carrier, key, data)  # type: ignore[arg-type]
+                        self._large -= len(data)
+                deliver(key, data, now, carrier)
+            self._taken += _ROUND
             if monotonic_ns() > until:
-                self.armed = True
-                self._loop.call_soon(self._drain)
-                return
+                break
+        return not self._closed
+
+    def _tell_losses(self) -> None:
+        with self._lock:
+            losses, self._losses = self._losses, Counter()
+        for key, count in losses.items():
+            self._lost(key, count)
 
     def _call(self, call: Callable[[], None]) -> None:
         try:
@@ -183,6 +221,8 @@ class Mailbox:
                 return
             self._closed = True
             descriptor, self._descriptor = self._descriptor, None
+        if self._pause is not None:
+            self._pause.cancel()
         if descriptor is not None:
             if not self._loop.is_closed():
                 self._loop.remove_reader(descriptor)

@@ -202,7 +202,7 @@ class SimulatedTransport:
         if self.state == "open":
             self.router.see(self._network.live(self.agent))
 
-    def put(self, key: str, body: bytes, *, priority: Priority = "value") -> bool:  # noqa: ARG002 (all are as urgent)
+    def put(self, key: str, body: bytes, *, priority: Priority = "value") -> bool:
         """Send to all who subscribed."""
         self.router.check_own(key)
         if self.state == "new":
@@ -210,7 +210,7 @@ class SimulatedTransport:
         if self.state == "closed":
             self.router.drop("closed", f"a message under {key} was put after the transport was closed")
             return False
-        data = self.packer.pack(key, body)
+        data = self.packer.pack(key, body, step=priority == "step")
         check_size(key, data, self._largest)
         self.router.sent(key, len(data))
         for receiver in self._network.others(self.agent):

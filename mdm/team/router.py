@@ -52,7 +52,7 @@ class Router:
         failed: Callable[[BaseException], None],
         largest: int = LARGEST,
     ) -> None:
-        self.unpacker = Unpacker(team, self._missing, largest=largest)
+        self.unpacker = Unpacker(team, agent, self._missing, largest=largest)
         self.live: dict[str, int] = {}
         self._team = team
         self._agent = agent
@@ -117,8 +117,6 @@ class Router:
             sample = self.unpacker.unpack(key, data)
         except Refusal as refusal:
             self.drop(refusal.kind, str(refusal))
-            return
-        if sample.owner == self._agent:
             return
         route.messages += 1
         route.bytes += len(data)

@@ -20,7 +20,7 @@ import msgspec
 from mdm.errors import Error
 from mdm.runtime.clock import WallClock, check_seconds
 from mdm.runtime.virtual import VirtualEventLoop
-from mdm.team.envelope import LARGEST, Packer, check_size
+from mdm.team.envelope import LARGEST, Packer, check_size, is_step
 from mdm.team.keys import check_expression, check_name, join
 from mdm.team.mailbox import Mailbox
 from mdm.team.router import Router
@@ -167,7 +167,7 @@ class Session:
         }
         self._drop = library.CongestionControl.DROP
         self._mailbox = Mailbox(
-            loop, self._deliver, self._overflowed, urgent=library.Priority.REAL_TIME, failed=self._router.fail
+            loop, self._router.deliver, self._overflowed, now=self._now, urgent=is_step, failed=self._router.fail
         )
         self._worker = ThreadPoolExecutor(1, thread_name_prefix=f"mdm-{self.agent}")
         try:
@@ -303,7 +303,7 @@ class Session:
         ):
             self._router.drop("held_back", f"messages under {key} were held back: the agent's allowance is spent")
             return False
-        data = self._packer.pack(key, body)
+        data = self._packer.pack(key, body, step=priority == "step")
         check_size(key, data, self._largest)
         self._router.sent(key, len(data))
         assert self._zenoh is not None
@@ -316,7 +316,18 @@ class Session:
             self._keys.clear()
         expression: zenoh.KeyExpr = _import_zenoh().KeyExpr(key)
         self._keys[key] = expression
+        self._work_later(partial(self._make_known, key))
         return expression
+
+    def _make_known(self, key: str) -> None:
+        """Have receivers know a key beforehand.
+
+        Zenoh computes anew for each message of a key that nobody declared which of the wider subscriptions take it: 2.4
+        µs, against 0.6 µs. Of all declarations one of a queryable makes a key known; this one answers nothing.
+        """
+        assert self._zenoh is not None
+        library = _import_zenoh()
+        self._zenoh.declare_queryable(key, library.handlers.Callback(lambda query: query.drop(), indirect=False))
 
     # Receiving
 
@@ -331,12 +342,9 @@ class Session:
         put = self._mailbox.put
 
         def receive(sample: zenoh.Sample) -> None:
-            put(carrier, str(sample.key_expr), sample.payload.to_bytes(), sample.priority)
+            put(carrier, str(sample.key_expr), sample.payload.to_bytes())
 
-        self._zenoh.declare_subscriber(carrier, receive)
-
-    def _deliver(self, carrier: str, key: str, data: bytes) -> None:
-        self._router.deliver(key, data, self._now(), carrier)
+        self._zenoh.declare_subscriber(carrier, receive, allowed_origin=_import_zenoh().Locality.REMOTE)
 
     def _overflowed(self, key: str, count: int) -> None:
         self._router.unpacker.excuse(key, count)

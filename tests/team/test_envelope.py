@@ -12,7 +12,7 @@ NAMES = st.text(st.characters(exclude_characters="/*$#?@", exclude_categories=["
 
 
 def reader(missing=None, **options):
-    return Unpacker("rescue", missing or (lambda key, count: pytest.fail("nothing is missing")), **options)
+    return Unpacker("rescue", "receiver", missing or (lambda key, count: pytest.fail("nothing is missing")), **options)
 
 
 def packer(owner="robot1", incarnation=1, **options):
@@ -64,6 +64,22 @@ def test_a_message_under_the_key_of_another_is_refused():
     assert kind_of(reader(), "mdm/other/robot2/a/b", packer("robot2").pack(KEY, b"")) == "foreign"
 
 
+def test_what_another_process_sends_under_ones_own_key_is_refused():
+    key = join("rescue", "receiver", "patrol", "state")
+    assert kind_of(reader(), key, packer("receiver").pack(key, b"")) == "foreign"
+
+
+def test_a_message_cut_short_behind_one_that_was_whole_is_refused():
+    sender, receiver = packer(), reader()
+    receiver.unpack(KEY, sender.pack(KEY, b""))
+    data = sender.pack(KEY, b"")
+    for end in range(len(data)):
+        assert kind_of(receiver, KEY, data[:end]) == "malformed"
+    receiver.largest = len(data)
+    assert kind_of(receiver, KEY, sender.pack(KEY, b"x")) == "oversize"
+    receiver.unpack(KEY, data)
+
+
 def test_what_is_too_large_is_refused_at_both_ends():
     data = packer().pack(KEY, b"x" * 100)
     assert kind_of(reader(largest=100), KEY, data) == "oversize"
@@ -103,7 +119,18 @@ def test_the_life_that_is_seen_counts_even_where_clocks_were_set_back():
     receiver = reader()
     receiver.unpack(KEY, packer(incarnation=7).pack(KEY, b""))
     receiver.present("robot1", 3)
-    assert receiver.unpack(KEY, packer(incarnation=3).pack(KEY, b"back")).body == b"back"
+    back = packer(incarnation=3)
+    assert receiver.unpack(KEY, back.pack(KEY, b"back")).body == b"back"
+    assert receiver.unpack(KEY, back.pack(KEY, b"again")).body == b"again"
+
+
+def test_the_life_that_was_gone_is_stale_even_where_its_messages_follow_each_other():
+    old, receiver = packer(), reader()
+    receiver.unpack(KEY, old.pack(KEY, b""))
+    receiver.present("robot1", 2)
+    assert kind_of(receiver, KEY, old.pack(KEY, b"")) == "stale"
+    receiver.present("robot1", 1)
+    assert receiver.unpack(KEY, old.pack(KEY, b"live after all")).body == b"live after all"
 
 
 def test_memory_is_bounded_under_ever_new_keys():

@@ -29,9 +29,10 @@ class Receiver:
         self.got, self.lost, self.failures = [], {}, []
         self.mailbox = Mailbox(
             asyncio.get_running_loop(),
-            lambda carrier, key, data: self.got.append((key, data)),
+            lambda key, data, now, carrier: self.got.append((key, data)),
             lambda key, count: self.lost.update({key: self.lost.get(key, 0) + count}),
-            urgent="step",
+            now=int,
+            urgent=lambda data: data.startswith(b"step"),
             failed=self.failures.append,
             **options,
         )
@@ -48,7 +49,7 @@ def test_what_threads_put_comes_in_their_order():
 
         def put(name):
             for number in range(5000):
-                receiver.mailbox.put("c", name, b"%d" % number, "value")
+                receiver.mailbox.put("c", name, b"%d" % number)
 
         threads = [threading.Thread(target=put, args=(name,)) for name in "ab"]
         for thread in threads:
@@ -71,9 +72,33 @@ def test_a_thread_wakes_the_loop_once_for_many():
         arm = receiver.mailbox._arm
         receiver.mailbox._arm = lambda: (arms.append(1), arm())
         for _ in range(100):
-            receiver.mailbox.put("c", "k", b"", "value")
+            receiver.mailbox.put("c", "k", b"")
         await receiver.until(lambda: len(receiver.got) == 100)
         assert len(arms) == 1
+        receiver.mailbox.close()
+
+    asyncio.run(main())
+
+
+def test_a_crowd_wakes_nobody_and_is_handed_on_all_the_same():
+    async def main():
+        receiver = Receiver(bound=1_000_000)
+        ended = threading.Event()
+
+        def put():
+            for number in range(100_000):
+                receiver.mailbox.put("c", "k", b"%d" % number)
+            ended.set()
+
+        thread = threading.Thread(target=put)
+        thread.start()
+        await receiver.until(lambda: len(receiver.got) == 100_000)
+        thread.join()
+        assert [int(data) for _, data in receiver.got] == list(range(100_000))
+        for _ in range(3):  # and back to one at a time
+            count = len(receiver.got)
+            receiver.mailbox.put("c", "k", b"")
+            await receiver.until(lambda count=count: len(receiver.got) > count)
         receiver.mailbox.close()
 
     asyncio.run(main())
@@ -84,7 +109,7 @@ def test_a_slow_handler_lets_the_loop_breathe():
         receiver = Receiver()
         receiver.mailbox._deliver = lambda *_: (receiver.got.append(1), time.sleep(0.001))
         for _ in range(300):
-            receiver.mailbox.put("c", "k", b"", "value")
+            receiver.mailbox.put("c", "k", b"")
         turns = 0
         while len(receiver.got) < 300:
             await asyncio.sleep(0)
@@ -100,11 +125,11 @@ def test_beyond_the_bound_the_newest_of_each_key_stays_and_steps_before_values()
         receiver = Receiver(bound=100)
         put = receiver.mailbox.put
         for number in range(40):
-            put("c", "step", b"%d" % number, "step")
+            put("c", "step", b"step%d" % number)
         for number in range(1000):
-            put("c", f"k{number % 3}", b"%d" % number, "value")
+            put("c", f"k{number % 3}", b"%d" % number)
         await receiver.until(lambda: not receiver.mailbox.items)
-        assert [data for key, data in receiver.got if key == "step"] == [b"%d" % number for number in range(40)]
+        assert [data for key, data in receiver.got if key == "step"] == [b"step%d" % number for number in range(40)]
         for one in range(3):
             numbers = [int(data) for key, data in receiver.got if key == f"k{one}"]
             assert numbers == sorted(numbers)
@@ -118,9 +143,9 @@ def test_beyond_the_bound_the_newest_of_each_key_stays_and_steps_before_values()
 def test_of_too_many_keys_the_oldest_values_go():
     async def main():
         receiver = Receiver(bound=100)
-        receiver.mailbox.put("c", "step", b"", "step")
+        receiver.mailbox.put("c", "step", b"step")
         for number in range(1000):
-            receiver.mailbox.put("c", f"k{number}", b"", "value")
+            receiver.mailbox.put("c", f"k{number}", b"")
         await receiver.until(lambda: not receiver.mailbox.items)
         keys = [key for key, _ in receiver.got]
         assert keys[0] == "step"
@@ -134,9 +159,9 @@ def test_steps_alone_are_bounded_too_and_the_newest_stay():
     async def main():
         receiver = Receiver(bound=100)
         for number in range(1000):
-            receiver.mailbox.put("c", "step", b"%d" % number, "step")
+            receiver.mailbox.put("c", "step", b"step%d" % number)
         await receiver.until(lambda: not receiver.mailbox.items)
-        numbers = [int(data) for _, data in receiver.got]
+        numbers = [int(data[4:]) for _, data in receiver.got]
         assert numbers == list(range(1000 - len(numbers), 1000))
         assert 50 <= len(numbers) <= 100
         receiver.mailbox.close()
@@ -149,13 +174,13 @@ def test_large_messages_are_bounded_by_their_bytes():
         receiver = Receiver()
         body = bytes(8 << 20)
         for number in range(20):
-            receiver.mailbox.put("c", f"k{number}", body, "value")
+            receiver.mailbox.put("c", f"k{number}", body)
             assert len(receiver.mailbox.items) * len(body) <= 64 << 20
         await receiver.until(lambda: not receiver.mailbox.items)
         assert receiver.got[-1][0] == "k19"
         assert len(receiver.got) + len(receiver.lost) == 20
         for number in range(20):  # what was taken counts no more
-            receiver.mailbox.put("c", f"k{number}", body[: 1 << 20], "value")
+            receiver.mailbox.put("c", f"k{number}", body[: 1 << 20])
         await receiver.until(lambda: not receiver.mailbox.items)
         assert len(receiver.got) + len(receiver.lost) == 40
         receiver.mailbox.close()
@@ -165,19 +190,19 @@ def test_large_messages_are_bounded_by_their_bytes():
 
 @given(
     bound=st.integers(4, 20),
-    messages=st.lists(st.tuples(st.sampled_from("abcdef"), st.sampled_from(["step", "value"])), max_size=60),
+    messages=st.lists(st.tuples(st.sampled_from("abcdef"), st.sampled_from([b"step", b""])), max_size=60),
 )
 def test_whatever_comes_is_handed_on_or_counted(bound, messages):
     async def main():
         receiver = Receiver(bound=bound)
         for number, (key, priority) in enumerate(messages):
-            receiver.mailbox.put("c", key, b"%d" % number, priority)
+            receiver.mailbox.put("c", key, b"%s%d" % (priority, number))
             assert len(receiver.mailbox.items) <= bound
         await receiver.until(lambda: not receiver.mailbox.items and not receiver.mailbox.armed)
-        numbers = [int(data) for _, data in receiver.got]
+        numbers = [int(data.removeprefix(b"step")) for _, data in receiver.got]
         assert numbers == sorted(numbers)
         assert len(numbers) + sum(receiver.lost.values()) == len(messages)
-        steps = [number for number, (_, priority) in enumerate(messages) if priority == "step"]
+        steps = [number for number, (_, priority) in enumerate(messages) if priority]
         assert set(steps[-1:]) <= set(numbers)
         if messages and not steps:
             assert numbers[-1] == len(messages) - 1
@@ -194,11 +219,11 @@ def test_calls_run_in_their_place_and_what_they_raise_is_told():
         def fail():
             raise error
 
-        receiver.mailbox.put("c", "first", b"", "value")
+        receiver.mailbox.put("c", "first", b"")
         receiver.mailbox.post(lambda: receiver.got.append("call"))
         receiver.mailbox.post(fail)
         for _ in range(20):
-            receiver.mailbox.put("c", "second", b"", "value")
+            receiver.mailbox.put("c", "second", b"")
         await receiver.until(lambda: not receiver.mailbox.items)
         assert receiver.got[:2] == [("first", b""), "call"]
         assert receiver.failures == [error]
@@ -210,25 +235,25 @@ def test_calls_run_in_their_place_and_what_they_raise_is_told():
 def test_once_closed_nothing_comes_and_nothing_is_written():
     async def main():
         receiver = Receiver()
-        receiver.mailbox.put("c", "k", b"", "value")
+        receiver.mailbox.put("c", "k", b"")
         receiver.mailbox.close()
         receiver.mailbox.close()
-        receiver.mailbox.put("c", "k", b"", "value")
+        receiver.mailbox.put("c", "k", b"")
         receiver.mailbox.post(lambda: receiver.got.append("call"))
         await asyncio.sleep(0.01)
         assert receiver.got == []
         return receiver
 
     receiver = asyncio.run(main())
-    receiver.mailbox.put("c", "k", b"", "value")  # the loop is closed
+    receiver.mailbox.put("c", "k", b"")  # the loop is closed
 
 
 def test_a_handler_that_closes_the_mailbox_is_the_last():
     async def main():
         receiver = Receiver()
         receiver.mailbox._deliver = lambda *_: (receiver.got.append(1), receiver.mailbox.close())
-        receiver.mailbox.put("c", "k", b"", "value")
-        receiver.mailbox.put("c", "k", b"", "value")
+        receiver.mailbox.put("c", "k", b"")
+        receiver.mailbox.put("c", "k", b"")
         await receiver.until(lambda: receiver.got)
         await asyncio.sleep(0)
         assert receiver.got == [1]

@@ -15,7 +15,7 @@ from mdm.errors import ConfigError, Error
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["check_expression", "check_key", "check_name", "includes", "join", "matches", "owner_of"]
+__all__ = ["ROOT", "check_expression", "check_key", "check_name", "includes", "join", "matches", "owner_of"]
 
 ROOT = "mdm"
 

@@ -19,6 +19,9 @@ from mdm.team.agreement.entries import START, decode, encode
 
 MILLISECOND = 1_000_000
 
+CALM = 400 * MILLISECOND
+"""When nothing goes wrong any more, and everybody sees something at each time."""
+
 SHOWN = 10
 """Seeds with violations that are printed."""
 
@@ -139,7 +142,7 @@ class Schedule:
         if not node.paused:
             command = random.choice(["start", "stop", "reset"]) if random.random() < 0.02 else None
             self.serial += 1
-            body = None if random.random() < 0.1 else b"%d" % self.serial
+            body = None if random.random() < 0.1 and self.now < CALM else b"%d" % self.serial
             self.took(node, machine.propose(body, node.clock(self.now), command))
         wait = random.randrange(1, 4 * self.period) if self.event_driven else int(self.period / node.rate)
         self.after(wait, self.propose, node, machine)
@@ -272,7 +275,7 @@ class Schedule:
             self.after(self.random.randrange(50) * MILLISECOND, self.start, name)
         for _ in range(self.faults):
             self.fault()
-        self.until(400 * MILLISECOND)
+        self.until(CALM)
         self.heal()
         if self.divided:
             side = set(self.random.sample(self.names, self.random.randrange(1, self.agents)))

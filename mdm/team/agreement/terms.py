@@ -22,7 +22,7 @@ class Terms(Steps):
         if self.refusal is not None:
             return
         self.present = {agent: life for agent, life in self.live.items() if self.excluded.get(agent) != life}
-        if self.begun and self.ballot is None and self.present.get(self.term.leader) != self.term.incarnation:
+        if self.ballot is None and self.present.get(self.term.leader) != self.term.incarnation:
             self._stop()
         if len(self.present) < self.majority:
             self._wait_for_majority(now)

@@ -191,3 +191,13 @@ class Forgiving(dict):
     def setdefault(self, key, value):
         self[key] = value
         return value
+
+
+def test_who_lost_its_leader_while_it_caught_up_does_not_follow_it():
+    team = Lockstep(3)
+    full(team)
+    team["c"]._stop()
+    team["c"]._fetch("a", team.now)
+    team.took("c", team["c"].members({"b": 2, "c": 3}, team.now))
+    team.took("c", team["c"].receive("b", 2, Entries(team["c"].term, ()), team.now))
+    assert team["c"].role == "joining"

@@ -6,6 +6,7 @@ Zenoh lets through what is under its own keys, and drops the rest. Envelopes are
 
 from __future__ import annotations
 
+import ssl
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +48,7 @@ def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]
         agents: The names of all agents.
 
     Raises:
-        ConfigError: If a file is missing or cannot be read.
+        ConfigError: If a file is missing or is none, or others would refuse the certificate as this agent's.
     """
     for what, path in (("authority", access.authority), ("certificate", access.certificate), ("key", access.key)):
         try:
@@ -57,6 +58,7 @@ def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]
                 f"cannot read {path}: {error.strerror}; `mdm team certificates` makes files to try",
                 key=f"access.{what}",
             ) from None
+    _check_certificate(access, agent)
     others = [name for name in agents if name != agent]
     # Zenoh forbids what no rule allows: to send anything of the team's, and to take what anyone may ask and hear.
     rules = [
@@ -92,6 +94,49 @@ def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]
             "policies": policies,
         },
     }
+
+
+def _check_certificate(access: Access, agent: str) -> None:
+    """Shake hands with oneself, since whoever is not let in learns from Zenoh nothing but silence.
+
+    Raises:
+        ConfigError: If others would refuse the certificate.
+    """
+    server, client = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    client.check_hostname = False
+    try:
+        server.load_cert_chain(
+            access.certificate, access.key, password=""
+        )  # an encrypted key is refused, not asked for
+    except ssl.SSLError as error:
+        raise ConfigError(
+            f"{access.certificate} is no certificate, or {access.key} is not the key to it ({error.reason})",
+            key="access.certificate",
+        ) from None
+    try:
+        client.load_verify_locations(access.authority)
+    except ssl.SSLError as error:
+        raise ConfigError(f"{access.authority} is no certificate ({error.reason})", key="access.authority") from None
+    there, back = ssl.MemoryBIO(), ssl.MemoryBIO()
+    ends = [client.wrap_bio(back, there), server.wrap_bio(there, back, server_side=True)]
+    for _ in range(4):
+        for end in ends:
+            try:
+                end.do_handshake()
+            except ssl.SSLWantReadError:
+                continue
+            except ssl.SSLCertVerificationError as error:
+                raise ConfigError(
+                    f"others will not take {access.certificate} for one of {access.authority}: {error.verify_message}",
+                    key="access.certificate",
+                ) from None
+    shown: Any = (ends[0].getpeercert() or {}).get("subject", ())
+    names = [value for part in shown for kind, value in part if kind == "commonName"]
+    if agent not in names:
+        raise ConfigError(
+            f"{access.certificate} is of {', '.join(names) or 'nobody'}, not of agent {agent!r}",
+            key="access.certificate",
+        )
 
 
 def _whole(team: str, agent: str) -> list[str]:

@@ -27,7 +27,7 @@ class Ceiling(msgspec.Struct, frozen=True):
 
     Args:
         keys: An expression, such as ``mdm/rescue/*/patrol/belief``.
-        rate: Messages a second at most; those between are dropped.
+        rate: Messages a second at most; those between are dropped, and their receivers count them as ``missing``.
         size: Bytes of a message at most, with its envelope; larger ones are dropped.
         priority: How urgent they are, whatever they were put with.
     """

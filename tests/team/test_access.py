@@ -7,6 +7,7 @@ import pytest
 from transports import free_port, key
 
 from mdm.errors import ConfigError
+from mdm.team import access
 from mdm.team.access import Access, access_settings
 from mdm.team.certificates import make_certificates
 from mdm.team.envelope import Packer
@@ -28,9 +29,9 @@ class Guarded:
     def __init__(self):
         self.endpoints, self.made = [], []
 
-    def session(self, agent, access):
+    def session(self, agent, shown):
         own = f"tls/127.0.0.1:{free_port()}"
-        configuration = access_settings(access, "team", agent, AGENTS)
+        configuration = access_settings(shown, "team", agent, AGENTS)
         made = Session("team", agent, listen=own, connect=self.endpoints, configuration=configuration, lease=0.5)
         self.endpoints = [*self.endpoints, own]
         self.made.append(made)
@@ -94,9 +95,10 @@ def test_a_forged_key_is_refused_by_zenoh(files):
     guarded(main)
 
 
-def test_a_certificate_of_another_authority_is_not_let_in(files, tmp_path):
+def test_a_certificate_of_another_authority_is_not_let_in(files, tmp_path, monkeypatch):
     async def main(net):
         others = make_certificates(tmp_path / "others", {"b": ["127.0.0.1"]})
+        monkeypatch.setattr(access, "_check_certificate", lambda *_: None)  # it does not look at what it shows
         a, false, true = net.session("a", files["a"]), net.session("b", others["b"]), net.session("c", files["c"])
         seen = [{}]
         a.watch(seen.append)
@@ -135,10 +137,28 @@ def test_files_that_are_missing_are_named(tmp_path):
         access_settings(Access(str(there), str(tmp_path / "no.pem"), str(there)), "team", "a", AGENTS)
 
 
-def test_zenoh_takes_the_settings(tmp_path):
+def refusal(shown, agent="a"):
+    with pytest.raises(ConfigError) as refused:
+        access_settings(shown, "team", agent, AGENTS)
+    return str(refused.value)
+
+
+def test_a_certificate_that_others_would_refuse_is_refused_at_once(files, tmp_path):
+    others = make_certificates(tmp_path / "others", {"a": []})
+    expired = make_certificates(tmp_path / "expired", {"a": []}, days=0)
+    a, b = files["a"], files["b"]
+    assert refusal(b).endswith("b.pem is of b, not of agent 'a'")
+    assert "others will not take" in refusal(Access(a.authority, others["a"].certificate, others["a"].key))
+    assert "certificate has expired" in refusal(expired["a"])
+    assert "is not the key to it" in refusal(Access(a.authority, a.certificate, b.key))
+    garbage = tmp_path / "garbage.pem"
+    garbage.write_text("garbage")
+    assert "garbage.pem is no certificate" in refusal(Access(a.authority, str(garbage), a.key))
+    assert "garbage.pem is no certificate" in refusal(Access(str(garbage), a.certificate, a.key))
+
+
+def test_zenoh_takes_the_settings(files):
     zenoh = pytest.importorskip("zenoh")
-    there = tmp_path / "there.pem"
-    there.write_text("")
-    made = access_settings(Access(str(there), str(there), str(there)), "team", "a", AGENTS)
+    made = access_settings(files["a"], "team", "a", AGENTS)
     zenoh.Config.from_json5(json.dumps(made))
     assert [subject["cert_common_names"] for subject in made["access_control"]["subjects"]] == [["b"], ["c"]]

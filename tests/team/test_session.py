@@ -184,6 +184,34 @@ def test_what_is_over_the_allowance_is_held_back_and_counted():
     LOOPBACK(main)
 
 
+def test_other_event_loops_will_do():
+    uvloop = pytest.importorskip("uvloop")
+
+    async def main():
+        one, other = endpoint(), endpoint()
+        first = Session("team", "a", listen=one)
+        second = Session("team", "b", listen=other, connect=[one])
+        got, seen = [], []
+        second.subscribe("mdm/team/a/**", lambda sample: got.append(sample.body))
+        second.serve(key("b", "call"), lambda body: body)
+        first.watch(lambda live: seen.append(1) if "b" in live else None)
+        await first.open()
+        await second.open()
+        async with asyncio.timeout(30):
+            while not seen:
+                await asyncio.sleep(0.002)
+            for _ in range(100):
+                first.put(key("a"), b"hello")
+            while len(got) < 100:
+                await asyncio.sleep(0.002)
+        assert await first.ask(key("b", "call"), b"you?", timeout=30) == {"b": b"you?"}
+        await first.close()
+        await second.close()
+
+    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+        runner.run(main())
+
+
 def over_processes(test):
     async def main():
         async with peers() as start:

@@ -56,7 +56,7 @@ class Oracle:
         self.bases = {}  # where each term began
         self.forgetful = False  # whether an agent has been restarted
         self.said = {}  # the components that agents sent for each (term, step)
-        self.settled = frozenset()  # positions that were followed by another step
+        self.settled = frozenset()  # positions that were followed by another step, and its term
 
     def applies(self, copy, commit, body):
         position, machine = Position(commit.term, commit.step), self.machines[copy.agent]
@@ -73,7 +73,7 @@ class Oracle:
         if self.majority and commit.term.leader == copy.agent and position not in self.holders:
             if len(self.holders.get(before, ())) < self.majority:
                 raise Violation(f"{copy.agent} goes on from {before}, which no majority has")
-            self.settled |= {before}
+            self.settled |= {(before, commit.term)}
         for agent, component in commit.inputs.items():
             if agent != commit.term.leader and component not in self.said.get((position, agent), ()):
                 raise Violation(f"{position} has a component of {agent} that was not for it")
@@ -114,6 +114,6 @@ class Oracle:
         if self.majority and len(machine.ballot.joined) < self.majority:
             raise Violation(f"{machine.agent} begins {machine.term} without a majority")
         if self.majority and not self.forgetful:
-            for position in self.settled:
-                if position.term < machine.term and not self.on_history(machine.term, position):
+            for position, term in self.settled:
+                if term < machine.term and not self.on_history(machine.term, position):
                     raise Violation(f"{machine.agent} begins {machine.term} at {at}, without {position}")

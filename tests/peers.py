@@ -47,15 +47,15 @@ class Peer:
 
 
 @asynccontextmanager
-async def peers():
+async def peers(program=PROGRAM):
     """Yield a function that starts a peer; those that still run at the end are killed."""
     started = []
 
     async def start(**options):
         process = await asyncio.create_subprocess_exec(
-            sys.executable, PROGRAM, json.dumps({"team": "team", "lease": 0.5, **options}),
+            sys.executable, program, json.dumps({"team": "team", "lease": 0.5, **options}),
             stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"},
         )  # fmt: skip
         peer = Peer(process)
         started.append(peer)

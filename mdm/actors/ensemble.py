@@ -17,7 +17,7 @@ from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
 from mdm.actors.predicate_manager import PredicateManager
 from mdm.actors.safety import Safety, SafetyOptions
 from mdm.actors.state_layer import StateFactor, StateLayer
-from mdm.errors import ConfigError
+from mdm.errors import ConfigError, Error
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
 from mdm.options import check_options
 from mdm.runtime import ActorStatistics
@@ -224,7 +224,13 @@ class Ensemble(Layer):
 
         Raises:
             ModelError: If there is no such state.
+            Error: If it is of a team, where each agent's state factors tell its own part.
         """
+        if self.control.lead is not None:
+            raise Error(
+                f"ensemble {self.name!r} is of a team, to which each agent tells the state factors that it owns: set "
+                "their predicates"
+            )
         index = self.controller.symbols.state_index(state)
         self.channel("state", State, retain=True).publish(State(self.runtime.clock.now(), index, (index,)))
 

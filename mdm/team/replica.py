@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from mdm.errors import ConfigError, Error, ModelError
+from mdm.errors import ConfigError, Error
 from mdm.runtime import ActorStatistics
+from mdm.runtime.supervision import describe
 from mdm.team.agreement import Agreement, decode, encode
 from mdm.team.agreement.entries import Entries, Snapshot
 from mdm.team.copy import BEGIN
@@ -235,10 +236,13 @@ class Replica(TeamLayer):
         """Apply a step."""
         now = self.runtime.clock.now()
         self._applied += 1
-        if commit.command is not None:
-            self.take_command(commit.command, now)
-        else:
-            self.copy.step(commit.inputs, commit.missing, now)
+        try:
+            if commit.command is not None:
+                self.take_command(commit.command, now)
+            else:
+                self.copy.step(commit.inputs, commit.missing, now)
+        except Exception as error:  # a policy or tracker of the user's: the step counts, and this agent fails
+            self.fail(error)
         if self.commits is not None and self.commits.heard:
             term = (commit.term.number, commit.term.leader, commit.term.incarnation)
             self.tell(
@@ -260,8 +264,8 @@ class Replica(TeamLayer):
         now = self.runtime.clock.now()
         try:
             self.copy.restore(snapshot)
-        except ModelError as error:
-            self.report("snapshot", str(error))
+        except Exception as error:
+            self.report("snapshot", describe(error))
             return
         if self.copy.running:
             self.ensemble.safety.start(now)

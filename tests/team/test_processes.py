@@ -1,0 +1,111 @@
+"""Members in processes of their own over real sessions: what they decide is the same, whatever befalls them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import socket
+
+import pytest
+from peers import peers
+from places import ROOT
+
+PROGRAM = ROOT / "tests" / "member_program.py"
+
+
+def endpoints(names):
+    """Return a free endpoint of this machine for each agent."""
+    held = [socket.socket() for _ in names]
+    for one in held:
+        one.bind(("127.0.0.1", 0))
+    found = [(name, f"tcp/127.0.0.1:{one.getsockname()[1]}") for name, one in zip(names, held, strict=True)]
+    for one in held:
+        one.close()
+    return found
+
+
+class Told:
+    """The steps that a process has told."""
+
+    def __init__(self, peer):
+        self.peer = peer
+        self.steps = []
+        self.reading = asyncio.create_task(self.read())
+        self.more = asyncio.Event()
+
+    async def read(self):
+        while line := await self.peer.process.stdout.readline():
+            self.steps.append(json.loads(line))
+            self.more.set()
+
+    async def reach(self, count):
+        """Wait until so many steps more were told."""
+        wanted = len(self.steps) + count
+        async with asyncio.timeout(60):
+            while len(self.steps) < wanted:
+                self.more.clear()
+                await self.more.wait()
+
+
+def check_the_same(told):
+    """No two processes tell another step for one (term, step)."""
+    known = {}
+    for each in told:
+        for step in each.steps:
+            key = (*step["term"], step["step"])
+            what = {name: step[name] for name in ("input", "missing", "action", "digest")}
+            assert known.setdefault(key, what) == what, key
+    return known
+
+
+async def run(count, period, loss):
+    names = "abcd"[:count]
+    agents = endpoints(names)
+    async with peers(PROGRAM) as start:
+        seeds = iter(range(100))
+
+        async def begin(agent):
+            options = {"agent": agent, "agents": agents, "period": period, "loss": loss, "seed": next(seeds)}
+            return Told(await start(**options))
+
+        told: list[Told] = []
+        try:
+            await befall(names, told, begin)
+        finally:
+            for one in told:
+                one.reading.cancel()
+                await asyncio.gather(one.reading, return_exceptions=True)
+
+
+async def befall(names, told, begin):
+    """Let processes begin, come late, hang, crash and return; what they tell stays the same."""
+    told += [await begin(agent) for agent in names[:-1]]
+    first, second = told[:2]
+    await second.reach(10)
+    late = await begin(names[-1])
+    told.append(late)
+    await late.reach(10)
+    late.peer.signal(signal.SIGSTOP)  # the others are enough to go on
+    await second.reach(10)
+    late.peer.signal(signal.SIGCONT)
+    await late.reach(10)
+    first.peer.signal(signal.SIGKILL)  # it leads
+    await asyncio.gather(second.reach(10), late.reach(10))
+    back = await begin("a")
+    told.append(back)
+    await asyncio.gather(back.reach(20), second.reach(20), late.reach(20))
+    for one in told[1:]:
+        one.peer.signal(signal.SIGTERM)
+    statuses = [await one.peer.end() for one in told[1:]]
+    await asyncio.gather(*(one.reading for one in told))
+    check_the_same(told)
+    assert statuses == [143] * len(statuses)
+    shared = {step["step"] for step in second.steps} & {step["step"] for step in back.steps}
+    assert len(shared) >= 20
+
+
+@pytest.mark.parametrize(("count", "period"), [(3, 0.05), (4, 0.05), (3, None)])
+def test_processes_decide_the_same_through_crashes_hangs_and_losses(count, period):
+    pytest.importorskip("zenoh", reason="pip install 'mdm[team]'")
+    asyncio.run(run(count, period, loss=0.3))

@@ -74,7 +74,7 @@ def settings(
         lease: After so many seconds of silence this agent is taken for lost.
         largest: The largest message in bytes.
     """
-    # Whoever puts waits no longer than this for room: it is the event loop that waits.
+    # Microseconds that a put may wait for room, ten times as many where it is cut into parts: the event loop waits.
     longest_wait = 100
     sizes = ("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low")
     return {
@@ -95,7 +95,7 @@ def settings(
                         "congestion_control": {
                             "drop": {
                                 "wait_before_drop": longest_wait,
-                                "max_wait_before_drop_fragments": longest_wait,
+                                "max_wait_before_drop_fragments": 10 * longest_wait,
                             },
                             "block": {"wait_before_close": round(lease * 1e6)},
                         },

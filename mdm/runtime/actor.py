@@ -87,6 +87,7 @@ class Actor:
         self.__shared: list[Actor] = []
         self.__life: Life = "created"
         self.__runtime: Runtime | None = None
+        self.__channels: dict[Channel[Any], None] = {}
         self.__subscriptions: list[Subscription[Any]] = []
         self.__timers: WeakSet[Timer | Ticker] = WeakSet()
         self.__work: dict[Work, None] = {}
@@ -233,7 +234,11 @@ class Actor:
     def channel(self, name: str, type: type[T], *, retain: bool = False) -> Channel[T]:  # noqa: A002
         """Return the channel ``<path>/<name>``, made at the first call."""
         path = self.path
-        return self.runtime.channel(f"{path}/{name}" if path else name, type, retain=retain)
+        channel = self.runtime.channel(f"{path}/{name}" if path else name, type, retain=retain)
+        if channel not in self.__channels:
+            self.__channels[channel] = None
+            channel.claim()
+        return channel
 
     def subscribe(
         self, channel: Channel[T], handler: Callable[[T], object], *, topics: Iterable[str] | None = None
@@ -294,14 +299,17 @@ class Actor:
                 awaitable.close()
             raise
         turn = Subscription(None, self, ended if ended is not None else self.__judge)
-        dispatcher = self.runtime.dispatcher
+        runtime = self.runtime
+        dispatcher = runtime.dispatcher
 
         def done(work: Work) -> None:
             self.__work.pop(work, None)
             if not work.abandoned:
                 dispatcher.deliver(turn, work)
+            elif work in runtime.abandoned:
+                runtime.abandoned.remove(work)
             if isinstance(work.error, LEAVING):
-                self.runtime.abort(work.error)
+                runtime.abort(work.error)
 
         work = Work(awaitable, f"mdm:{self.path}/{name or 'work'}", done)
         self.__work[work] = None
@@ -311,7 +319,8 @@ class Actor:
         """Own a piece of work no longer: it did not end when it was asked to."""
         work.abandoned = True
         self.__work.pop(work, None)
-        self.runtime.abandoned.append(work)
+        if not work.done:
+            self.runtime.abandoned.append(work)
 
     @staticmethod
     def __judge(work: Work) -> None:
@@ -424,6 +433,8 @@ class Actor:
                     break
         finally:
             self.__change("failed" if self.__asked("fail") or error is not None else "stopped")
+            runtime.desert(self.__channels)
+            self.__channels.clear()
             start.failed(error)
             if self.__ended is not None:
                 self.__ended.set()

@@ -77,6 +77,8 @@ class Channel(Generic[T]):
     """
 
     __slots__ = (
+        "__weakref__",
+        "_deserted",
         "_dispatcher",
         "_general",
         "_owner",
@@ -123,6 +125,7 @@ class Channel(Generic[T]):
         self._general: tuple[Subscription[T], ...] = ()
         self._topics: dict[str, tuple[Subscription[T], ...]] = {}
         self._streams: tuple[Stream[T], ...] = ()
+        self._deserted: Callable[[Channel[T]], object] | None = None
 
     def publish(self, message: T) -> None:
         """Hand a message to every subscriber, in the running turn or in a turn of its own; from any thread.
@@ -239,6 +242,16 @@ class Channel(Generic[T]):
         """Keep the last message no more: a late subscriber waits for the next one."""
         self.last = None
 
+    def claim(self) -> None:
+        """Take it that the channel is an actor's, which lives."""
+        self._deserted = None
+
+    def desert(self, unused: Callable[[Channel[T]], object]) -> None:
+        """Take it that its actor has ended: call ``unused`` when nobody listens any more."""
+        self._deserted = unused
+        if not self.heard:
+            unused(self)
+
     def remove(self, subscription: Subscription[T]) -> int:
         """Forget a subscription, and return how many messages it had yet to handle; `Subscription.cancel` calls it."""
         self._subscriptions = _without(self._subscriptions, subscription)
@@ -248,6 +261,8 @@ class Channel(Generic[T]):
             if not self._topics[topic]:
                 del self._topics[topic]
         self.heard = bool(self._subscriptions)
+        if self._deserted is not None and not self.heard:
+            self._deserted(self)
         return sum(waiting is subscription for waiting, _ in self._dispatcher.queue)
 
     def stream(

@@ -7,6 +7,7 @@ import inspect
 import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from weakref import WeakValueDictionary
 
 import anyio
 import msgspec
@@ -35,7 +36,7 @@ from mdm.runtime.watchdog import Watchdog
 from mdm.runtime.work import hide
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
     from types import TracebackType
     from typing import Self
 
@@ -110,6 +111,7 @@ class Runtime:
         self.dispatcher.on_endless = lambda detail: self._alarm("endless_turn", detail)
         self.abandoned: list[Work] = []
         self._channels: dict[str, Channel[Any]] = {}
+        self._deserted: WeakValueDictionary[str, Channel[Any]] = WeakValueDictionary()
         self.root = Actor("")
         self.sharing = Sharing(self.root)
         self.faults = self.channel("faults", Fault)
@@ -138,15 +140,32 @@ class Runtime:
     def channel(self, name: str, type: type[T], *, retain: bool = False) -> Channel[T]:  # noqa: A002
         """Return the channel of a name, made at the first call.
 
+        An actor's channel is given back when the actor has ended and nobody listens: what it retained is forgotten.
+
         Raises:
             Error: If it exists and carries messages of another type.
         """
         channel = self._channels.get(name)
-        if channel is None:
-            channel = self._channels[name] = Channel(name, type, self.dispatcher, retain=retain, owner=self.root)
-        elif channel.type is not type:
+        if channel is None:  # made anew, unless somebody has kept the one that was given back
+            channel = self._deserted.get(name)
+            if channel is None:
+                channel = Channel(name, type, self.dispatcher, retain=retain, owner=self.root)
+            self._channels[name] = channel
+        if channel.type is not type:
             raise Error(f"channel {name!r} carries {channel.type.__name__} messages, not {type.__name__}")
         return channel
+
+    def desert(self, channels: Iterable[Channel[Any]]) -> None:
+        """Give back the channels of an actor that has ended, when nobody listens; at the runtime's end, keep them."""
+        if self.root.life == "running":
+            for channel in channels:
+                channel.desert(self._give_back)
+
+    def _give_back(self, channel: Channel[Any]) -> None:
+        if self._channels.get(channel.name) is channel:
+            del self._channels[channel.name]
+            self._deserted[channel.name] = channel
+            channel.forget()
 
     @property
     def channels(self) -> tuple[Channel[Any], ...]:

@@ -74,7 +74,7 @@ class Work:
 
     @property
     def is_calling(self) -> bool:
-        """Whether it is its own code that runs now, so that the caller is part of what it does."""
+        """Whether the caller runs within this work's own task."""
         return asyncio.current_task() is self.task
 
     def cancel(self) -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import gc
+import weakref
 
 import pytest
 from recorded import Fragile, Recorded, tell
 
-from mdm import Runtime, VirtualClock, run
+from mdm import Ensemble, PredicateManager, Runtime, StateFactor, VirtualClock, run
 from mdm.messages import State
-from mdm.testing import probe
+from mdm.testing import probe, run_virtual
 
 
 def test_the_block_may_be_left_in_any_way():
@@ -33,6 +35,34 @@ def test_the_block_may_be_left_in_any_way():
     with pytest.raises(TimeoutError):
         run(lambda: main("timeout"), virtual=True)
     assert log == [("start", "actor"), ("stop", "actor")] * 3
+
+
+def test_ensembles_of_ever_new_names_leave_nothing_in_a_runtime_that_goes_on():
+    async def main(runtime):
+        async def come_and_go(name):
+            predicates = PredicateManager()
+            sensor = predicates.sensor("S", max_age=1.0)
+            robot = Ensemble(
+                name,
+                policy=[0, 1],
+                actions={"A": lambda: None, "B": lambda: asyncio.sleep(9)},
+                predicates=predicates,
+                states=[StateFactor("s", ["S"])],
+                safe_action=lambda: None,
+            )
+            await runtime.start(robot)
+            sensor.set(True)
+            await runtime.stop(robot)
+            return weakref.ref(robot)
+
+        channels = runtime.channels
+        robots = [await come_and_go(f"robot{number}") for number in range(20)]
+        assert runtime.channels == channels
+        await asyncio.sleep(100)  # until no timer of theirs waits
+        gc.collect()
+        assert [robot() for robot in robots] == [None] * 20
+
+    run_virtual(main)
 
 
 def test_two_runtimes_in_one_program_do_not_know_of_each_other():

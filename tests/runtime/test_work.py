@@ -53,7 +53,8 @@ def test_work_that_ignores_its_end_is_abandoned_and_reported():
         assert "stubborn did not end within 2 s" in faults[0].detail
         assert len(runtime.abandoned) == 1
         free.set()
-        await asyncio.sleep(0)
+        await asyncio.sleep(0.1)
+        assert runtime.abandoned == []  # it has ended after all
 
     run(main, virtual=True)
 

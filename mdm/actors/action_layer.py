@@ -472,5 +472,12 @@ def _safe_binding(
             raise ConfigError(
                 f"the safe action {safe_action!r} is none of the actions {', '.join(names)}", key="safe_action"
             )
-        return bindings[names.index(safe_action)]
-    return bind(safe_action)
+        binding = bindings[names.index(safe_action)]
+    else:
+        binding = bind(safe_action)
+    if binding.ensemble is not None:
+        raise ConfigError(
+            f"the safe action is a function: ensemble {binding.ensemble.name!r} would have to decide in a safe mode",
+            key="safe_action",
+        )
+    return binding

@@ -257,7 +257,7 @@ class ControlLayer(Layer):
             self._begin_episode()
             if self.running:
                 self._begin(control.time, command)
-        elif command != "release" and not self.running:
+        elif command != "release" and not self.running and (self.guard is None or self.guard.deciding or self._held):
             self._begin_episode(keep=command == "resume")
             if isinstance(self.drive, FixedRate) and self._ticker is None:
                 self._ticker = self.every(self.drive.rate, self._on_tick)

@@ -77,6 +77,9 @@ class Ensemble(Layer):
 
     Raises:
         ConfigError: If sizes or names do not fit each other.
+
+    Attributes:
+        interrupted: Whether the action that it is bound to has ended it, and it is not idle yet.
     """
 
     def __init__(
@@ -101,6 +104,7 @@ class Ensemble(Layer):
             super().__init__(name, supervision=supervision)
             self.predicates = predicates
             self._idle: list[Callable[[], None]] = []
+            self.interrupted = False
             _check_settings(predicates, states, observations, agent, local=local)
             check_options(options, SafetyOptions)
             control: Any = {key: value for key, value in options.items() if key in ControlOptions.__annotations__}
@@ -279,6 +283,7 @@ class Ensemble(Layer):
     def interrupt(self) -> None:
         """Stop within the call, so that nothing that was decided before starts."""
         self.control.pause()
+        self.interrupted = self.awaited and (self.active or bool(self.action.live))
         self.safety.stop(self.runtime.clock.now())
         self.control.stop()
 
@@ -330,6 +335,7 @@ class Ensemble(Layer):
 
     def became_idle(self) -> None:
         """Tell those who wait for it that the ensemble is stopped and that nothing of it lives."""
+        self.interrupted = False
         idle, self._idle = self._idle, []
         for call in idle:
             call()
@@ -352,6 +358,7 @@ class Ensemble(Layer):
         """Check everything, and use the predicate manager: where nobody else has, the runtime starts it."""
         for problem in self.problems():
             raise problem
+        self.interrupted = False
         if self.predicates is not None:
             self.share(self.predicates)
         self.subscribe(self.channel("control", Control), self._on_control)
@@ -365,6 +372,11 @@ class Ensemble(Layer):
     def on_failing(self, error: BaseException) -> None:
         """Go safe in the turn of the failure, with no way back but a restart."""
         self.safety.end("failure", f"{type(error).__name__}: {error}", lambda: None)
+
+    def on_ending(self) -> None:
+        """Go safe with the runtime, not only when those that stop before have come to their ends."""
+        if not isinstance(self.parent, Ensemble):
+            self.safety.end("end", "the runtime ends", lambda: None)
 
     async def on_stopping(self) -> None:
         """End the running action and what is below, and run the safe actions: the outermost has the last word."""

@@ -143,14 +143,18 @@ class Safety:
         return self.modes.mode == "deciding" and not self._ending
 
     def start(self, time: int) -> None:
-        """Decide, unless an ensemble above is safe: until that is over, nothing below it decides."""
+        """Decide, unless an ensemble above is safe or ends this one: until that is over, nothing below it decides."""
         ensemble = self._ensemble
+        if ensemble.interrupted:
+            text = "was not started: the action that it is bound to is coming to its end"
+            ensemble.report("control", text, time=time)
+            return
         above = ensemble.safe_above()
         if above is not None and self.modes.mode == "stopped":
             if not ensemble.awaited:
                 ensemble.report("control", f"was not started: ensemble {above.path!r} above it is safe", time=time)
             ensemble.action.when_idle(ensemble.became_idle)
-        elif not self._ending:
+        elif not self._ending and not ensemble.runtime.ending:
             self._obey(self.modes.start(time), time)
 
     def stop(self, time: int) -> None:

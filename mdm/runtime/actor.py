@@ -42,7 +42,8 @@ __all__ = ["Actor"]
 
 T = TypeVar("T")
 Request = Literal["none", "stop", "restart", "fail"]
-_OVERRIDABLE = frozenset({"on_start", "on_running", "on_failing", "on_stopping", "on_stop", "patience", "statistics"})
+_PLAIN_HOOKS = ("on_start", "on_running", "on_failing", "on_ending", "on_stop")
+_OVERRIDABLE = frozenset({*_PLAIN_HOOKS, "on_stopping", "patience", "statistics"})
 Life = Literal["created", "starting", "running", "restarting", "stopping", "stopped", "failed"]
 
 
@@ -111,7 +112,7 @@ class Actor:
             ours = name.startswith("_") or name in _OVERRIDABLE or found is vars(Actor).get(name)
             if not ours and not (name == "path" and isinstance(found, property)):
                 raise Error(_hidden(cls, name))
-        for name in ("on_start", "on_running", "on_failing", "on_stop"):
+        for name in _PLAIN_HOOKS:
             check_plain(getattr(cls, name), f"{cls.__qualname__}.{name}")
         if kind_of(inspect.unwrap(cls.on_stopping)) != "an async function":
             raise Error(f"{cls.__qualname__}.on_stopping is awaited: define it with `async def`")
@@ -129,6 +130,9 @@ class Actor:
 
     def on_failing(self, error: BaseException) -> None:
         """Do what cannot wait when it, or a child that it answers for, has failed. Called at once, before it stops."""
+
+    def on_ending(self) -> None:
+        """Do what cannot wait when the whole runtime ends. Called at once, in all that run, before the first stops."""
 
     def on_stop(self) -> None:
         """Let go of what `on_start` took; subscriptions, timers and work have ended by then."""

@@ -91,6 +91,9 @@ class Runtime:
     Raises:
         Error: If ``emergency`` cannot be called so, or the times contradict each other.
         ActorFailure: On leaving the block, if an actor failed and nobody above it could help.
+
+    Attributes:
+        ending: Whether it ends, for whatever reason: nothing that was or is decided starts any more.
     """
 
     def __init__(
@@ -130,6 +133,7 @@ class Runtime:
         self._host: asyncio.Task[Any] | None = None
         self._cancelling = 0
         self._interrupted = False
+        self.ending = False
         self._leaving = False
         self._stopped = anyio.Event()
         self._tree: asyncio.Task[None] | None = None
@@ -195,10 +199,26 @@ class Runtime:
         if self._failure is not None:
             return
         self._failure = error
+        self._begin_to_end()
         self.shut_down()
         self.root.end()
         if self._host is not None:
             self._host.get_loop().call_soon(self._interrupt)
+
+    def _begin_to_end(self) -> None:
+        """Tell all that run, at once: one after the other they stop, which takes time."""
+        if self.ending:
+            return
+        self.ending = True
+        waiting: list[Actor] = [self.root]
+        while waiting:
+            actor = waiting.pop()
+            waiting += reversed(actor.children)
+            if actor.life == "running" and not actor.failing:  # one that has failed is told so in this very call
+                try:
+                    actor.on_ending()
+                except BaseException as error:
+                    actor.report("exception", describe(error))
 
     def _interrupt(self) -> None:
         """Cancel the block, where it has not been left; its task may be another than the one that leaves it."""
@@ -311,6 +331,7 @@ class Runtime:
 
     async def _stop_tree(self, tree: asyncio.Task[None]) -> None:
         """Stop the actors in order and close everything; break them off if the program is cancelled meanwhile."""
+        self._begin_to_end()
         self.root.end()
         try:
             with anyio.CancelScope(shield=True):

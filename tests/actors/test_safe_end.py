@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import sys
+from contextlib import nullcontext
 
 import pytest
 from safe_robots import Log, forever, robot, two_levels
 
-from mdm import Ensemble
-from mdm.testing import run_virtual
+from mdm import ActorFailure, Ensemble, Runtime, run
+from mdm.testing import crash, run_virtual
 
 
 def test_an_async_safe_action_runs_to_its_end_at_the_end_of_the_runtime():
@@ -87,3 +89,39 @@ def test_while_it_ends_there_is_no_way_back(how):
 
     run_virtual(main)
     assert log == ["Rest", "Work begins", "TOP", "Work ends", "TOP"]
+
+
+@pytest.mark.parametrize("how", ["exit", "signal", "failure", "return"])
+def test_when_the_runtime_ends_all_of_it_goes_safe_at_once(how):
+    log = Log()
+
+    async def main():
+        async with Runtime(log=None) as runtime:
+            first = robot(log, safe_action=log.plain("FIRST"))
+            second = Ensemble("second", policy=[0], actions={"C": log.plain("C")}, safe_action=log.slow("SECOND"))
+            await runtime.start(first)
+            await runtime.start(second)
+            words = runtime.channel("words", str)
+
+            def end(_):
+                words.publish("rest of the turn")
+                if how == "exit":
+                    sys.exit(3)
+                elif how == "signal":
+                    runtime.abort(KeyboardInterrupt())
+                elif how == "failure":
+                    crash(second.control)
+
+            words.subscribe(lambda word: end(word) if word == "end" else first.publish_state(1), second)
+            first.publish_state(0)
+            second.publish_state(0)
+            if how != "return":
+                words.publish("end")
+                assert runtime.ending
+                await asyncio.sleep(10)
+
+    raised = {"exit": SystemExit, "signal": KeyboardInterrupt, "failure": ActorFailure}.get(how)
+    with pytest.raises(raised) if raised else nullcontext():
+        run(main, virtual=True)
+    assert sorted(log[:4]) == ["A", "C", "FIRST", "SECOND begins"]
+    assert log[4:] == ["SECOND ends"]

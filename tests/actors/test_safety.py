@@ -10,6 +10,7 @@ from safe_robots import Log, certain, forever, robot, sensed
 from mdm import (
     ActorFailure,
     ConfigError,
+    Ensemble,
     Error,
     FixedRate,
     ObservationFactor,
@@ -348,3 +349,11 @@ def test_the_safe_action_has_a_limit_of_its_own():
 def test_wrong_options_are_refused(options, message):
     with pytest.raises(ConfigError, match=message):
         robot(Log(), **options)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_the_safe_action_is_no_ensemble(named):
+    below = Ensemble("below", policy=[0], actions={"A": print})
+    with pytest.raises(ConfigError, match="the safe action is a function: ensemble 'below' would have to decide") as e:
+        robot(Log(), actions={"A": below, "B": print}, safe_action="A" if named else below)
+    assert e.value.key == "ensembles.robot.safe_action"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import weakref
+from contextlib import nullcontext
 
 import pytest
 from recorded import Fragile, Recorded, tell
@@ -75,3 +76,41 @@ def test_two_runtimes_in_one_program_do_not_know_of_each_other():
             return [len(messages) for messages in seen]
 
     assert run(main, virtual=True) == [1, 1]
+
+
+@pytest.mark.parametrize("how", ["return", "raise", "abort"])
+def test_at_the_end_all_that_run_are_told_at_once_before_the_first_stops(how):
+    log = []
+
+    class Told(Recorded):
+        def on_ending(self):
+            log.append(("told", self.name))
+            raise asyncio.CancelledError(self.name)
+
+        async def on_stopping(self):
+            await asyncio.sleep(1.0)
+
+    async def main():
+        async with Runtime(log=None) as runtime:
+            faults = probe(runtime.faults)
+            first = Told("first", log)
+            first.add(Told("below", log))
+            await runtime.start(first)
+            await runtime.start(Told("second", log))
+            assert not runtime.ending
+            log.clear()
+            try:
+                if how == "raise":
+                    raise LookupError
+                if how == "abort":
+                    runtime.abort(SystemExit(3))
+                    await asyncio.sleep(1)
+            finally:
+                assert runtime.ending == (how == "abort")
+        assert [fault.detail.partition(" (")[0] for fault in faults] == [f"CancelledError: {name}" for name in order]
+
+    order = ["first", "below", "second"]
+    with pytest.raises({"raise": LookupError, "abort": SystemExit}[how]) if how != "return" else nullcontext():
+        run(main, virtual=True)
+    told = [("told", name) for name in order]
+    assert log == [*told, ("stop", "second"), ("stop", "first/below"), ("stop", "first")]

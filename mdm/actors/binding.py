@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any, Literal
 
+from mdm.choice import check_choice, check_flag
 from mdm.errors import ConfigError
 from mdm.runtime.clock import check_seconds
 from mdm.runtime.handler import kind_of
@@ -59,8 +60,9 @@ class Binding:
         for name, seconds in (("timeout", timeout), ("grace", grace)):
             if seconds is not None or name == "grace":
                 check_seconds(seconds, name, key=name)
-        if on_repeat not in {"continue", "restart"}:
-            raise ConfigError(f"on_repeat is 'continue' or 'restart', not {on_repeat!r}", key="on_repeat")
+        check_choice(on_repeat, ("continue", "restart"), "on_repeat", key="on_repeat")
+        check_flag(resume, "resume", key="resume")
+        check_flag(concurrent, "concurrent", key="concurrent")
         self.target = target
         self.timeout = timeout
         self.grace = grace

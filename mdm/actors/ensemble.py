@@ -17,6 +17,7 @@ from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
 from mdm.actors.predicate_manager import PredicateManager
 from mdm.actors.safety import Safety, SafetyOptions
 from mdm.actors.state_layer import StateFactor, StateLayer
+from mdm.choice import check_flag
 from mdm.errors import ConfigError
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
 from mdm.options import check_options
@@ -415,8 +416,7 @@ def _check_settings(predicates: object, states: object, observations: object, ag
             raise ConfigError(f"{key} is a list of {kind.__name__}(...), not {given!r}", key=key)
     if isinstance(agent, bool) or not isinstance(agent, int | str):
         raise ConfigError(f"an agent is given by index or by name, not by {agent!r}", key="agent")
-    if not isinstance(local, bool):
-        raise ConfigError(f"local is True or False, not {local!r}", key="local")
+    check_flag(local, "local", key="local")
 
 
 def _agent_actions(

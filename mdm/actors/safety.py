@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 from mdm.actors.control_layer import ControlOptions
 from mdm.actors.modes import Modes, Order
 from mdm.actors.waiting import Waiting
+from mdm.choice import check_choice
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Mode, PredicateUpdate
 
@@ -81,8 +82,8 @@ class Safety:
 
     def _reaction(self, name: str, given: object) -> bool:
         """Whether a cause makes the ensemble safe."""
-        if given is not None and given not in get_args(Reaction):
-            raise ConfigError(f"{name} is 'safe' or 'continue', not {given!r}", key=name)
+        if given is not None:
+            check_choice(given, get_args(Reaction), name, key=name)
         if given == "safe" and not self._has_safe_action:
             raise ConfigError(f"{name} asks for the safe action, but there is none", key="safe_action")
         return self._has_safe_action and given != "continue"
@@ -341,6 +342,5 @@ class Safety:
 
 
 def _keeps(after_safe: object) -> bool:
-    if after_safe not in {"reset", "keep"}:
-        raise ConfigError(f"after_safe is 'reset' or 'keep', not {after_safe!r}", key="after_safe")
+    check_choice(after_safe, ("reset", "keep"), "after_safe", key="after_safe")
     return after_safe == "keep"

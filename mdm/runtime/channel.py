@@ -5,6 +5,7 @@ from __future__ import annotations
 from threading import get_ident
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
+from mdm.errors import Error
 from mdm.messages import Fault
 from mdm.runtime.handler import check_plain
 from mdm.runtime.statistics import ChannelStatistics
@@ -213,9 +214,11 @@ class Channel(Generic[T]):
             topics: Of messages that are emitted on topics, take those on one of these alone.
 
         Raises:
-            Error: If the handler is no plain function: an async one would never run.
+            Error: If the handler is no plain function (an async one would never run), or the topics are one text.
         """
         check_plain(handler, f"the handler of channel {self.name!r}")
+        if isinstance(topics, str):
+            raise Error(f"topics on channel {self.name!r} are several texts, not one: [{topics!r}]")
         subscription = Subscription(self, actor or self._owner, handler)
         self._subscriptions = (*self._subscriptions, subscription)
         if topics is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import builtins
 import inspect
 import threading
 from contextlib import suppress
@@ -12,6 +13,7 @@ from weakref import WeakValueDictionary
 import anyio
 import msgspec
 
+from mdm.choice import check_flag
 from mdm.errors import Error
 from mdm.messages import Decision, Fault, Mode, StateChange
 from mdm.runtime.actor import Actor
@@ -108,6 +110,11 @@ class Runtime:
         signals: bool | None = None,
     ) -> None:
         _check_watch(watchdog, emergency, emergency_after)
+        check_flag(debug, "debug")
+        if signals is not None:
+            check_flag(signals, "signals")
+        if clock is not None and not isinstance(clock, Clock):
+            raise Error(f"a runtime's clock is a WallClock(), a VirtualClock() or a Clock of your own, not {clock!r}")
         self.clock = _clock_of_the_loop() if clock is None else clock
         self.dispatcher = Dispatcher(self.clock)
         self.dispatcher.on_overflow = lambda detail: self._alarm("overflow", detail)
@@ -149,6 +156,8 @@ class Runtime:
         Raises:
             Error: If it exists and carries messages of another type.
         """
+        if not isinstance(name, str) or not isinstance(type, builtins.type):
+            raise Error(f"a channel has a name and carries messages of a class, not {name!r} and {type!r}")
         channel = self._channels.get(name)
         if channel is None:  # made anew, unless somebody has kept the one that was given back
             channel = self._deserted.get(name)

@@ -342,6 +342,7 @@ def test_the_safe_action_has_a_limit_of_its_own():
         ({"on_unknown": "safe", "safe_action": None}, "on_unknown asks for the safe action, but there is none"),
         ({"on_failed_action": "safe", "safe_action": None}, "on_failed_action asks for the safe action"),
         ({"after_safe": "predict"}, "after_safe is 'reset' or 'keep', not 'predict'"),
+        ({"after_safe": ["reset"]}, r"after_safe is 'reset' or 'keep', not \['reset'\]"),
         ({"safe_timeout": 0}, "safe_timeout is a number of seconds above 0"),
         ({"on_lost": "safe"}, "there is no option 'on_lost'"),
     ],

@@ -98,6 +98,11 @@ def test_a_channel_takes_one_type_only():
             runtime.channel("x", State).publish(Tick(0, 0, 0, 0))
         with pytest.raises(Error, match="'x' carries State messages, not Tick"):
             runtime.channel("x", Tick)
+        for name, kind in (("x", "State"), (1, State)):
+            with pytest.raises(Error, match="a channel has a name and carries messages of a class"):
+                runtime.channel(name, kind)
+        with pytest.raises(Error, match=r"are several texts, not one: \['Up'\]"):
+            runtime.channel("x", State).subscribe(str, topics="Up")
 
     run_virtual(main)
 

@@ -10,7 +10,7 @@ from contextlib import nullcontext
 import pytest
 from recorded import Fragile, Recorded, tell
 
-from mdm import Ensemble, PredicateManager, Runtime, StateFactor, VirtualClock, run
+from mdm import Ensemble, Error, PredicateManager, Runtime, StateFactor, VirtualClock, run
 from mdm.messages import State
 from mdm.testing import probe, run_virtual
 
@@ -64,6 +64,19 @@ def test_ensembles_of_ever_new_names_leave_nothing_in_a_runtime_that_goes_on():
         assert [robot() for robot in robots] == [None] * 20
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"clock": 5}, "a runtime's clock is a WallClock"),
+        ({"debug": "yes"}, "debug is True or False, not 'yes'"),
+        ({"signals": 1}, "signals is True or False, not 1"),
+    ],
+)
+def test_what_is_no_setting_of_a_runtime_is_refused(options, words):
+    with pytest.raises(Error, match=words):
+        Runtime(**options)
 
 
 def test_two_runtimes_in_one_program_do_not_know_of_each_other():

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 from recorded import Fragile, Recorded, tell
 
-from mdm import Actor, ActorFailure, Restart
+from mdm import Actor, ActorFailure, ConfigError, Restart
 from mdm.runtime.supervision import RestartBudget, describe
 from mdm.testing import crash, probe, run_virtual
 
@@ -141,6 +141,23 @@ def test_a_budget_is_that_of_a_sliding_window(limit, within, backoff, pauses):
             granted.append(now)
         else:
             assert budget.delay(now) is None
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"limit": "x"}, "limit of Restart(...) is a whole number from 0 on, not 'x'"),
+        ({"limit": -1}, "from 0 on, not -1"),
+        ({"limit": 2.5}, "from 0 on, not 2.5"),
+        ({"within": 0}, "within of Restart(...) is a number of seconds above 0"),
+        ({"within": float("nan")}, "above 0 and at most 10^9, not nan"),
+        ({"backoff": -0.1}, "backoff of Restart(...) is a number of seconds from 0 to 10^9, not -0.1"),
+        ({"max_backoff": None}, "max_backoff of Restart(...) is a number of seconds from 0 to 10^9, not None"),
+    ],
+)
+def test_a_restart_that_counts_nothing_is_refused(options, words):
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        Restart(**options)
 
 
 def test_an_error_reads_with_its_place():

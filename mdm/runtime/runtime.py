@@ -72,8 +72,9 @@ class Runtime:
 
     SIGINT, SIGTERM and SIGHUP stop the actors at once and cancel the block, which raises `KeyboardInterrupt` or
     `SystemExit` (143, 129) when they have stopped; so does a `SystemExit` that an actor or its work raises. A second
-    signal changes nothing while actors stop within their limits; one after these, or a third, breaks them off. Signals
-    that the program handles itself, or that are ignored, are left alone.
+    signal changes nothing while actors stop within their limits; one after these, or a third, breaks them off. Several
+    within a tenth of a second are one, and one within a second after the end changes nothing. Signals that the program
+    handles itself, or that are ignored, are left alone.
 
     Args:
         clock: Whose time; where none is given, a `VirtualClock` inside a program that `mdm.run` runs in virtual time,
@@ -352,7 +353,6 @@ class Runtime:
         finally:
             if self._watchdog is not None:
                 self._watchdog.close()
-            self._signals.close()
             for channel in self._channels.values():
                 channel.close()
             self.dispatcher.close()
@@ -360,6 +360,7 @@ class Runtime:
             unwatch(tree.get_loop())
             if self._log is not None:
                 self._log.close()
+            self._signals.close()
 
     def statistics(self) -> RuntimeStatistics:
         """Return a snapshot of everything in the runtime."""

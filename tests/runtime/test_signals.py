@@ -13,6 +13,7 @@ import pytest
 from programs import python
 
 from mdm import Error, Runtime, run
+from mdm.runtime import signals
 
 ROBOT = """
 import asyncio, signal, sys, threading, time
@@ -114,6 +115,60 @@ def test_a_third_signal_breaks_off(entry):
     assert time.monotonic() - began < 15
 
 
+@pytest.mark.parametrize("entry", ["asyncio", "uvloop", "run"])
+def test_signals_that_come_at_once_are_one(entry):
+    if "uvloop" in entry:
+        pytest.importorskip("uvloop")
+    with python("-c", program(ENTRIES[entry], braking=0.2)) as process:
+        assert process.stdout.readline() == "driving\n"
+        for number in NUMBERS:
+            process.send_signal(number)
+        output, status, errors = ended(process)
+    assert output == "SAFE\nbraked\n", errors
+    assert status - 128 in NUMBERS
+
+
+@pytest.mark.parametrize("first", NUMBERS)
+@pytest.mark.parametrize(
+    ("later", "entry"),
+    [
+        ("try:\n    ENTRY\nfinally:\n    os.kill(os.getpid(), NUMBER)", "asyncio"),
+        ("try:\n    ENTRY\nfinally:\n    os.kill(os.getpid(), NUMBER)", "run"),
+        ("import atexit; atexit.register(os.kill, os.getpid(), NUMBER)\nENTRY", "anyio"),
+        (
+            "class Last:\n  def __del__(self, kill=os.kill, me=os.getpid()): kill(me, NUMBER)\nlast = Last()\nENTRY",
+            "run",
+        ),
+    ],
+)
+def test_a_signal_while_the_program_ends_does_not_take_the_place_of_the_first(entry, first, later):
+    second = signal.SIGHUP if first == signal.SIGTERM else signal.SIGTERM
+    text = later.replace("NUMBER", str(int(second))).replace("ENTRY", ENTRIES[entry])
+    with python("-c", program(f"import os\n{text}", braking=0)) as process:
+        assert process.stdout.readline() == "driving\n"
+        process.send_signal(first)
+        output, status, errors = ended(process)
+    assert output == "SAFE\nbraked\n", errors
+    assert status == 128 + first
+
+
+def test_a_program_that_goes_on_after_a_signal_hears_the_next_ones_itself(monkeypatch):
+    before = handlers()
+    monkeypatch.setattr(signals, "_LINGER", 0.0)
+
+    async def main():
+        async with Runtime(log=None) as runtime:
+            os.kill(os.getpid(), signal.SIGINT)
+            await runtime.wait()
+
+    for go in (asyncio.run, run):
+        with pytest.raises(KeyboardInterrupt):
+            go(main())
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+        assert handlers() == before
+
+
 HELD = """
 import signal, threading, time, mdm
 
@@ -136,7 +191,7 @@ def test_a_third_signal_reaches_a_callback_that_holds_the_loop():
         assert process.stdout.readline() == "held\n"
         for _ in range(3):
             process.send_signal(signal.SIGTERM)
-            time.sleep(0.1)  # so that each is a signal of its own
+            time.sleep(0.2)  # so that each is a signal of its own
         output, status, errors = ended(process)
     assert output == "stopped\n", errors
     assert status == 143
@@ -271,7 +326,7 @@ def test_without_signals_the_program_s_stay_as_they_are():
     asyncio.run(main())
 
 
-def test_a_signal_ends_every_open_runtime():
+def test_a_signal_ends_every_open_runtime(monkeypatch):
     stopped = []
 
     async def one(name):
@@ -285,8 +340,14 @@ def test_a_signal_ends_every_open_runtime():
         asyncio.get_running_loop().call_later(0.05, os.kill, os.getpid(), signal.SIGTERM)
         await asyncio.gather(one("first"), one("second"))
 
-    with pytest.raises(SystemExit) as left:
-        run(main)
+    monkeypatch.setattr(signals, "_LINGER", 0.0)
+    before = handlers()
+    try:
+        with pytest.raises(SystemExit) as left:
+            run(main)
+    finally:
+        for number, handler in zip(NUMBERS, before, strict=True):
+            signal.signal(number, handler)
     assert left.value.code == 143
     assert sorted(stopped) == ["first", "second"]
 

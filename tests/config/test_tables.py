@@ -76,7 +76,12 @@ WRONG = [
         "ensembles.top.actions.Below",
         "either a function",
     ),
-    ('Rest = "robot_code:rest"\n[ensembles.below]', 'Rest = { ensemble = "below" }\n[ensembles.below]', "", ""),
+    (
+        'Rest = "robot_code:rest"\n[ensembles.below]',
+        'Rest = { ensemble = "below" }\n[ensembles.below]',
+        "ensembles.top.safe_action",
+        "the safe action is a function",
+    ),
     ('tasks = ["robot_code:sense"]', 'tasks = ["robot_code:not_async"]', "tasks", "not an async function"),
     ('tasks = ["robot_code:sense"]', 'tasks = ["robot_code:no_argument"]', "tasks", "one argument, the System"),
     ('tasks = ["robot_code:sense"]', 'tasks = "robot_code:sense"', "tasks", "a list of functions"),

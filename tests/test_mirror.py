@@ -28,6 +28,7 @@ ACROSS = {
     "chaos/test_planted.py": "that the scenarios find faults that are planted",
     "cli/test_commands.py": "what all verbs have in common",
     "actors/test_controller_run.py": "control layers that run the nodes of a plan",
+    "actors/test_lost_input.py": "safety: input that is lost",
     "actors/test_safe_end.py": "safety: the end of ensembles",
     "actors/test_safe_order.py": "safety: ensembles above and below each other",
     "actors/test_way_back.py": "safety: what follows a safe mode",

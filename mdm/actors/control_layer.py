@@ -46,8 +46,8 @@ class ControlOptions(ControllerOptions, total=False):
             ``FixedRate(rate)`` or a number, so many times a second.
         on_no_observation: What a fixed-rate tick without a new observation means: ``predict`` (the default: time
             passes, nothing seen), ``repeat`` the last one, or the name of an observation.
-        deadline: Seconds from stimulus to decision; a later decision is reported, and where there is a safe action the
-            ensemble goes safe in place of it.
+        deadline: Seconds from stimulus to decision, or from the first of the ticks that were missed before it; a later
+            decision is reported, and where there is a safe action the ensemble goes safe in place of it.
     """
 
     drive: Drive | float | str | None
@@ -139,6 +139,7 @@ class ControlLayer(Layer):
         self.superseded = 0
         self.undecided = 0
         self.missed = 0
+        self._overdue = 0
         self.action_names: Sequence[str] = (
             () if self.controller.symbols.action_space is None else self.controller.symbols.action_space.names
         )
@@ -411,10 +412,12 @@ class ControlLayer(Layer):
         if not self.running and not self._tick_safely(tick):
             return
         cause, symbol = "tick", None
+        self._overdue = 0
         if tick.missed:
             assert isinstance(self.drive, FixedRate)
             self.missed += tick.missed
-            self._record(tick.late + round(tick.missed * 1e9 / self.drive.rate))
+            self._overdue = round(tick.missed * 1e9 / self.drive.rate)
+            self._record(tick.late + self._overdue)
         observation, self._observation = self._observation, None
         if self.controller.over:
             self._begin_episode()
@@ -531,10 +534,10 @@ class ControlLayer(Layer):
         """Publish a decision, the action first."""
         latency = self._now() - time
         self._record(latency)
-        if self._deadline_ns is not None and latency > self._deadline_ns and self.planner is None:
+        if self._deadline_ns is not None and latency + self._overdue > self._deadline_ns and self.planner is None:
             # What was done before is still what is done.
             self.controller.last_action = self._acted
-            if self._late(latency, time):
+            if self._late(latency + self._overdue, time):
                 return
             self.controller.last_action = step.action
         self._actions.emit(Action(time, step.epoch, step.action))

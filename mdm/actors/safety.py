@@ -27,6 +27,10 @@ __all__ = ["Reaction", "Safety", "SafetyOptions"]
 Reaction = Literal["safe", "continue"]
 
 _REACTIONS = ("on_failed_action", "on_lost_input", "on_unknown")
+_LOSSES = {
+    "stale_input": ("on_lost_input", "input is too old"),
+    "unknown_input": ("on_unknown", "input turned unknown"),
+}
 
 
 class SafetyOptions(ControlOptions, total=False):
@@ -37,7 +41,7 @@ class SafetyOptions(ControlOptions, total=False):
         on_failed_action: An action that failed, timed out or was abandoned, where no predicate or event depends on that
             end: ``safe`` (the default where there is a safe action) or ``continue``.
         on_lost_input: A sensor's value that became older than its ``max_age``: the same two.
-        on_unknown: A state that turns unknown otherwise: the same two.
+        on_unknown: A state, or a sensor of observations, that turns unknown otherwise: the same two.
         after_safe: What becomes of the belief where the safe action is none of the model's: it starts anew (``reset``,
             the default), or goes on by prediction (``keep``).
     """
@@ -108,33 +112,33 @@ class Safety:
         self._channel = ensemble.channel("mode", Mode, retain=True)
         ensemble.control.guard = self
         ensemble.action.alarm = self._on_failed_action
-        watched = self._watched()
-        if ensemble.predicates is not None and watched:
-            self._watch(ensemble.predicates, watched)
+        if ensemble.predicates is not None:
+            self._watch(ensemble.predicates)
 
-    def _watched(self) -> frozenset[str]:
-        """The sensors with a largest age that this ensemble depends on."""
+    def _watch(self, manager: PredicateManager) -> None:
+        """Notice sensors that become too old, and those of observations that turn unknown: no state tells of these."""
         ensemble = self._ensemble
-        manager = ensemble.predicates
-        if manager is None:
-            return frozenset()
-        names = [name for factor in (ensemble.state.factors if ensemble.state else ()) for name in factor.predicates]
+        states = [name for factor in (ensemble.state.factors if ensemble.state else ()) for name in factor.predicates]
         observed = ensemble.observation.factors if ensemble.observation else ()
-        names += [name for factor in observed for name in factor.events if name is not None]
-        return frozenset(sensor for name in names for sensor in manager.inputs_of(name) if sensor in manager.aged)
+        events = [name for factor in observed for name in factor.events if name is not None]
+        used = frozenset(given for name in (*states, *events) for given in manager.inputs_of(name))
+        others = frozenset(given for name in events for given in manager.inputs_of(name) if manager.senses(given))
+        watched = {"stale_input": used & manager.aged, "unknown_input": others - manager.aged}
 
-    def _watch(self, manager: PredicateManager, watched: frozenset[str]) -> None:
+        topics = frozenset[str]().union(*watched.values())
+
         def look(update: PredicateUpdate) -> None:
-            lost = watched.intersection(update.unknown)
-            self._lost |= lost
+            self._lost |= topics.intersection(update.unknown)
             self._lost.difference_update(update.rising, update.falling)
-            if lost:
-                self._on_lost_input(lost, update.time)
-            elif not self._lost:
-                self.reopen(frozenset({"stale_input"}), update.time)
+            for kind, sensors in watched.items():
+                if lost := sensors.intersection(update.unknown):
+                    self._on_lost_input(kind, lost, update.time)
+                elif sensors and self._lost.isdisjoint(sensors):
+                    self.reopen(frozenset({kind}), update.time)
 
-        updates = self._ensemble.runtime.channel(f"{manager.path}/updates", PredicateUpdate)
-        self._ensemble.subscribe(updates, look, topics=watched)
+        if topics:
+            updates = ensemble.runtime.channel(f"{manager.path}/updates", PredicateUpdate)
+            ensemble.subscribe(updates, look, topics=topics)
 
     # -- Commands ------------------------------------------------------------------------------------------------
 
@@ -194,11 +198,12 @@ class Safety:
         else:
             self.waiting.begin()
 
-    def _on_lost_input(self, lost: frozenset[str], time: int) -> None:
+    def _on_lost_input(self, kind: str, lost: frozenset[str], time: int) -> None:
         if not self.deciding or not self._acted:
             return
-        fault = Fault(time, self._ensemble.path, "stale_input", f"input is too old: {', '.join(sorted(lost))}")
-        if self._reactions["on_lost_input"]:
+        option, words = _LOSSES[kind]
+        fault = Fault(time, self._ensemble.path, kind, f"{words}: {', '.join(sorted(lost))}")
+        if self._reactions[option]:
             self.alarm(fault)
         else:
             self._ensemble.runtime.faults.publish(fault)

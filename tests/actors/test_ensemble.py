@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 
 import msgspec
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm import (
+    Actor,
     ActorFailure,
     ConfigError,
     Ensemble,
@@ -473,6 +475,47 @@ def test_a_callback_that_raises_a_cancellation_leaves_other_ensembles_alone():
 
     run_virtual(main)
     assert decided in ({"first": 51, "second": 51}, {"first": 50, "second": 50})
+
+
+def test_a_timer_that_raises_a_cancellation_leaves_those_of_its_instant_alone():
+    """The age of a sensor, and the grace of an action, end at the instants of such timers, behind them."""
+    log = []
+
+    def broken():
+        log.append("broken")
+        raise asyncio.CancelledError
+
+    async def stubborn():
+        while "over" not in log:
+            with suppress(asyncio.CancelledError):
+                await asyncio.sleep(1e6)
+
+    async def main(runtime):
+        for seconds in (1, 2):
+            actor = Actor(f"actor{seconds}", supervision="stop")
+            await runtime.start(actor)
+            actor.call_later(seconds, broken)
+        manager = PredicateManager()
+        sensor = manager.sensor("S", max_age=1.0)
+        robot = Ensemble(
+            "robot",
+            policy=[0, 0],
+            actions={0: bind(stubborn, grace=1.0)},
+            predicates=manager,
+            states=[StateFactor("s", ["S"])],
+            safe_action=lambda: log.append("SAFE"),
+        )
+        await runtime.start(robot)
+        sensor.set(True)
+        await asyncio.sleep(1.5)
+        assert (robot.mode, log) == ("safe", ["broken"])
+        await asyncio.sleep(1)
+        assert log == ["broken", "broken", "SAFE"]
+        log.append("over")
+        for work in runtime.abandoned:
+            work.cancel()
+
+    run_virtual(main)
 
 
 def test_an_ensemble_prints_what_it_is_and_its_mode():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 
 import pytest
 from safe_robots import Log, certain, forever, robot, sensed
@@ -15,8 +16,10 @@ from mdm import (
     FixedRate,
     ObservationFactor,
     PredicateManager,
+    Runtime,
     StateFactor,
     bind,
+    run,
 )
 from mdm.actors import EnsembleStatistics
 from mdm.policies import AlphaVectors
@@ -213,58 +216,6 @@ def test_a_live_action_that_does_not_end_is_abandoned_and_the_safe_action_runs()
     run_virtual(main)
 
 
-def test_a_state_that_turns_unknown_makes_safe_until_it_is_known():
-    log = Log()
-
-    async def main(runtime):
-        one, _, sensor = sensed(log, actions={"A": log.slow("A", 1e6), "B": log.plain("B")})
-        faults = probe(runtime.faults)
-        await runtime.start(one)
-        sensor.set(False)
-        await asyncio.sleep(1)
-        sensor.set(None)
-        await asyncio.sleep(1)
-        assert log == ["A begins", "A ends", "SAFE"]
-        assert [(fault.kind, fault.detail) for fault in faults] == [("unknown_input", "the state turned unknown: S")]
-        sensor.set(True)
-        assert log[-1] == "B"
-
-    run_virtual(main)
-
-
-@pytest.mark.parametrize("options", [{"on_unknown": "continue"}, {"safe_action": None}])
-def test_with_continue_or_without_a_safe_action_the_old_action_goes_on_and_waiting_is_told(options):
-    log = Log()
-
-    async def main(runtime):
-        one, _, sensor = sensed(log, actions={"A": log.slow("A", 1e6), "B": log.plain("B")}, **options)
-        faults = probe(runtime.faults)
-        await runtime.start(one)
-        sensor.set(False)
-        await asyncio.sleep(1)
-        sensor.set(None)
-        await asyncio.sleep(2)
-        assert one.action.live == ("A",)
-        assert [(fault.kind, fault.detail) for fault in faults] == [("waiting", "cannot decide: unknown is S")]
-
-    run_virtual(main)
-
-
-def test_old_input_is_a_cause_of_its_own():
-    log = Log()
-
-    async def main(runtime):
-        one, _, sensor = sensed(log, max_age=1.0, on_unknown="continue")
-        await runtime.start(one)
-        sensor.set(False)
-        await asyncio.sleep(2)
-        assert [cause.kind for cause in one.causes] == ["stale_input"]
-        sensor.set(True)
-        assert (one.mode, log) == ("deciding", ["A", "SAFE", "B"])
-
-    run_virtual(main)
-
-
 @pytest.mark.parametrize("layer", ["control", "action", "state"])
 def test_a_failing_layer_latches_within_its_turn(layer):
     log = Log()
@@ -282,6 +233,38 @@ def test_a_failing_layer_latches_within_its_turn(layer):
     with pytest.raises(ActorFailure, match="broken"):
         run_virtual(main)
     assert log == ["A", "SAFE"]
+
+
+@pytest.mark.parametrize("grace", [20.0, 0.1])
+def test_a_thread_of_the_live_action_has_ended_or_is_abandoned_when_the_safe_action_runs(grace):
+    log, free = Log(), threading.Event()
+
+    def drive():
+        free.wait(20)
+        log.append("thread ends")
+
+    async def until(condition):
+        async with asyncio.timeout(20):
+            while not condition():
+                await asyncio.sleep(0.001)
+
+    async def main():
+        action = bind(lambda: asyncio.to_thread(drive), grace=grace)
+        one, _, sensor = sensed(log, max_age=0.2, actions={"A": action, "B": log.plain("B")})
+        async with Runtime(log=None) as runtime:
+            await runtime.start(one)
+            sensor.set(False)
+            await until(lambda: one.mode == "safe")
+            assert log == []
+            if grace > 1:
+                free.set()
+            await until(lambda: "SAFE" in log)
+            assert len(runtime.abandoned) == (grace < 1)
+            free.set()
+            await until(lambda: len(log) == 2 and not runtime.abandoned)
+            assert log == (["SAFE", "thread ends"] if grace < 1 else ["thread ends", "SAFE"])
+
+    run(main)
 
 
 # -- The safe action itself ----------------------------------------------------------------------------------------

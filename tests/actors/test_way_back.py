@@ -9,7 +9,7 @@ import pytest
 from safe_robots import Log, robot, sensed
 
 from mdm import PredicateManager, Restart, StateFactor, VirtualClock
-from mdm.messages import Mode
+from mdm.messages import Control, Mode
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.testing import capture_decisions, crash, probe, run_virtual
@@ -40,11 +40,12 @@ class Slow(AlphaVectors):
         return self.count - 1 if self.count < 3 else 2
 
 
-def moving():
-    """Three actions that move the belief each in its own way."""
+def moving(actions=3):
+    """Up to three actions that move the belief each in its own way."""
     stay, half, flip = np.eye(2), np.full((2, 2), 0.5), np.array([[0.0, 1.0], [1.0, 0.0]])
     blind = np.ones((2, 1))
-    return POMDP([stay, half, flip], [blind] * 3, np.zeros((2, 3)), discount=0.9, initial_belief=[0.9, 0.1])
+    moves, rewards = [stay, half, flip][:actions], np.zeros((2, actions))
+    return POMDP(moves, [blind] * actions, rewards, discount=0.9, initial_belief=[0.9, 0.1])
 
 
 @pytest.mark.parametrize(
@@ -84,6 +85,29 @@ def test_a_late_decision_does_not_move_the_belief_by_what_was_not_done(safe, aft
     run_virtual(main, clock=Behind())
 
 
+@pytest.mark.parametrize(("held", "late"), [(0.25, False), (0.5, True)])
+def test_a_callback_that_holds_the_loop_beyond_the_deadline_of_ticks_makes_safe(held, late):
+    log = Log()
+
+    async def main(runtime):
+        def hold():
+            log.append("A")
+            if len(log) == 3:
+                asyncio.get_running_loop()._virtual.now += round(held * 1e9)
+
+        one = robot(log, actions={"A": hold, "B": log.plain("B")}, drive=10.0, deadline=0.2)
+        faults = probe(runtime.faults)
+        await runtime.start(one)
+        one.publish_state(0)
+        await asyncio.sleep(2)
+        assert one.mode == "deciding"  # the tick after it was in time
+        assert one.control.missed > 0
+        assert log.count("SAFE") == late
+        assert [fault.kind for fault in faults] == ["deadline"] * late
+
+    run_virtual(main)
+
+
 # -- Release -------------------------------------------------------------------------------------------------------
 
 
@@ -108,6 +132,49 @@ def test_release_waits_for_the_safe_action_and_no_longer():
         ]
         late = probe(runtime.channel("robot/mode", Mode, retain=True))
         assert [mode.mode for mode in late] == ["deciding"]
+
+    run_virtual(main)
+
+
+def test_release_by_a_message():
+    log = Log()
+
+    async def main(runtime):
+        one, _, sensor = sensed(log, max_age=1.0)
+        await runtime.start(one)
+        sensor.set(False)
+        await asyncio.sleep(2)
+        assert one.mode == "safe"
+        runtime.channel("robot/control", Control).publish(Control(runtime.clock.now(), "release"))
+        assert (one.mode, one.causes) == ("deciding", ())
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("policy", ["states", "beliefs"])
+def test_a_policy_that_can_choose_nothing_is_safe_until_the_next_input(policy):
+    log, chosen = Log(), [0, -1, 1]
+
+    class Choosing(DeterministicPolicy if policy == "states" else AlphaVectors):
+        table = None  # ask it each time
+
+        def action(self, _):
+            return chosen.pop(0)
+
+    async def main(runtime):
+        given = Choosing([0, 0], 2) if policy == "states" else Choosing([[0.0, 0.0]], [0], 2)
+        model = None if policy == "states" else moving(2)
+        one = robot(log, policy=given, model=model, actions={"0": log.plain("A"), "1": log.plain("B")})
+        await runtime.start(one)
+        tell = one.publish_state if policy == "states" else one.publish_observation
+        if policy == "states":
+            tell(0)
+        assert log == ["A"]
+        tell(0)
+        assert log == ["A", "SAFE"]  # not the last action, of which -1 might be an index
+        assert [cause.kind for cause in one.causes] == ["state" if policy == "states" else "policy"]
+        tell(0)
+        assert (log, one.mode) == (["A", "SAFE", "B"], "deciding")
 
     run_virtual(main)
 

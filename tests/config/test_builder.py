@@ -290,3 +290,26 @@ def test_digits_are_indices_where_there_is_no_model(folder, wires, first):
     assert layer.factors[0].predicates[0] == first
     with pytest.raises(ConfigError, match=r"ensembles.robot.states.place: .*indices 0 to 1"):
         load_system(written(folder, text.replace('1 = "A"', '7 = "A"'), "seven.toml"), callbacks=False)
+
+
+def test_the_options_of_safety_reach_their_ensemble(folder, monkeypatch):
+    options = {
+        "on_impossible": "safe_action",
+        "safe_timeout": 3.0,
+        "on_failed_action": "continue",
+        "on_lost_input": "continue",
+        "on_unknown": "continue",
+        "after_safe": "keep",
+        "deadline": 0.5,
+        "safe_action": "Rest",
+    }
+    lines = "\n".join(f"{name} = {value!r}" for name, value in options.items())
+    made = {}
+
+    def record(name, **given):
+        made[name] = given
+        return Ensemble(name, **given)
+
+    monkeypatch.setattr("mdm.config.builder.Ensemble", record)
+    load_system(written(folder, GOOD.replace("drive = 2.0", lines), "robot.toml"))
+    assert made["below"] | options == made["below"]

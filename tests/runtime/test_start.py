@@ -7,7 +7,7 @@ import asyncio
 import pytest
 from recorded import Recorded
 
-from mdm import Actor
+from mdm import Actor, Ensemble
 from mdm.testing import probe, run_virtual
 
 
@@ -59,6 +59,33 @@ def test_a_cancelled_start_ends_what_has_started_in_good_order():
     assert log[0] == ("start", "parent")
     assert log[-2:] == [("stopping", "parent"), ("stop", "parent")] or log[-3] == ("stopping", "parent")
     assert sum(what == "start" for what, _ in log) == sum(what == "stop" for what, _ in log)
+
+
+@pytest.mark.parametrize("turns", range(0, 30, 2))
+def test_a_start_that_is_cancelled_at_any_point_leaves_nothing(turns):
+    """After so many turns of the event loop: in an actor's start, between two, or behind the last."""
+    log = []
+
+    async def main(runtime):
+        parent = Recorded("parent", log)
+        parent.add(Recorded("child", log))
+        robot = Ensemble("robot", policy=[0], actions={"Go": lambda: None}, safe_action=lambda: None)
+
+        async def start():
+            for actor in (Recorded("first", log), parent, robot):
+                await runtime.start(actor)
+
+        starting = asyncio.create_task(start())
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        starting.cancel()
+        await asyncio.wait([starting])
+        tasks = asyncio.all_tasks() - {asyncio.current_task()}
+        assert tasks == set()
+        assert all(actor.life == "running" for actor in runtime.root.children)
+
+    run_virtual(main)
+    assert sorted(path for what, path in log if what == "start") == sorted(path for what, path in log if what == "stop")
 
 
 @pytest.mark.parametrize("cancelled", [0.5, 1.0])

@@ -31,6 +31,7 @@ from mdm.formats import load_model, load_policy, load_rewards
 from mdm.logic import Formula, parse, similar
 from mdm.policies import DeterministicPolicy
 from mdm.runtime import Restart, Supervision
+from mdm.runtime.watchdog import check_emergency
 from mdm.solvers.online import TreeSearch
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ class _Builder:
     def system(self) -> System:
         """Return the system, or raise all problems."""
         document = self._read()
-        known = ("predicates", "events", "ensembles", "tasks")
+        known = ("predicates", "events", "ensembles", "tasks", "emergency")
         for key in document:
             if key not in known:
                 self._problems.add(f"there is no key {key!r} here; the keys are {', '.join(known)}", key)
@@ -102,9 +103,10 @@ class _Builder:
         for name in self._tables:
             self._ensemble(name, ())
         tasks = self._tasks(document.get("tasks", []))
+        emergency = self._emergency(document.get("emergency"))
         self._check()
         self._problems.raise_all()
-        return System(self._predicates, self._built(), tasks)
+        return System(self._predicates, self._built(), tasks, emergency=emergency)
 
     def _built(self) -> dict[str, Ensemble]:
         """Return the ensembles that could be built, in file order."""
@@ -378,6 +380,19 @@ class _Builder:
             elif not _takes_one(function):
                 self._problems.add(f"task {reference!r} must take one argument, the System", "tasks")
         return [function for function in functions if function is not None] if self._callbacks else []
+
+    def _emergency(self, reference: object) -> Callable[..., Any] | None:
+        if reference is None:
+            return None
+        if not isinstance(reference, str):
+            self._problems.add("emergency must be a function, such as 'robot:cut_motors'", "emergency")
+            return None
+        function = self._function(reference, "emergency")
+        if function is None or not self._callbacks:
+            return None
+        with self._problems.collecting("emergency"):
+            check_emergency(function)
+        return function
 
     # -- Checks --------------------------------------------------------------------------------------------------
 

@@ -27,6 +27,7 @@ class System(Actor):
         predicates: The predicate manager that all ensembles share.
         ensembles: All ensembles by name. Those without a parent start with the system.
         tasks: Async functions that take the system and run beside the ensembles, such as sensor drivers.
+        emergency: A plain function without arguments that the runtime calls as the last resort, besides its own.
     """
 
     def __init__(
@@ -35,11 +36,14 @@ class System(Actor):
         ensembles: dict[str, Ensemble],
         tasks: list[Callable[[System], Any]],
         name: str = "system",
+        *,
+        emergency: Callable[[], object] | None = None,
     ) -> None:
         super().__init__(name)
         self.predicates = predicates
         self.ensembles = ensembles
         self.tasks = tasks
+        self.emergency = emergency
         self.add(predicates)
         for ensemble in self.top:
             self.add(ensemble)
@@ -54,6 +58,11 @@ class System(Actor):
         """The ensembles without a parent, which start with the system."""
         below = {below.name for ensemble in self.ensembles.values() for below in ensemble.subensembles}
         return tuple(ensemble for name, ensemble in self.ensembles.items() if name not in below)
+
+    def on_start(self) -> None:
+        """Tell the runtime of the emergency."""
+        if self.emergency is not None:
+            self.runtime.add_emergency(self.emergency)
 
     def on_running(self) -> None:
         """Run the tasks."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import builtins
-import inspect
 import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -18,10 +17,9 @@ from mdm.errors import Error
 from mdm.messages import Decision, Fault, Mode, StateChange
 from mdm.runtime.actor import Actor
 from mdm.runtime.channel import Channel
-from mdm.runtime.clock import Clock, WallClock, check_seconds
+from mdm.runtime.clock import Clock, WallClock
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.executors import unwatch, watch
-from mdm.runtime.handler import check_plain
 from mdm.runtime.log import Log
 from mdm.runtime.sharing import Sharing
 from mdm.runtime.signals import Signals
@@ -34,7 +32,7 @@ from mdm.runtime.statistics import (
 )
 from mdm.runtime.supervision import LEAVING, ActorFailure, describe
 from mdm.runtime.virtual import VirtualClock, VirtualEventLoop
-from mdm.runtime.watchdog import Watchdog
+from mdm.runtime.watchdog import Watchdog, check_emergency, check_watch
 from mdm.runtime.work import hide
 
 if TYPE_CHECKING:
@@ -47,8 +45,6 @@ if TYPE_CHECKING:
 __all__ = ["Runtime", "RuntimeStatistics"]
 
 T = TypeVar("T")
-
-_SHORTEST_WATCH = 0.01
 
 
 class RuntimeStatistics(msgspec.Struct, frozen=True):
@@ -110,7 +106,7 @@ class Runtime:
         emergency_after: float | None = None,
         signals: bool | None = None,
     ) -> None:
-        _check_watch(watchdog, emergency, emergency_after)
+        check_watch(watchdog, emergency, emergency_after)
         check_flag(debug, "debug")
         if signals is not None:
             check_flag(signals, "signals")
@@ -130,7 +126,7 @@ class Runtime:
         self.decisions = self.channel("decisions", Decision)
         self.modes = self.channel("modes", Mode)
         self._log = None if log is None else Log(log, debug=debug)
-        self._emergency = emergency
+        self._emergencies: tuple[Callable[[], object], ...] = () if emergency is None else (emergency,)
         self._watchdog: Watchdog | None = None
         if watchdog is not None and not isinstance(self.clock, VirtualClock):
             after = None if emergency is None else watchdog if emergency_after is None else emergency_after
@@ -254,15 +250,27 @@ class Runtime:
 
         What it raises is reported, too.
         """
-        failure = ""
-        if self._emergency is None:
-            failure = ", and no `emergency` was given to Runtime"
-        else:
+        failures = "" if self._emergencies else ", and no `emergency` was given to Runtime"
+        for emergency in self._emergencies:
             try:
-                self._emergency()
+                emergency()
             except BaseException as error:
-                failure = f", and `emergency` failed: {describe(error)}"
-        self._alarm("emergency", reason + failure)
+                failures += f", and `emergency` failed: {describe(error)}"
+        self._alarm("emergency", reason + failures)
+
+    def add_emergency(self, emergency: Callable[[], object]) -> None:
+        """Have another function called as ``emergency``, after those before it; each is called once.
+
+        Where there was none, the watchdog calls it as soon as it reports.
+
+        Raises:
+            Error: If it cannot be called so.
+        """
+        check_emergency(emergency)
+        if emergency not in self._emergencies:
+            self._emergencies += (emergency,)
+        if self._watchdog is not None:
+            self._watchdog.call_emergency()
 
     def _alarm(self, kind: str, detail: str) -> None:
         """Publish a fault of the runtime itself, and log it before: the event loop may not turn."""
@@ -380,27 +388,6 @@ class Runtime:
             log=None if self._log is None else self._log.statistics(),
             loop=None if self._watchdog is None else self._watchdog.statistics(),
         )
-
-
-def _check_watch(watchdog: float | None, emergency: Callable[[], object] | None, emergency_after: float | None) -> None:
-    """Refuse what cannot be watched, or called."""
-    if watchdog is not None:
-        check_seconds(watchdog, "watchdog")
-        if watchdog < _SHORTEST_WATCH:
-            raise Error(f"a watchdog waits {_SHORTEST_WATCH} s at least, not {watchdog}")
-    if emergency is not None:
-        check_plain(emergency, "`emergency`")
-        with suppress(ValueError):  # of some functions in C no signature is known
-            try:
-                inspect.signature(emergency).bind()
-            except TypeError as error:
-                raise Error(f"`emergency` is called without arguments: {error}") from None
-    if emergency_after is not None:
-        check_seconds(emergency_after, "emergency_after")
-        if emergency is None or watchdog is None:
-            raise Error("emergency_after is the time until the watchdog calls `emergency`: give both")
-        if emergency_after < watchdog:
-            raise Error(f"emergency_after is {emergency_after} s, before the watchdog's {watchdog} s have passed")
 
 
 def _clock_of_the_loop() -> Clock:

@@ -6,12 +6,17 @@ the stack of the loop's thread, writes to the log, and calls the emergency on a 
 
 from __future__ import annotations
 
+import inspect
 import sys
 import threading
 import traceback
+from contextlib import suppress
 from time import monotonic_ns
 from typing import TYPE_CHECKING
 
+from mdm.errors import Error
+from mdm.runtime.clock import check_seconds
+from mdm.runtime.handler import check_plain
 from mdm.runtime.statistics import Latencies, LoopStatistics
 
 if TYPE_CHECKING:
@@ -19,8 +24,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
 
-__all__ = ["Watchdog"]
+__all__ = ["Watchdog", "check_emergency", "check_watch"]
 
+_SHORTEST = 0.01
 _PAUSE = 0.05
 _FRAMES = 20
 _PATIENCE = 0.5
@@ -62,6 +68,11 @@ class Watchdog:
         self._holder = threading.get_ident()
         self._looked = monotonic_ns()
         self._start(self._watch, "mdm:watchdog")
+
+    def call_emergency(self) -> None:
+        """Call the emergency from now on; where no time was given, as soon as a stall is told."""
+        if self._emergency_after is None:
+            self._emergency_after = self._limit
 
     def close(self) -> None:
         """Watch no more; an emergency that is under way gets half a second to end."""
@@ -148,3 +159,37 @@ def _stack(frame: FrameType) -> str:
         del frames[: below[-1] + 1]
     calls = [f"{place.filename}:{place.lineno} in {place.name} ({place.line})" for place in reversed(frames)]
     return ", called from ".join(calls[:_FRAMES])
+
+
+def check_watch(watchdog: float | None, emergency: Callable[[], object] | None, emergency_after: float | None) -> None:
+    """Refuse what cannot be watched, or called.
+
+    Raises:
+        Error: If it cannot.
+    """
+    if watchdog is not None:
+        check_seconds(watchdog, "watchdog")
+        if watchdog < _SHORTEST:
+            raise Error(f"a watchdog waits {_SHORTEST} s at least, not {watchdog}")
+    if emergency is not None:
+        check_emergency(emergency)
+    if emergency_after is not None:
+        check_seconds(emergency_after, "emergency_after")
+        if emergency is None or watchdog is None:
+            raise Error("emergency_after is the time until the watchdog calls `emergency`: give both")
+        if emergency_after < watchdog:
+            raise Error(f"emergency_after is {emergency_after} s, before the watchdog's {watchdog} s have passed")
+
+
+def check_emergency(emergency: Callable[[], object]) -> None:
+    """Refuse what cannot be called as an emergency.
+
+    Raises:
+        Error: If it is no plain function, or needs arguments.
+    """
+    check_plain(emergency, "`emergency`")
+    with suppress(ValueError):  # of some functions in C no signature is known
+        try:
+            inspect.signature(emergency).bind()
+        except TypeError as error:
+            raise Error(f"`emergency` is called without arguments: {error}") from None

@@ -28,6 +28,8 @@ class Lines:
     def info(self, *_, **__):
         pass
 
+    debug = warning = info
+
 
 def hold_asleep(seconds):
     time.sleep(seconds)
@@ -253,3 +255,28 @@ def test_a_process_that_was_stopped_is_no_emergency():
 def test_what_cannot_be_watched_is_refused(options, words):
     with pytest.raises(Error, match=words):
         Runtime(log=None, **options)
+
+
+def test_emergencies_that_are_added_are_called_too_each_once():
+    called = []
+
+    def first():
+        called.append("first")
+        raise OSError("no relay")
+
+    def second():
+        called.append("second")
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        for _ in range(2):
+            runtime.add_emergency(second)
+        runtime.emergency("the hand")
+        await asyncio.sleep(0)
+        with pytest.raises(Error, match="`emergency` must be a plain function"):
+            runtime.add_emergency(asyncio.sleep)
+        return faults[0].detail
+
+    detail = run_virtual(main, emergency=first)
+    assert detail.startswith("the hand, and `emergency` failed: OSError: no relay")
+    assert called == ["first", "second"]

@@ -206,6 +206,12 @@ class ActionLayer(Layer):
             if not life.secures:
                 self._cancel(life, "preempted")
 
+    def end_functions(self) -> None:
+        """Cancel what is live, but for ensembles and the safe action."""
+        for life in self._living():
+            if life.binding.ensemble is None and not life.secures:
+                self._cancel(life, "preempted")
+
     def when_idle(self, idle: Callable[[], None]) -> None:
         """Call back when nothing lives: at once, or in the turn in which the last life ends."""
         self._idle.append(idle)

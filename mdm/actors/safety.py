@@ -336,9 +336,10 @@ class Safety:
             self._ensemble.interrupt()
 
     def latch(self) -> None:
-        """Let nothing more that was or is decided start."""
+        """Let nothing more that was or is decided start, and end what lives here; what is below has its own end."""
         self._ensemble.control.running = False
         self._ensemble.action.latch()
+        self._ensemble.action.end_functions()
 
     def _family(self) -> Iterator[Safety]:
         yield self

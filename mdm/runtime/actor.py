@@ -367,8 +367,8 @@ class Actor:
             self.__escalate(error)
         try:
             self.on_failing(error)
-        except Exception as another:
-            self.report("exception", describe(another))
+        except BaseException as another:
+            self.__trouble(another)
 
     def __escalate(self, error: BaseException) -> None:
         # It handles nothing more, but is stopped only in its turn, by those above.
@@ -403,7 +403,7 @@ class Actor:
         """Live as a task of a group, and wait until it runs; the runtime and parents call this."""
         self.__ended = anyio.Event()
         self.__request = "none"
-        start = Start(lambda error: self.report("exception", describe(error)))
+        start = Start(self.__trouble)
         group.start_soon(self.__run, runtime, start)
         await start.wait()
 
@@ -558,7 +558,7 @@ class Actor:
             await self.runtime.sharing.give_back(actor, self)
 
     def __trouble(self, error: BaseException) -> None:
-        """Tell what went wrong at its end, which goes on all the same."""
+        """Tell what went wrong where all goes on the same, as at an end, or nobody waits for a start any more."""
         self.report("exception", describe(error))
         if isinstance(error, LEAVING):
             self.runtime.abort(error)

@@ -16,7 +16,7 @@ from mdm.choice import check_flag
 from mdm.errors import Error
 from mdm.messages import Decision, Fault, Mode, StateChange
 from mdm.runtime.actor import Actor
-from mdm.runtime.channel import Channel
+from mdm.runtime.channel import Channel, Subscription
 from mdm.runtime.clock import Clock, WallClock
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.executors import unwatch, watch
@@ -216,6 +216,12 @@ class Runtime:
         if self.ending:
             return
         self.ending = True
+        if self.dispatcher.active:
+            self._tell_of_end()
+        else:  # in one turn, so that what one of them publishes reaches no other before that has been told
+            self.dispatcher.deliver(Subscription(None, None, lambda _: self._tell_of_end()), None)
+
+    def _tell_of_end(self) -> None:
         waiting: list[Actor] = [self.root]
         while waiting:
             actor = waiting.pop()
@@ -225,6 +231,8 @@ class Runtime:
                     actor.on_ending()
                 except BaseException as error:
                     actor.report("exception", describe(error))
+                    if isinstance(error, LEAVING):
+                        self.abort(error)
 
     def _interrupt(self) -> None:
         """Cancel the block, where it has not been left; its task may be another than the one that leaves it."""

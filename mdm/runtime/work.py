@@ -28,7 +28,18 @@ class Work:
         ended: Called once, when it has ended, from the event loop.
     """
 
-    __slots__ = ("_awaitable", "_ended", "_jobs", "_leaving", "abandoned", "interrupted", "name", "over", "task")
+    __slots__ = (
+        "_awaitable",
+        "_begun",
+        "_ended",
+        "_jobs",
+        "_leaving",
+        "abandoned",
+        "interrupted",
+        "name",
+        "over",
+        "task",
+    )
 
     def __init__(self, awaitable: Awaitable[Any], name: str, ended: Callable[[Work], object]) -> None:
         self.name = name
@@ -39,12 +50,14 @@ class Work:
         self._awaitable = awaitable
         self._leaving: BaseException | None = None
         self._jobs = 0
+        self._begun = False
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self.task: asyncio.Task[Any] = asyncio.get_running_loop().create_task(self._run(), name=name)
         self.task.add_done_callback(self._done)
 
     async def _run(self) -> Any:
         OWNER.set(self)
+        self._begun = True
         try:
             return await self._awaitable
         except LEAVING as error:
@@ -85,7 +98,9 @@ class Work:
             self._interrupt()
 
     def _interrupt(self) -> None:
-        if self.task.cancel():
+        if asyncio.isfuture(self._awaitable) and not self._begun:
+            self.interrupted = self._awaitable.cancel()  # it goes on without us: its end is awaited all the same
+        elif self.task.cancel():
             self.interrupted = True
 
     @property

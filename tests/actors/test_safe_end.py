@@ -9,7 +9,7 @@ from contextlib import nullcontext
 import pytest
 from safe_robots import Log, forever, robot, two_levels
 
-from mdm import ActorFailure, Ensemble, Runtime, run
+from mdm import ActorFailure, Ensemble, PredicateManager, Runtime, StateFactor, run
 from mdm.testing import crash, run_virtual
 
 
@@ -125,3 +125,37 @@ def test_when_the_runtime_ends_all_of_it_goes_safe_at_once(how):
         run(main, virtual=True)
     assert sorted(log[:4]) == ["A", "C", "FIRST", "SECOND begins"]
     assert log[4:] == ["SECOND ends"]
+
+
+def test_at_the_end_what_lives_ends_at_once_however_long_what_is_below_takes():
+    log = Log()
+
+    async def main(runtime):
+        below = Ensemble("below", policy=[0], actions={"Work": forever}, safe_action=log.slow("BELOW", 5.0))
+        top = robot(log, actions={"A": log.slow("Drive", 100.0), "B": below}, safe_action=log.plain("TOP"))
+        await runtime.start(top)
+        top.publish_state(0)
+        below.publish_state(0)
+        below.start()  # by hand
+        await asyncio.sleep(1)
+        stopping = asyncio.create_task(runtime.stop(top))
+        await asyncio.sleep(1)
+        assert log == ["Drive begins", "Drive ends", "BELOW begins"]
+        await stopping
+
+    run_virtual(main)
+    assert log[3:] == ["BELOW ends", "TOP"]
+
+
+def test_what_a_safe_action_brings_about_at_the_end_starts_nothing_elsewhere():
+    log, manager = Log(), PredicateManager()
+    sensor = manager.sensor("S", initial=False)
+
+    async def main(runtime):
+        first = robot(log, predicates=manager, safe_action=lambda: sensor.set(True))
+        moved = robot(log, "second", predicates=manager, states=[StateFactor("s", ["S"])])
+        await runtime.start(first)
+        await runtime.start(moved)
+
+    run_virtual(main)
+    assert log == ["A", "SAFE"]

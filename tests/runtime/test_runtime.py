@@ -91,21 +91,22 @@ def test_two_runtimes_in_one_program_do_not_know_of_each_other():
     assert run(main, virtual=True) == [1, 1]
 
 
+@pytest.mark.parametrize("error", [asyncio.CancelledError, SystemExit])
 @pytest.mark.parametrize("how", ["return", "raise", "abort"])
-def test_at_the_end_all_that_run_are_told_at_once_before_the_first_stops(how):
+def test_at_the_end_all_that_run_are_told_at_once_before_the_first_stops(how, error):
     log = []
 
     class Told(Recorded):
         def on_ending(self):
             log.append(("told", self.name))
-            raise asyncio.CancelledError(self.name)
+            raise error(self.name)
 
         async def on_stopping(self):
             await asyncio.sleep(1.0)
 
     async def main():
         async with Runtime(log=None) as runtime:
-            faults = probe(runtime.faults)
+            runtime.faults.subscribe(faults.append)
             first = Told("first", log)
             first.add(Told("below", log))
             await runtime.start(first)
@@ -120,10 +121,11 @@ def test_at_the_end_all_that_run_are_told_at_once_before_the_first_stops(how):
                     await asyncio.sleep(1)
             finally:
                 assert runtime.ending == (how == "abort")
-        assert [fault.detail.partition(" (")[0] for fault in faults] == [f"CancelledError: {name}" for name in order]
 
-    order = ["first", "below", "second"]
-    with pytest.raises({"raise": LookupError, "abort": SystemExit}[how]) if how != "return" else nullcontext():
+    order, faults = ["first", "below", "second"], []
+    raised = SystemExit if how == "abort" or error is SystemExit else {"raise": LookupError}.get(how)
+    with pytest.raises(raised) if raised else nullcontext():
         run(main, virtual=True)
+    assert [fault.detail.partition(" (")[0] for fault in faults] == [f"{error.__name__}: {name}" for name in order]
     told = [("told", name) for name in order]
     assert log == [*told, ("stop", "second"), ("stop", "first/below"), ("stop", "first")]

@@ -108,3 +108,21 @@ def test_what_a_start_raises_to_nobody_is_reported(cancelled):
     told, was_cancelled = run_virtual(main)
     assert len(told) == was_cancelled
     assert was_cancelled or cancelled == 1.0
+
+
+def test_an_exit_that_a_start_raises_to_nobody_ends_the_runtime():
+    class Leaving(Actor):
+        def on_start(self):
+            raise SystemExit("no device")
+
+        async def on_stopping(self):
+            await asyncio.sleep(1.0)
+
+    async def main(runtime):
+        starting = asyncio.create_task(runtime.start(Leaving("leaving")))
+        await asyncio.sleep(0.5)
+        starting.cancel()
+        await asyncio.sleep(100)
+
+    with pytest.raises(SystemExit, match="no device"):
+        run_virtual(main)

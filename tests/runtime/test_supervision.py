@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+from contextlib import nullcontext
 
 import pytest
 from hypothesis import given, strategies as st
@@ -205,3 +206,22 @@ def test_an_actor_that_raises_a_cancellation_has_failed_alone(hook):
         assert other.life == "running"
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize("kind", [ValueError, asyncio.CancelledError, GeneratorExit, SystemExit])
+def test_what_is_raised_where_a_failure_is_taken_in_is_told_and_changes_nothing_else(kind):
+    class Broken(Actor):
+        def on_failing(self, error):
+            raise kind("one more")
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        actor = Broken("actor", supervision=Restart(backoff=1.0))
+        await runtime.start(actor)
+        crash(actor)
+        assert [fault.detail.partition(" (")[0] for fault in faults[1:]] == [f"{kind.__name__}: one more"]
+        await asyncio.sleep(0.5)
+        assert actor.life == "restarting"
+
+    with pytest.raises(SystemExit, match="one more") if kind is SystemExit else nullcontext():
+        run_virtual(main)

@@ -117,3 +117,30 @@ def test_work_that_its_actor_cancels_is_no_failure_even_before_it_has_begun():
         assert actor.life == "running"
 
     run_virtual(main)
+
+
+def test_a_task_or_future_that_was_handed_in_ends_with_the_work_even_before_that_has_begun():
+    async def lingers():
+        try:
+            await asyncio.sleep(100)
+        finally:
+            await asyncio.sleep(1)
+
+    async def main(runtime):
+        actor = Actor("actor")
+        await runtime.start(actor)
+        task, future = asyncio.create_task(lingers()), asyncio.get_running_loop().create_future()
+        await asyncio.sleep(0)
+        ended = []
+        pieces = [actor.spawn(awaitable, ended.append) for awaitable in (task, future)]
+        for work in pieces:
+            work.cancel()
+        await asyncio.sleep(0.5)
+        assert ended == [pieces[1]]
+        await asyncio.sleep(1)
+        assert ended == pieces[::-1]
+        assert [(work.interrupted, work.cancelled) for work in pieces] == [(True, True)] * 2
+        assert task.cancelled()
+        assert future.cancelled()
+
+    run_virtual(main)

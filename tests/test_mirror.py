@@ -25,6 +25,7 @@ UNTESTED_ALONE = {
 
 ACROSS = {
     "chaos/test_chaos.py": "random systems under random faults",
+    "chaos/test_processes.py": "robots as real processes that get signals",
     "chaos/test_planted.py": "that the scenarios find faults that are planted",
     "cli/test_commands.py": "what all verbs have in common",
     "config/test_mutations.py": "mutated files, all of them",

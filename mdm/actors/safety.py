@@ -14,6 +14,7 @@ from mdm.actors.waiting import Waiting
 from mdm.choice import check_choice
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Mode, PredicateUpdate
+from mdm.runtime.channel import Subscription
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -260,6 +261,10 @@ class Safety:
             self.waiting.begin()
 
     def _on_secured(self, failure: str | None) -> None:
+        # Behind the state that the cause itself brings about, so that none from before it is decided on.
+        self._ensemble.runtime.dispatcher.deliver(Subscription(None, self._ensemble, self._secured), failure)
+
+    def _secured(self, failure: str | None) -> None:
         now = self._ensemble.runtime.clock.now()
         self._obey(self.modes.secured(failure, now), now)
         if self._last and not self.modes.securing:

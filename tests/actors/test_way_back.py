@@ -136,6 +136,29 @@ def test_release_waits_for_the_safe_action_and_no_longer():
     run_virtual(main)
 
 
+@pytest.mark.parametrize("who", ["subscriber", "safe action"])
+def test_a_release_at_once_decides_on_nothing_old(who):
+    log = Log()
+
+    async def main(runtime):
+        def safe():
+            log.append("SAFE")
+            if who == "safe action":
+                one.release()
+
+        one, _, sensor = sensed(log, max_age=1.0, safe_action=safe)
+        if who == "subscriber":
+            runtime.faults.subscribe(lambda fault: one.release() if fault.kind == "stale_input" else None)
+        await runtime.start(one)
+        sensor.set(False)
+        await asyncio.sleep(1.5)
+        assert log == ["A", "SAFE"]
+        sensor.set(True)
+        assert log == ["A", "SAFE", "B"]
+
+    run_virtual(main)
+
+
 def test_release_by_a_message():
     log = Log()
 

@@ -11,27 +11,7 @@ from robot_file import GOOD
 
 from mdm import Error, load_system
 
-PIECES = [
-    "1e999",
-    "nan",
-    "-1",
-    "0",
-    "[",
-    "]",
-    "{",
-    "}",
-    "=",
-    '"',
-    "'",
-    ".",
-    "\n",
-    "é",
-    "true",
-    "A",
-    "Up",
-    "below",
-    "Rest",
-]
+PIECES = [*"[]{}='\".\n", "1e999", "nan", "-1", "0", "é", "true", "A", "Up", "below", "Rest"]
 
 
 def spoilt(chance):

@@ -30,7 +30,13 @@ def begin(self, error, *, begin=Signals._begin):
     begin(self, error)
 
 
-Signals._begin = begin
+def hear(self, number, *, hear=Signals.hear):
+    """Tell when a signal is taken, which may be long after it was sent."""
+    tell(f"took {number} {time.monotonic()}")
+    hear(self, number)
+
+
+Signals._begin, Signals.hear = begin, hear
 
 
 def drive():

@@ -371,7 +371,9 @@ class Ensemble(Layer):
             self.start()
 
     def on_failing(self, error: BaseException) -> None:
-        """Go safe in the turn of the failure, with no way back but a restart."""
+        """Go safe in the turn of the failure, with no way back but a restart, before which sensors are still heard."""
+        if self.predicates is not None:
+            self.predicates.keep()
         self.safety.end("failure", f"{type(error).__name__}: {error}", lambda: None)
 
     def on_ending(self) -> None:
@@ -392,6 +394,8 @@ class Ensemble(Layer):
         """Forget the state: what was known before an end is not decided on after it."""
         self.safety.waiting.end()
         self.channel("state", State, retain=True).forget()
+        if self.predicates is not None and self.runtime.sharing.users(self.predicates) != (self,):
+            self.predicates.keep_no_more()  # others have it live on
 
     @property
     def settling(self) -> float:

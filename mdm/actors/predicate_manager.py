@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from threading import get_ident
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+from mdm.actors.backlog import Backlog
 from mdm.actors.follower import Follower
 from mdm.actors.sensor import EventSource, Sensor, truth
 from mdm.errors import ConfigError, Error
@@ -64,7 +65,7 @@ class PredicateManager(Actor):
         self._hold_timers: dict[str, Timer] = {}
         self._age_timers: dict[str, Timer] = {}
         self._batches: dict[object, tuple[dict[str, bool | None], list[str]]] = {}
-        self._early: dict[str, bool | None] = {}
+        self._backlog = Backlog()
         self._known: frozenset[str] = frozenset()
         self._senses: Callable[[SensorUpdate], None] | None = None
         self._begun = False
@@ -272,7 +273,7 @@ class PredicateManager(Actor):
             if ACTION_END.fullmatch(name):
                 network.add_event(name)
             elif "/" in name:
-                network.add_input(name, self._early.get(name))
+                network.add_input(name, self._backlog.values.get(name))
         return network
 
     # -- Values --------------------------------------------------------------------------------------------------
@@ -338,15 +339,28 @@ class PredicateManager(Actor):
 
     def _told(self, name: str, initial: bool | None) -> bool | None:
         """What a sensor was told before the start; at a restart it is unknown otherwise, whatever it began with."""
-        return self._early.get(name, None if self._begun else initial)
+        return self._backlog.values.get(name, None if self._begun else initial)
 
     def _input(self, predicates: tuple[tuple[str, bool | None], ...], events: tuple[str, ...]) -> None:
-        if self._senses is None:
-            self._early.update(predicates)
-            if not self._begun:
-                return
-        runtime = self.runtime
-        self.sensed.publish(SensorUpdate(runtime.clock.now(), predicates, events))
+        if not self._begun:
+            self._backlog.put(predicates, None)
+            return
+        (self._senses or self._keep)(SensorUpdate(self.runtime.clock.now(), predicates, events))
+
+    def _keep(self, update: SensorUpdate) -> None:
+        self._backlog.put(update.predicates, update.time)
+        self.sensed.publish(update)
+
+    def keep(self) -> None:
+        """Keep what sensors are told from now on for the next start, too: one who uses them has failed."""
+        if self._senses is not None:
+            self._senses = self._keep
+
+    def keep_no_more(self) -> None:
+        """Take it that the manager lives on."""
+        if self._senses is not None and self.life == "running" and not self.failing:
+            self._senses = self.sensed.publish
+            self._backlog.clear()
 
     @property
     def known(self) -> frozenset[str]:
@@ -364,10 +378,15 @@ class PredicateManager(Actor):
         self.map = self.channel("map", PredicateMap)
         self._now = self.runtime.clock.reader()
         self._senses = self.sensed.publish
+        now = self.runtime.clock.now()
         self._begun = self._home is self.runtime
         self._home = self.runtime
+        if self._begun:
+            self._backlog.expire(now, self._max_age)
         self._network = self.network()
-        self._early.clear()
+        for name in self._max_age:
+            self._seen[name] = self._backlog.told(name, now) if self._begun else now
+        self._backlog.clear()
         self._begun = True
         first = self._network.compile()
         self._known = frozenset(self._network.names)
@@ -377,14 +396,12 @@ class PredicateManager(Actor):
         self._counter = self._event_counter = 0
         self._hold_timers.clear()
         self._age_timers.clear()
-        now = self.runtime.clock.now()
         self._first_events = EventUpdate(now, 0, first.events) if first.events else None
         self.map.retain_by(lambda: PredicateMap(self.runtime.clock.now(), self._counter, self._network.values()))
         self.events.retain_by(lambda: self._first_events if self._event_counter == 0 else None)
         for name in first.armed:
             self._arm(name, now)
         for name in self._max_age:
-            self._seen[name] = now
             if self._network.value(name) is not None:
                 self._watch(name)
         values = self._network.values()
@@ -399,6 +416,10 @@ class PredicateManager(Actor):
             follower = Follower(self, agent, full)
             self.subscribe(updates, follower.update)
             follower.synchronise()
+
+    def on_failing(self, error: BaseException) -> None:  # noqa: ARG002 - as of any actor
+        """Keep what sensors are told from now on for the next start."""
+        self.keep()
 
     def on_stop(self) -> None:
         """Keep what sensors are told from now on for the next start."""

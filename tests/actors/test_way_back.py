@@ -274,6 +274,69 @@ def test_initial_values_do_not_come_back_and_what_sensors_are_told_meanwhile_doe
     run_virtual(main)
 
 
+@pytest.mark.parametrize("failing", ["manager", "layer"])
+@pytest.mark.parametrize("pause", [None, 0.0, 1.0, 2.5])
+def test_what_sensors_are_told_from_the_failure_on_counts(failing, pause):
+    """At once, in the next turn, while the safe action still runs, and in the back-off."""
+    log = Log()
+
+    async def main(runtime):
+        one, manager, sensor = sensed(log, safe_action=log.slow("SAFE", 2.0), supervision=Restart(backoff=1.0))
+        await runtime.start(one)
+        sensor.set(False)
+        crash(manager if failing == "manager" else one.state)
+        if pause is not None:
+            await asyncio.sleep(pause)
+        sensor.set(True)
+        await asyncio.sleep(4)
+        assert log == ["A", "SAFE begins", "SAFE ends", "B"]
+
+    run_virtual(main)
+
+
+def test_what_a_sensor_was_told_in_a_back_off_grows_old_there():
+    log = Log()
+
+    async def main(runtime):
+        one, _, sensor = sensed(log, max_age=0.5, supervision=Restart(backoff=1.0))
+        await runtime.start(one)
+        sensor.set(False)
+        crash(one.state)
+        await asyncio.sleep(0.1)
+        sensor.set(True)  # 0.9 s before the restart
+        await asyncio.sleep(2)
+        assert (one.life, log) == ("running", ["A", "SAFE"])
+        crash(one.state)
+        await asyncio.sleep(1.8)
+        sensor.set(True)  # 0.2 s before it: the second back-off takes twice as long
+        await asyncio.sleep(0.4)
+        assert (one.life, log) == ("running", ["A", "SAFE", "SAFE", "B"])
+        await asyncio.sleep(0.2)
+        assert log == ["A", "SAFE", "SAFE", "B", "SAFE"]
+
+    run_virtual(main)
+
+
+def test_what_was_told_since_a_failure_is_forgotten_where_the_manager_lives_on():
+    log = Log()
+
+    async def main(runtime):
+        one, manager, sensor = sensed(log, supervision="stop")
+        other = robot(log, name="other", predicates=manager, states=[StateFactor("s", ["S"])])
+        await runtime.start(one)
+        await runtime.start(other)
+        crash(one.state)
+        sensor.set(True)
+        await asyncio.sleep(1)
+        await runtime.stop(other)
+        log.clear()
+        await runtime.start(other)
+        await asyncio.sleep(1)
+        assert (log, manager.values()) == ([], {"S": None})
+
+    run_virtual(main)
+
+
 def test_a_new_ensemble_of_the_same_name_knows_no_old_state():
     log = Log()
 

@@ -69,8 +69,8 @@ class Runtime:
     SIGINT, SIGTERM and SIGHUP stop the actors at once and cancel the block, which raises `KeyboardInterrupt` or
     `SystemExit` (143, 129) when they have stopped; so does a `SystemExit` that an actor or its work raises. A second
     signal changes nothing while actors stop within their limits; one after these, or a third, breaks them off. Several
-    within a tenth of a second are one, and one within a second after the end changes nothing. Signals that the program
-    handles itself, or that are ignored, are left alone.
+    within a quarter of a second are one, and one within a second after the end changes nothing. Signals that the
+    program handles itself, or that are ignored, are left alone.
 
     Args:
         clock: Whose time; where none is given, a `VirtualClock` inside a program that `mdm.run` runs in virtual time,

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 __all__ = ["Signals"]
 
 _NUMBERS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-_MOMENT = 0.1
+_MOMENT = 0.25
 _LINGER = 1.0
 
 
 class Signals:
     """Takes SIGINT, SIGTERM and SIGHUP in place of their default handlers, and gives them back.
 
-    The first signal asks the program to leave; what comes within a tenth of a second after it is one with it, as a
+    The first signal asks the program to leave; what comes within a quarter of a second after it is one with it, as a
     terminal that closes and programs that end others send several. A second one changes nothing while what that takes
     is within its limit; the next breaks it off. Where the event loop is held, and does not hear of the first, the third
     is raised in what holds it. A signal that is ignored stays ignored, and a handler of the program's own stays in

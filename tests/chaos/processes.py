@@ -37,9 +37,9 @@ MOMENTS = ["start", "deciding", "action", "safe"]
 FAULTS = ["one", "three", "impatient", "full", "closed", "missing", "ignored", "flood", "held", "stuck", "exit", "fork"]
 LONGEST = 0.05
 """Seconds between two signals, at most."""
-AT_ONCE = 0.095
+AT_ONCE = 0.24
 """Seconds after the first signal in which others are one with it, less the time that a robot takes to tell."""
-APART = (0.13, 0.3)
+APART = (0.3, 0.4)
 """Seconds between those of somebody who loses patience."""
 BOUND = 60.0
 """Seconds in which a robot has ended, on a machine that is busy."""

@@ -101,14 +101,24 @@ def test_a_second_signal_changes_nothing(entry, first, second, pause):
     assert status == 128 + first
 
 
+def insist(process):
+    """Send SIGTERM until the process ends, and return how often; on a busy machine two may be one."""
+    for times in range(1, 20):
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(0.5)  # so that each is a signal of its own
+        except subprocess.TimeoutExpired:
+            continue
+        return times
+    return 0
+
+
 @pytest.mark.parametrize("entry", ["asyncio", "run"])
 def test_a_third_signal_breaks_off(entry):
     with python("-c", program(ENTRIES[entry], braking=25)) as process:
         assert process.stdout.readline() == "driving\n"
         began = time.monotonic()
-        for _ in range(3):
-            process.send_signal(signal.SIGTERM)
-            time.sleep(0.2)  # so that each is a signal of its own
+        assert insist(process) >= 3
         output, status, errors = ended(process)
     assert output == "braked\n", errors
     assert status == 143
@@ -189,9 +199,7 @@ mdm.run(Held("held"))
 def test_a_third_signal_reaches_a_callback_that_holds_the_loop():
     with python("-c", HELD) as process:
         assert process.stdout.readline() == "held\n"
-        for _ in range(3):
-            process.send_signal(signal.SIGTERM)
-            time.sleep(0.2)  # so that each is a signal of its own
+        assert insist(process) >= 3
         output, status, errors = ended(process)
     assert output == "stopped\n", errors
     assert status == 143

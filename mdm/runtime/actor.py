@@ -310,8 +310,8 @@ class Actor:
             self.__work.pop(work, None)
             if not work.abandoned:
                 dispatcher.deliver(turn, work)
-            elif work in runtime.abandoned:
-                runtime.abandoned.remove(work)
+            else:  # a list of its own: whoever goes through the old one, awaiting each, misses none
+                runtime.abandoned = [other for other in runtime.abandoned if other is not work]
             if isinstance(work.error, LEAVING):
                 runtime.abort(work.error)
 

@@ -59,6 +59,28 @@ def test_work_that_ignores_its_end_is_abandoned_and_reported():
     run(main, virtual=True)
 
 
+def test_who_waits_for_what_was_abandoned_misses_nothing():
+    async def stubborn(seconds):
+        try:
+            await asyncio.sleep(1e6)
+        except asyncio.CancelledError:
+            await asyncio.sleep(seconds)
+
+    async def main():
+        async with Runtime(clock=VirtualClock(), log=None) as runtime:
+            actor = Actor("actor", grace=1)
+            await runtime.start(actor)
+            works = [actor.spawn(stubborn(seconds)) for seconds in (5, 7, 6)]
+            await asyncio.sleep(0)
+        assert runtime.abandoned == works
+        for work in runtime.abandoned:
+            await asyncio.wait([work.task])
+        assert [work.done for work in works] == [True] * 3
+        assert runtime.abandoned == []
+
+    run(main, virtual=True)
+
+
 def test_an_error_in_work_or_a_timer_is_the_actor_s_failure():
     async def broken():
         raise ValueError("in work")

@@ -53,6 +53,7 @@ class Signals:
         self.previous: dict[int, Any] = {}
         self._numbers = count()
         self._later = 0
+        self._first = 0
         self._since = 0.0
         self._exit: BaseException | None = None
         self._until: float | None = None
@@ -70,13 +71,21 @@ class Signals:
                 self.previous[number] = signal.signal(number, self._handle)
 
     def close(self) -> None:
-        """Listen no more, and give the handlers back; after a signal not before the next one."""
+        """Listen no more, and give the handlers back; after a signal not before the next one.
+
+        A signal that came too late for the event loop to turn once more goes to whoever hears it then.
+        """
         self.loop = None
-        if self._exit is None:
-            self._give_back()
-        else:
+        late = self._exit is not None and self._until is None
+        if self._until is not None:
             self._closed_at = monotonic()
             atexit.register(self._ignore)
+        else:
+            self._give_back()
+        # Python keeps the handlers, and these must not keep the program that has ended.
+        self._exit, self._leave, self._break_off = None, lambda _: 0.0, lambda: None
+        if late:
+            os.kill(os.getpid(), self._first)
 
     @property
     def takes(self) -> bool:
@@ -119,7 +128,7 @@ class Signals:
         if self.loop is None or self.loop.is_closed():
             return
         if next(self._numbers) == 0:
-            self._since = monotonic()
+            self._first, self._since = number, monotonic()
             self._exit = KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number)
             self.loop.call_soon_threadsafe(self._begin, self._exit)
             return
@@ -133,6 +142,7 @@ class Signals:
             self._broken = True
             self.loop.call_soon_threadsafe(self._break_off)
         else:
+            self._until = now
             raise self._exit
 
     def _begin(self, error: BaseException) -> None:

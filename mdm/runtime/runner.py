@@ -14,7 +14,7 @@ from mdm.runtime.actor import Actor
 from mdm.runtime.clock import check_seconds
 from mdm.runtime.runtime import Runtime
 from mdm.runtime.signals import Signals
-from mdm.runtime.supervision import ActorFailure
+from mdm.runtime.supervision import LEAVING, ActorFailure
 from mdm.runtime.virtual import DeadlockError, VirtualEventLoop
 from mdm.runtime.work import hide
 
@@ -205,11 +205,22 @@ def _leave(loop: asyncio.AbstractEventLoop) -> None:
         return
     for task in left:
         task.cancel()
-    _, stubborn = loop.run_until_complete(asyncio.wait(left, timeout=_PATIENCE))
+    try:
+        _, stubborn = loop.run_until_complete(asyncio.wait(left, timeout=_PATIENCE))
+    finally:
+        for task in left:
+            _tell(task, loop)
     for task in stubborn:
         # The runtime has reported it; asyncio's runner would wait for it, and its end complain.
         hide(task)
         task._log_destroy_pending = False  # type: ignore[attr-defined] # noqa: SLF001
+
+
+def _tell(task: asyncio.Task[Any], loop: asyncio.AbstractEventLoop) -> None:
+    """Tell what a task failed of that nobody waits for; what ends a program is raised by the loop itself."""
+    error = task.exception() if task.done() and not task.cancelled() else None
+    if error is not None and not isinstance(error, LEAVING):
+        loop.call_exception_handler({"message": "a task failed while the program ended", "exception": error})
 
 
 def _factory(virtual: bool, uvloop: bool) -> Callable[[], asyncio.AbstractEventLoop] | None:

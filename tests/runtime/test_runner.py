@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import signal
 import threading
 
@@ -220,3 +221,23 @@ def test_run_works_in_another_thread():
 def test_a_class_is_no_program():
     with pytest.raises(Error, match=r"an actor itself, not its class: make one, Ensemble\(\.\.\.\)"):
         run(Ensemble)
+
+
+def test_what_a_task_that_is_left_fails_of_is_told(caplog):
+    kept = []
+
+    async def fail():
+        try:
+            await asyncio.sleep(3600)
+        finally:
+            raise ValueError("too late")
+
+    async def main():
+        kept.append(asyncio.create_task(fail()))
+        await asyncio.sleep(0)
+
+    run(main)
+    kept.clear()
+    gc.collect()
+    assert [record.message for record in caplog.records] == ["a task failed while the program ended"]
+    assert "ValueError: too late" in caplog.text

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import os
 import signal
 import subprocess
 import sys
 import time
+import weakref
 
 import pytest
 from programs import python
@@ -160,6 +162,38 @@ def test_a_signal_while_the_program_ends_does_not_take_the_place_of_the_first(en
         output, status, errors = ended(process)
     assert output == "SAFE\nbraked\n", errors
     assert status == 128 + first
+
+
+def test_a_signal_that_comes_too_late_is_not_lost():
+    before = handlers()
+    loop = asyncio.new_event_loop()
+    late = signals.Signals(lambda _: 1.0, lambda: None)
+    late.open(loop)
+    os.kill(os.getpid(), signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        late.close()
+    loop.close()
+    assert handlers() == before
+
+
+def test_nothing_keeps_a_runtime_that_a_signal_has_ended():
+    before = handlers()
+    ended = []
+
+    async def main():
+        async with Runtime(log=None) as runtime:
+            ended.append(weakref.ref(runtime))
+            os.kill(os.getpid(), signal.SIGINT)
+            await runtime.wait()
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run(main)
+    finally:
+        for number, handler in zip(NUMBERS, before, strict=True):
+            signal.signal(number, handler)
+    gc.collect()
+    assert ended[0]() is None
 
 
 def test_a_program_that_goes_on_after_a_signal_hears_the_next_ones_itself(monkeypatch):
@@ -334,7 +368,7 @@ def test_without_signals_the_program_s_stay_as_they_are():
     asyncio.run(main())
 
 
-def test_a_signal_ends_every_open_runtime(monkeypatch):
+def test_a_signal_ends_every_open_runtime(monkeypatch, caplog):
     stopped = []
 
     async def one(name):
@@ -358,6 +392,9 @@ def test_a_signal_ends_every_open_runtime(monkeypatch):
             signal.signal(number, handler)
     assert left.value.code == 143
     assert sorted(stopped) == ["first", "second"]
+    del left
+    gc.collect()
+    assert caplog.text == ""
 
 
 def test_a_thread_cannot_hear_signals():

@@ -578,13 +578,18 @@ class ControlLayer(Layer):
         """Return what the layer has decided so far."""
         return ControlStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            decisions=self._actions.published if self.life != "created" else 0,
+            decisions=self.decisions,
             impossible=self.controller.impossible,
             superseded=self.superseded,
             undecided=self.undecided,
             missed=self.missed,
             latency=self.latency,
         )
+
+    @property
+    def decisions(self) -> int:
+        """The number of actions published."""
+        return self._actions.published if self.life != "created" else 0
 
     @property
     def latency(self) -> Histogram:

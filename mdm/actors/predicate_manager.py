@@ -69,6 +69,7 @@ class PredicateManager(Actor):
         self._known: frozenset[str] = frozenset()
         self._senses: Callable[[SensorUpdate], None] | None = None
         self._begun = False
+        self._lost = False
         self._home: Runtime | None = None
         self.action_ends: frozenset[str] = frozenset()
         self._first_events: EventUpdate | None = None
@@ -280,11 +281,13 @@ class PredicateManager(Actor):
 
     def value(self, name: str) -> bool | None:
         """Return a predicate's value: true, false, or None where it is unknown."""
-        return self._network.value(name)
+        value = self._network.value(name)
+        return None if self._lost else value
 
     def values(self) -> dict[str, bool | None]:
         """Return the value of every predicate."""
-        return self._network.values()
+        values = self._network.values()
+        return dict.fromkeys(values) if self._lost else values
 
     @contextmanager
     def batch(self) -> Iterator[None]:
@@ -388,6 +391,7 @@ class PredicateManager(Actor):
             self._seen[name] = self._backlog.told(name, now) if self._begun else now
         self._backlog.clear()
         self._begun = True
+        self._lost = False
         first = self._network.compile()
         self._known = frozenset(self._network.names)
         ends = {name for name in self._network.events if ACTION_END.fullmatch(name)}
@@ -397,7 +401,7 @@ class PredicateManager(Actor):
         self._hold_timers.clear()
         self._age_timers.clear()
         self._first_events = EventUpdate(now, 0, first.events) if first.events else None
-        self.map.retain_by(lambda: PredicateMap(self.runtime.clock.now(), self._counter, self._network.values()))
+        self.map.retain_by(lambda: PredicateMap(self.runtime.clock.now(), self._counter, self.values()))
         self.events.retain_by(lambda: self._first_events if self._event_counter == 0 else None)
         for name in first.armed:
             self._arm(name, now)
@@ -418,8 +422,13 @@ class PredicateManager(Actor):
             follower.synchronise()
 
     def on_failing(self, error: BaseException) -> None:  # noqa: ARG002 - as of any actor
-        """Keep what sensors are told from now on for the next start."""
+        """Let every predicate be unknown at once; what sensors are told from now on is kept for the next start."""
         self.keep()
+        known = tuple(name for name, value in self.values().items() if value is not None)
+        self._lost = True
+        if known:
+            self._counter += 1
+            self.updates.publish(PredicateUpdate(self.runtime.clock.now(), self._counter, (), (), known))
 
     def on_stop(self) -> None:
         """Keep what sensors are told from now on for the next start."""

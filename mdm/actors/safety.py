@@ -215,8 +215,8 @@ class Safety:
 
     @property
     def _acted(self) -> bool:
-        """Whether an action has begun since the ensemble began to decide."""
-        return self._ensemble.action.started > self._base
+        """Whether an action was decided since the ensemble began to decide; in this turn, it may be about to begin."""
+        return self._ensemble.control.decisions > self._base
 
     def _endanger(self, kind: str, detail: str) -> None:
         time = self._ensemble.runtime.clock.now()
@@ -246,7 +246,7 @@ class Safety:
             elif order is Order.EMERGENCY:
                 self._call_emergency(time)
             elif not self._ending:  # what ends stays latched
-                self._base = action.started
+                self._base = control.decisions
                 action.admit()
                 if order is Order.RESUME:
                     self._resume(time)

@@ -341,3 +341,20 @@ def test_the_safe_action_is_no_ensemble(named):
     with pytest.raises(ConfigError, match="the safe action is a function: ensemble 'below' would have to decide") as e:
         robot(Log(), actions={"A": below, "B": print}, safe_action="A" if named else below)
     assert e.value.key == "ensembles.robot.safe_action"
+
+
+def test_what_was_decided_does_not_start_once_its_state_has_turned_unknown():
+    log = Log()
+
+    async def main(runtime):
+        one, _, sensor = sensed(log)
+        await runtime.start(one)
+        turn = runtime.channel("turn", list)
+        turn.subscribe(lambda values: [sensor.set(value) for value in values])
+        turn.publish([True, None])
+        assert log == ["SAFE"]
+        assert [cause.kind for cause in one.causes] == ["unknown_input"]
+        sensor.set(True)
+        assert log == ["SAFE", "B"]
+
+    run_virtual(main)

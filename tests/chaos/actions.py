@@ -6,7 +6,7 @@ import asyncio
 
 from chaos.journal import Panic
 
-KINDS = ("plain", "quick", "long", "long", "stubborn", "deaf", "failing", "spiteful", "pooled", "pooled", "future")
+KINDS = ("plain", "quick", "long", "long", "stubborn", "deaf", "failing", "spiteful", "pooled", "future")
 """Kinds of actions."""
 
 SAFE_KINDS = ("plain", "quick", "quick", "failing", "pooled")

@@ -44,6 +44,8 @@ class Journal:
         exits: The texts of those that end the program.
         answers: What was raised to callers, who are thereby told.
         endings: The ends of ensembles and of the runtime.
+        decisions: What was decided, and when.
+        blind: The ensembles over states that have been told no state since they, or what their states come from, ended.
         wrong: What must not be, in sentences.
     """
 
@@ -53,7 +55,8 @@ class Journal:
         self.runtime = None
         self.runs, self.overlaps, self.limits, self.beside = [], [], {}, set()
         self.raised, self.exits, self.answers, self.endings, self.wrong = [], [], [], [], []
-        self.lives, self.faults, self.modes = [], [], []
+        self.lives, self.faults, self.modes, self.decisions = [], [], [], []
+        self.blind = set()
         self.order = 0
 
     def now(self):
@@ -81,6 +84,8 @@ class Journal:
         if not safe:
             if self.runtime.ending:
                 self.wrong.append(f"the runtime ends, but {action} of {robot} starts")
+            if robot in self.blind:
+                self.wrong.append(f"{robot} knows no state, but {action} starts")
             for above in self.above(robot):
                 if self.robots[above].mode == "safe":
                     self.wrong.append(f"{above} is safe, but {action} of {robot} starts")

@@ -26,6 +26,7 @@ class Oracles:
         yield from self._nothing_left()
         if not self._broken_off:
             yield from self._all_told()
+            yield from self._ends_in_time()
             yield from self._safe_in_the_end()
             yield from self._outermost_last()
 
@@ -39,6 +40,28 @@ class Oracles:
 
     def _lives(self):
         return [life for messages in self._journal.lives for life in messages]
+
+    def _ends_in_time(self):
+        """Hold that what is decided anew ends what lives, within the time that it has for it."""
+        journal = self._journal
+        failed = {name for fault in journal.faults if fault.kind == "exception" for name in fault.source.split("/")}
+        for name, robot in journal.robots.items():
+            bindings = dict(zip(robot.action.names, robot.action.bindings, strict=True))
+            path, begun = journal.path(name), {}
+            lives = [life for life in self._lives() if life.ensemble == path and life.action in bindings]
+            for life in () if name in failed else lives:
+                binding = bindings[life.action]
+                if life.status == "running" or binding.concurrent:
+                    begun[life.life] = life.time
+                    continue
+                patience = binding.grace if binding.ensemble is None else binding.ensemble.patience
+                latest = life.time - round((patience + 0.1) * 1e9)
+                for time, decision in journal.decisions:
+                    chosen = decision.action_name
+                    if decision.ensemble != path or chosen == life.action or bindings[chosen].concurrent:
+                        continue
+                    if begun[life.life] < time <= latest:
+                        yield f"{life.action} of {name} lived on after {chosen} was decided"
 
     def _one_at_a_time(self):
         abandoned = {life.ensemble.rpartition("/")[2] for life in self._lives() if life.status == "abandoned"}
@@ -80,6 +103,7 @@ class Oracles:
             began = max(mode.since for mode in told if mode.mode == "deciding")
             if not any(run.robot == name and run.safe and run.time >= began for run in journal.runs):
                 yield f"{name} is {robot.mode} in the end, but has not run its safe action"
+                continue
             last = [run for run in journal.runs if run.robot == name][-1]
             if not last.safe:
                 yield f"{name} is {robot.mode} in the end, and its last action is {last.action}"

@@ -115,6 +115,7 @@ class Scenario:
         journal, draw = self.journal, self.random
         journal.faults = probe(runtime.faults)
         runtime.modes.subscribe(journal.modes.append)
+        runtime.decisions.subscribe(lambda decision: journal.decisions.append((journal.now(), decision)))
         self.script.open()
         for name in journal.robots:
             path = journal.path(name)

@@ -6,7 +6,7 @@ import asyncio
 import threading
 
 import mdm
-from mdm.messages import Observation, State
+from mdm.messages import Observation, SensorUpdate, State
 from mdm.testing import crash
 
 STIMULI = ["set"] * 8 + ["unknown", "reset", "release", "late", "thread"]
@@ -57,7 +57,8 @@ class Script:
             name = draw.choice(list(self._journal.robots))
             if self._journal.robots[name].life == "running":
                 # Several in one turn, so that one of them finds what another has decided still on its way.
-                chosen = [(name, draw.choice(stimuli)) for _ in range(draw.choice([1, 1, 2, 3]))]
+                names = [name, name, draw.choice(list(self._journal.robots))]
+                chosen = [(draw.choice(names), draw.choice(stimuli)) for _ in range(draw.choice([1, 1, 2, 3]))]
                 if draw.random() < 0.8:
                     self._turn.publish(chosen)
                 else:
@@ -101,6 +102,8 @@ class Script:
 
     def _disturb(self, name, stimulus):
         robot = self._journal.robots[name]
+        if robot.life != "running":
+            return
         match stimulus:
             case "set":
                 self._tell(name, self._random.choice([0, 0, 1, 1, 2]))
@@ -123,7 +126,12 @@ class Script:
     def _tell(self, name, value):
         """Tell an ensemble what is seen; from any thread."""
         states, manager = self._system.states[name], self._system.managers[name]
-        if not states:
+        if states and value is not None:
+            self._journal.blind.discard(name)
+        if name in self._system.told:
+            if value is not None:
+                self._journal.robots[name].publish_state(value % states)
+        elif not states:
             if value is None:
                 return
             if name in self._system.layered:
@@ -142,11 +150,16 @@ class Script:
     def _tell_late(self, name, robot):
         """Tell it what was seen two seconds ago."""
         time = self._journal.now() - 2_000_000_000
-        states = self._system.states[name]
+        states, manager = self._system.states[name], self._system.managers[name]
         value = self._random.randrange(max(2, states))
-        if robot.life != "running":
+        if robot.life != "running" or manager.life != "running":
             return
         if states:
+            self._journal.blind.discard(name)
+        if not states:
+            robot.channel("observation", Observation).publish(Observation(time, value, (value,), (True,)))
+        elif name in self._system.told:
             robot.channel("state", State, retain=True).publish(State(time, value, (value,)))
         else:
-            robot.channel("observation", Observation).publish(Observation(time, value, (value,), (True,)))
+            readings = tuple((f"{name}{state}", state == value) for state in range(states))
+            manager.channel("sensed", SensorUpdate).publish(SensorUpdate(time, readings))

@@ -59,6 +59,51 @@ class Faulty(mdm.Actor):
         self._throw()
 
 
+class Predicates(mdm.PredicateManager):
+    """A predicate manager that knows nothing more once it has failed or ended.
+
+    Args:
+        name: Its name.
+        journal: Is told so.
+        supervision: What its failure means.
+    """
+
+    def __init__(self, name, journal, supervision):
+        super().__init__(name, supervision=supervision)
+        self._journal, self.users = journal, []
+
+    def on_failing(self, error):
+        super().on_failing(error)
+        self._forget()
+
+    def on_stop(self):
+        super().on_stop()
+        self._forget()
+
+    def _forget(self):
+        """Take what was told as forgotten, but for what is kept for the next start."""
+        self._journal.blind.update(name for name in self.users if f"{name}0" not in self._backlog.values)
+
+
+class Robot(mdm.Ensemble):
+    """An ensemble that forgets the states that it was told once it has ended.
+
+    Args:
+        name: Its name.
+        journal: Is told so, where its states come from nobody else; else None.
+        options: Of an ensemble.
+    """
+
+    def __init__(self, name, journal, **options):
+        super().__init__(name, **options)
+        self._journal = journal
+
+    def on_stop(self):
+        super().on_stop()
+        if self._journal is not None:
+            self._journal.blind.add(self.name)
+
+
 POINTS = {"turn": (list,), "modes": (mdm.messages.Mode,), "decisions": (mdm.messages.Decision,)}
 """Channels on which faulty actors fail in the middle of a turn."""
 
@@ -89,11 +134,13 @@ class System:
         states: How many states each has; 0 where it decides on observations.
         layered: The ensembles whose observations come from events.
         grounded: The ensembles whose predicates are grounded on a channel.
+        told: The ensembles whose states code publishes.
     """
 
     def __init__(self, random, journal, actions):
         self._random, self._journal, self._actions = random, journal, actions
-        self.managers, self.states, self.layered, self.grounded = {}, {}, set(), set()
+        self.managers, self.states = {}, {}
+        self.layered, self.grounded, self.told = set(), set(), set()
         shared, self.tops = self._manager("shared"), []
         for place in range(random.choice([1, 1, 1, 2, 3])):
             name = "rst"[place]
@@ -102,7 +149,7 @@ class System:
 
     def _manager(self, name):
         restart = mdm.Restart(limit=2, within=60.0, backoff=0.5)
-        return mdm.PredicateManager(name, supervision=self._random.choice(["escalate", "escalate", restart]))
+        return Predicates(name, self._journal, self._random.choice(["escalate", "escalate", restart]))
 
     def _robot(self, name, levels, manager):
         draw, count = self._random, self._random.randint(2, 3)
@@ -126,8 +173,9 @@ class System:
             self._journal.beside.discard(safe)
         else:
             safe = self._actions.make(draw.choice(SAFE_KINDS), name, "safe", safe=True)
-        robot = mdm.Ensemble(
+        robot = Robot(
             name,
+            self._journal if name in self.told else None,
             predicates=manager,
             actions=actions,
             safe_action=safe,
@@ -168,19 +216,29 @@ class System:
         draw = self._random
         states = self.states[name] = draw.randint(2, 3)
         names = [f"{name}{state}" for state in range(states)]
+        policy = mdm.policies.DeterministicPolicy([draw.randrange(actions) for _ in names], actions)
+        self._journal.blind.add(name)
+        if draw.random() < 0.2:
+            self.told.add(name)
+            return {"policy": policy}
+        manager.users.append(name)
+        initial = draw.random() < 0.1
+        if initial:
+            self._journal.blind.remove(name)
         grounded = draw.random() < 0.2
         if grounded:
             self.grounded.add(name)
         for state, predicate in enumerate(names):
             place = (f"{name}/readings", int) if grounded else None
             when = self._when(state) if grounded else None
-            manager.sensor(predicate, place, when, max_age=draw.choice([None, None, 3.0]))
+            begins = state == 0 if initial else None
+            manager.sensor(predicate, place, when, max_age=draw.choice([None, None, 3.0]), initial=begins)
         if draw.random() < 0.15:  # whoever uses this end takes care of it
             manager.latch(f"{name}latch", set=f"{name}_go1.failed", reset=f"{name}0")
         if draw.random() < 0.15:
             manager.define(f"{name}held", f"{name}1 and not {name}0", held_for=0.5)
         return {
-            "policy": mdm.policies.DeterministicPolicy([draw.randrange(actions) for _ in names], actions),
+            "policy": policy,
             "states": [mdm.StateFactor(f"{name}state", names, draw.choice([None, None, "hold", "error"]))],
         }
 

@@ -164,7 +164,9 @@ class Safety:
             self._obey(self.modes.start(time), time)
 
     def stop(self, time: int) -> None:
-        """Decide no more."""
+        """Decide no more; what ends by now is made safe all the same."""
+        if self._ending and not self._last:
+            return
         self._obey(self.modes.stop(time), time)
 
     def release(self, time: int) -> None:
@@ -193,7 +195,9 @@ class Safety:
         """Take it that no state is known: a cause where the ensemble has acted, else it waits."""
         if not self.deciding:
             return
-        if self._acted and not self._lost and self._reactions["on_unknown"]:
+        if self._acted and self._lost and self._reactions["on_lost_input"]:
+            self._on_lost_input(self._lost, time)  # it was lost before anything was decided, in this very turn
+        elif self._acted and not self._lost and self._reactions["on_unknown"]:
             text = f"the state turned unknown: {', '.join(self.waiting.unknown()) or 'nobody tells it'}"
             self.alarm(Fault(time, self._ensemble.path, "unknown_input", text))
         else:

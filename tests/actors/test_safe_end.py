@@ -9,7 +9,7 @@ from contextlib import nullcontext
 import pytest
 from safe_robots import Log, forever, robot, two_levels
 
-from mdm import ActorFailure, Ensemble, PredicateManager, Runtime, StateFactor, run
+from mdm import Actor, ActorFailure, Ensemble, PredicateManager, Runtime, StateFactor, run
 from mdm.testing import crash, run_virtual
 
 
@@ -159,3 +159,29 @@ def test_what_a_safe_action_brings_about_at_the_end_starts_nothing_elsewhere():
 
     run_virtual(main)
     assert log == ["A", "SAFE"]
+
+
+def test_a_stop_that_comes_behind_the_end_does_not_spare_the_safe_action():
+    log = Log()
+
+    async def main(runtime):
+        one = Actor("one")
+        await runtime.start(one)
+        below = Ensemble("below", policy=[0], actions={"Work": forever}, safe_action=log.slow("BELOW"))
+        top = Ensemble("top", policy=[0], actions={"Below": below}, safe_action=log.plain("TOP"))
+        await runtime.start(top)
+        below.publish_state(0)
+        top.publish_state(0)
+        turn = runtime.channel("turn", str)
+
+        def leave(_):
+            top.stop()
+            sys.exit(3)
+
+        turn.subscribe(leave, one)
+        turn.publish("leave")
+        await asyncio.sleep(9)
+
+    with pytest.raises(SystemExit):
+        run_virtual(main)
+    assert log == ["BELOW begins", "BELOW ends", "TOP"]

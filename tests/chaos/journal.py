@@ -45,7 +45,9 @@ class Journal:
         answers: What was raised to callers, who are thereby told.
         endings: The ends of ensembles and of the runtime.
         decisions: What was decided, and when.
-        blind: The ensembles over states that have been told no state since they, or what their states come from, ended.
+        blind: The ensembles over states that have been told no state since they, or what their states come from, ended,
+            and when that was.
+        cautious: Those that go safe whatever way their state turns unknown, within the turn.
         wrong: What must not be, in sentences.
     """
 
@@ -56,7 +58,7 @@ class Journal:
         self.runs, self.overlaps, self.limits, self.beside = [], [], {}, set()
         self.raised, self.exits, self.answers, self.endings, self.wrong = [], [], [], [], []
         self.lives, self.faults, self.modes, self.decisions = [], [], [], []
-        self.blind = set()
+        self.blind, self.cautious = {}, set()
         self.order = 0
 
     def now(self):
@@ -84,7 +86,8 @@ class Journal:
         if not safe:
             if self.runtime.ending:
                 self.wrong.append(f"the runtime ends, but {action} of {robot} starts")
-            if robot in self.blind:
+            told = robot not in self.blind or (self.blind[robot] == self.now() and robot not in self.cautious)
+            if not told:
                 self.wrong.append(f"{robot} knows no state, but {action} starts")
             for above in self.above(robot):
                 if self.robots[above].mode == "safe":
@@ -107,6 +110,10 @@ class Journal:
             self.wrong.append(f"{run.action} of {run.robot} lasts longer than {limit} s")
 
     # -- Failures ------------------------------------------------------------------------------------------------
+
+    def forget(self, names):
+        """Take it that ensembles know no state any more."""
+        self.blind.update(dict.fromkeys(names, self.now()))
 
     def throw(self, kinds=ANYTHING):
         """Raise something."""

@@ -127,7 +127,7 @@ class Script:
         """Tell an ensemble what is seen; from any thread."""
         states, manager = self._system.states[name], self._system.managers[name]
         if states and value is not None:
-            self._journal.blind.discard(name)
+            self._journal.blind.pop(name, None)
         if name in self._system.told:
             if value is not None:
                 self._journal.robots[name].publish_state(value % states)
@@ -155,7 +155,7 @@ class Script:
         if robot.life != "running" or manager.life != "running":
             return
         if states:
-            self._journal.blind.discard(name)
+            self._journal.blind.pop(name, None)
         if not states:
             robot.channel("observation", Observation).publish(Observation(time, value, (value,), (True,)))
         elif name in self._system.told:

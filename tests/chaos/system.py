@@ -82,7 +82,7 @@ class Predicates(mdm.PredicateManager):
 
     def _forget(self):
         """Take what was told as forgotten, but for what is kept for the next start."""
-        self._journal.blind.update(name for name in self.users if f"{name}0" not in self._backlog.values)
+        self._journal.forget(name for name in self.users if f"{name}0" not in self._backlog.values)
 
 
 class Robot(mdm.Ensemble):
@@ -101,7 +101,7 @@ class Robot(mdm.Ensemble):
     def on_stop(self):
         super().on_stop()
         if self._journal is not None:
-            self._journal.blind.add(self.name)
+            self._journal.forget([self.name])
 
 
 POINTS = {"turn": (list,), "modes": (mdm.messages.Mode,), "decisions": (mdm.messages.Decision,)}
@@ -183,8 +183,8 @@ class System:
             supervision=draw.choice(["escalate", "escalate", "stop", mdm.Restart(limit=3, within=60.0, backoff=0.5)]),
             drive=draw.choice(["event", "event", 2.0]),
             on_failed_action=draw.choice(["safe", "continue"]),
-            on_lost_input=draw.choice(["safe", "safe", "continue"]),
-            on_unknown=draw.choice(["safe", "safe", "continue"]),
+            on_lost_input=(lost := draw.choice(["safe", "safe", "continue"])),
+            on_unknown=(unknown := draw.choice(["safe", "safe", "continue"])),
             deadline=draw.choice([None, None, 1.0]),
             **options,
         )
@@ -192,6 +192,8 @@ class System:
             supervision = draw.choice(["escalate", "stop", mdm.Restart(limit=2, within=60.0, backoff=0.5)])
             points = draw.sample(list(POINTS), draw.randint(0, 1))
             robot.add(Faulty("faulty", self._journal, points, supervision))
+        if lost == unknown == "safe":
+            self._journal.cautious.add(name)
         self._journal.robots[name] = robot
         return robot
 
@@ -217,14 +219,14 @@ class System:
         states = self.states[name] = draw.randint(2, 3)
         names = [f"{name}{state}" for state in range(states)]
         policy = mdm.policies.DeterministicPolicy([draw.randrange(actions) for _ in names], actions)
-        self._journal.blind.add(name)
+        self._journal.blind[name] = -1
         if draw.random() < 0.2:
             self.told.add(name)
             return {"policy": policy}
         manager.users.append(name)
         initial = draw.random() < 0.1
         if initial:
-            self._journal.blind.remove(name)
+            del self._journal.blind[name]
         grounded = draw.random() < 0.2
         if grounded:
             self.grounded.add(name)

@@ -313,8 +313,9 @@ class ActionLayer(Layer):
             self._tell(life, "running")
         ensemble = binding.ensemble
         if ensemble is not None:
-            if ensemble.life != "running":
-                self._end_life(life, "failed", f"ensemble {ensemble.path!r} does not run: it is {ensemble.life}")
+            if ensemble.life != "running" or ensemble.failing:  # which may not have stopped yet
+                what = "has failed" if ensemble.failing else f"is {ensemble.life}"
+                self._end_life(life, "failed", f"ensemble {ensemble.path!r} does not run: it {what}")
                 return
             self._keep(life)
             ensemble.when_idle(lambda: self._ensemble_ended(life))

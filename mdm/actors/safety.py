@@ -195,8 +195,11 @@ class Safety:
         """Take it that no state is known: a cause where the ensemble has acted, else it waits."""
         if not self.deciding:
             return
-        if self._acted and self._lost and self._reactions["on_lost_input"]:
-            self._on_lost_input(self._lost, time)  # it was lost before anything was decided, in this very turn
+        manager = self._ensemble.predicates
+        aged = self._lost.intersection(manager.aged) if manager is not None else frozenset[str]()
+        if self._acted and aged and self._reactions["on_lost_input"]:
+            # It was lost before anything was decided, in this very turn: else the mode would not be this one any more.
+            self._on_lost_input("stale_input", frozenset(aged), time)
         elif self._acted and not self._lost and self._reactions["on_unknown"]:
             text = f"the state turned unknown: {', '.join(self.waiting.unknown()) or 'nobody tells it'}"
             self.alarm(Fault(time, self._ensemble.path, "unknown_input", text))

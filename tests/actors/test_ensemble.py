@@ -148,7 +148,7 @@ def test_a_child_that_stops_by_itself_has_succeeded_and_one_that_fails_has_faile
             ("running", ""),
             ("failed", "ensemble 'top/child' failed"),
             ("running", ""),
-            ("failed", "ensemble 'top/child' does not run: it is failed"),
+            ("failed", "ensemble 'top/child' does not run: it has failed"),
         ]
         assert top.life == "running"
 

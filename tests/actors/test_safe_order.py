@@ -251,3 +251,20 @@ def test_what_an_action_ends_is_not_started_by_hand_until_it_has_ended():
         assert below.action.live == ("Work",)
 
     run_virtual(main)
+
+
+def test_an_ensemble_that_has_failed_in_the_same_turn_does_not_keep_its_action_live():
+    log = Log()
+
+    async def main(runtime):
+        below = Ensemble("below", policy=[0], actions={"Work": log.plain("Work")}, supervision="stop")
+        top = robot(log, actions={"A": below, "B": log.plain("Rest")})
+        faults = probe(runtime.faults)
+        await runtime.start(top)
+        crash(below)
+        top.publish_state(0)
+        assert faults[-1].detail == "action 'A' failed: ensemble 'robot/below' does not run: it has failed"
+        top.publish_state(1)
+        assert log[-1] == "Rest"
+
+    run_virtual(main)

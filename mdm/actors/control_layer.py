@@ -23,6 +23,7 @@ from mdm.messages import Action, Answer, Belief, Control, Decision, Fault, Obser
 from mdm.options import ControllerOptions, check_options
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.clock import check_seconds
+from mdm.runtime.supervision import text_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -376,7 +377,7 @@ class ControlLayer(Layer):
         try:
             step = self._see(index)
         except ModelError as error:
-            self._alarm(Fault(state.time, self.path, "state", str(error)))
+            self._alarm(Fault(state.time, self.path, "state", text_of(error)))
         else:
             self._publish(step, state.time, cause, None, index)
 
@@ -462,7 +463,7 @@ class ControlLayer(Layer):
             self._refuse_belief("initial_belief", belief, error)
 
     def _refuse_belief(self, channel: str, belief: Belief, error: Exception) -> None:
-        self.report("belief", f"refused a belief on {self._path}/{channel}: {error}", time=belief.time)
+        self.report("belief", f"refused a belief on {self._path}/{channel}: {text_of(error)}", time=belief.time)
 
     # -- Decisions -----------------------------------------------------------------------------------------------
 
@@ -478,7 +479,7 @@ class ControlLayer(Layer):
         try:
             controller.advance(observation)
         except (ModelError, TypeError) as error:
-            self.report("observation", str(error), time=time)
+            self.report("observation", text_of(error), time=time)
             return observation
         self._last_observation = observation
         if controller.problem is not None:
@@ -504,7 +505,7 @@ class ControlLayer(Layer):
                 return
             step = self.controller.decide() if state is None else self._see(state)
         except ModelError as error:
-            self._alarm(Fault(time, self.path, "state" if self._takes_states else "policy", str(error)))
+            self._alarm(Fault(time, self.path, "state" if self._takes_states else "policy", text_of(error)))
             return
         self._publish(step, time, cause, observation, state)
 

@@ -22,6 +22,7 @@ from mdm.errors import ConfigError
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
 from mdm.options import check_options
 from mdm.runtime import ActorStatistics
+from mdm.runtime.supervision import text_of
 from mdm.symbols import agent_index
 
 if TYPE_CHECKING:
@@ -374,7 +375,7 @@ class Ensemble(Layer):
         """Go safe in the turn of the failure, with no way back but a restart, before which sensors are still heard."""
         if self.predicates is not None:
             self.predicates.keep()
-        self.safety.end("failure", f"{type(error).__name__}: {error}", lambda: None)
+        self.safety.end("failure", f"{type(error).__name__}: {text_of(error)}", lambda: None)
 
     def on_ending(self) -> None:
         """Go safe with the runtime, not only when those that stop before have come to their ends."""

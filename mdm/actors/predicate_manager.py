@@ -21,6 +21,7 @@ from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdat
 from mdm.runtime import Actor
 from mdm.runtime.clock import check_seconds
 from mdm.runtime.handler import check_plain
+from mdm.runtime.supervision import text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -520,7 +521,9 @@ class PredicateManager(Actor):
             try:
                 sensor.set(when(message))
             except Exception as error:
-                self.report("sensor", f"the 'when' of predicate {name!r} raised {type(error).__name__}: {error}")
+                self.report(
+                    "sensor", f"the 'when' of predicate {name!r} raised {type(error).__name__}: {text_of(error)}"
+                )
                 sensor.set(None)
 
         return grounded

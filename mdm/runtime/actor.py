@@ -26,6 +26,7 @@ from mdm.runtime.supervision import (
     check_supervision,
     describe,
     failure,
+    text_of,
     was_cancelled,
 )
 from mdm.runtime.work import Work, hide, wait_all
@@ -377,7 +378,7 @@ class Actor:
         if self.parent is None:
             self.runtime.abort(error)
             return
-        failure = ActorFailure(f"actor {self.path!r} failed: {error}")
+        failure = ActorFailure(f"actor {self.path!r} failed: {text_of(error)}")
         failure.__cause__ = error
         users = self.runtime.sharing.users(self)
         if users and self.__requested is not None:

@@ -30,7 +30,7 @@ from mdm.runtime.statistics import (
     LogStatistics,
     LoopStatistics,
 )
-from mdm.runtime.supervision import LEAVING, ActorFailure, describe
+from mdm.runtime.supervision import LEAVING, ActorFailure, describe, text_of
 from mdm.runtime.virtual import VirtualClock, VirtualEventLoop
 from mdm.runtime.watchdog import Watchdog, check_emergency, check_watch
 from mdm.runtime.work import hide
@@ -347,7 +347,7 @@ class Runtime:
         if failure is not None and (error is None or swallowed):
             if isinstance(failure, ActorFailure):
                 raise failure
-            raise ActorFailure(str(failure)) from failure
+            raise ActorFailure(text_of(failure)) from failure
         return swallowed
 
     def _tree_ended(self, _: object) -> None:

@@ -22,6 +22,7 @@ __all__ = [
     "check_supervision",
     "describe",
     "failure",
+    "text_of",
     "was_cancelled",
 ]
 
@@ -104,7 +105,15 @@ def describe(error: BaseException) -> str:
     """Return one sentence for an error: its type, its text, and where in the code it came from."""
     frames = traceback.extract_tb(error.__traceback__)
     place = f" (at {frames[-1].filename}:{frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {error}{place}"
+    return f"{type(error).__name__}: {text_of(error)}{place}"
+
+
+def text_of(error: BaseException) -> str:
+    """Return an error's own text, or that it has none: one that cannot say what it is is a failure all the same."""
+    try:
+        return str(error)
+    except BaseException as another:
+        return f"its text cannot be had, for that raises {type(another).__name__}"
 
 
 def failure(error: BaseException) -> BaseException:

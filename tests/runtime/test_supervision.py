@@ -170,6 +170,29 @@ def test_an_error_reads_with_its_place():
     assert describe(LookupError("never raised")) == "LookupError: never raised"
 
 
+class Mute(Exception):
+    def __str__(self):
+        return self.args[7]
+
+
+def test_an_error_whose_text_cannot_be_had_is_a_failure_as_any_other():
+    faults = []
+
+    async def main(runtime):
+        runtime.faults.subscribe(faults.append)
+        parent, child = Actor("parent"), Actor("child")
+        parent.add(child)
+        await runtime.start(parent)
+        crash(child, Mute("lost"))
+        assert (child.failing, parent.failing, runtime.ending) == (True, True, True)
+        await asyncio.sleep(3600)
+
+    told = "its text cannot be had, for that raises IndexError"
+    with pytest.raises(ActorFailure, match=f"actor 'parent/child' failed: {told}"):
+        run_virtual(main)
+    assert faults[0].detail == f"Mute: {told}"
+
+
 def test_a_budget_of_thousands_of_restarts_goes_on():
     budget = RestartBudget(Restart(limit=3000, within=1e9, backoff=0.1, max_backoff=5.0))
     assert [budget.delay(0) for _ in range(3001)][-2:] == [5.0, None]

@@ -117,6 +117,7 @@ class ActionLayer(Layer):
         self._left: dict[str, Work] = {}
         self._idle: list[Callable[[], None]] = []
         self._halted = True
+        self._calling = False
         self._secure: Secured | None = None
         self._patience: Timer | None = None
 
@@ -219,6 +220,8 @@ class ActionLayer(Layer):
 
     def _settle(self) -> None:
         """Start what waits for the running action's end; where nothing lives or waits, tell those who wait for that."""
+        if self._calling:  # an action's own function has brought this about: it comes to its end first
+            return
         if self._secure is not None:
             if self._current is None and not self._beside:
                 if self._patience is not None:
@@ -251,13 +254,13 @@ class ActionLayer(Layer):
         self.started += 1
         self._record(self._now() - action.time)
         try:
+            self._calling = True
             result = binding.function(action) if binding.takes_action else binding.function()
+            self._calling = False
         except BaseException as error:
-            self._end_life(_Life(self.started, self.names[index], binding, action), "failed", describe(error))
-            if isinstance(error, LEAVING):
-                raise
+            self._take_error(_Life(self.started, self.names[index], binding, action), error)
             return
-        if result is not None:
+        if result is not None or self._halted:
             self._take(_Life(self.started, self.names[index], binding, action), result)
             return
         ended = self.ended
@@ -277,6 +280,19 @@ class ActionLayer(Layer):
             self._end_life(life, "failed", f"returned {result!r}, of which nothing has run")
         else:
             self._end_life(life, "succeeded")
+        if self._halted and not life.secures:
+            # It ended what decides while it was called: nothing that it returns begins, and what waited for it goes on.
+            self._cancel(life, "preempted")
+            self._settle()
+
+    def _take_error(self, life: _Life, error: BaseException) -> None:
+        """Take what a function has raised."""
+        self._calling = False
+        self._end_life(life, "failed", describe(error))
+        if isinstance(error, LEAVING):
+            self.fail(error)  # which ends the runtime; those who had this action begin go on with what they do
+        if self._halted and not life.secures:
+            self._settle()
 
     def _choose(self, name: str, binding: Binding, action: Action) -> None:
         if binding.concurrent:
@@ -324,11 +340,11 @@ class ActionLayer(Layer):
         if action.epoch >= 0:
             self._record(self._now() - action.time)
         try:
+            self._calling = True
             result = binding.function(action) if binding.takes_action else binding.function()
+            self._calling = False
         except BaseException as error:
-            self._end_life(life, "failed", describe(error))
-            if isinstance(error, LEAVING):
-                raise
+            self._take_error(life, error)
             return
         self._take(life, result)
 

@@ -185,3 +185,81 @@ def test_a_stop_that_comes_behind_the_end_does_not_spare_the_safe_action():
     with pytest.raises(SystemExit):
         run_virtual(main)
     assert log == ["BELOW begins", "BELOW ends", "TOP"]
+
+
+def _end_by(how, runtime, one):
+    if how == "stop":
+        one.interrupt()
+    elif how == "failure":
+        one.fail(LookupError("gear"))
+    else:
+        runtime.abort(LookupError("gear"))
+
+
+@pytest.mark.parametrize("made_safe", ["plain", "slow"])
+@pytest.mark.parametrize("how", ["failure", "abort"])
+@pytest.mark.parametrize("then", ["returns", "raises", "goes on"])
+def test_an_action_that_ends_what_decides_returns_before_the_safe_action_and_starts_nothing(made_safe, how, then):
+    log = Log()
+
+    async def main(runtime):
+        def go():
+            _end_by(how, runtime, one)
+            log.append("rest of Go")
+            if then == "raises":
+                raise ValueError
+            return log.slow("Drive")() if then == "goes on" else None
+
+        one = robot(log, actions={"A": go, "B": forever}, safe_action=getattr(log, made_safe)("SAFE"))
+        await runtime.start(one)
+        one.publish_state(0)
+        await asyncio.sleep(10)
+
+    with pytest.raises(ActorFailure):
+        run_virtual(main)
+    assert log == ["rest of Go", *(["SAFE"] if made_safe == "plain" else ["SAFE begins", "SAFE ends"])]
+
+
+def test_what_an_action_returns_that_has_stopped_its_ensemble_does_not_start():
+    log = Log()
+
+    async def main(runtime):
+        def go():
+            _end_by("stop", runtime, one)
+            one.when_idle(lambda: log.append("idle"))
+            log.append("rest of Go")
+            return log.slow("Drive")()
+
+        one = robot(log, actions={"A": go, "B": forever})
+        await runtime.start(one)
+        one.publish_state(0)
+        await asyncio.sleep(10)
+        assert (one.mode, one.action.ended) == ("stopped", {"preempted": 1})
+
+    run_virtual(main)
+    assert log == ["rest of Go", "idle"]
+
+
+@pytest.mark.parametrize("kind", [SystemExit, KeyboardInterrupt, asyncio.CancelledError])
+@pytest.mark.parametrize("how", ["return", "failure"])
+def test_a_safe_action_below_that_leaves_the_program_keeps_none_above_from_its_own(kind, how):
+    log = Log()
+
+    def leave():
+        log.append("BELOW")
+        raise kind
+
+    async def main(runtime):
+        below = robot(log, "below", safe_action=leave)
+        top = Ensemble("top", policy=[0], actions={"Below": below}, safe_action=log.plain("TOP"))
+        await runtime.start(top)
+        top.publish_state(0)
+        below.publish_state(1)
+        if how == "failure":
+            crash(below.control)
+            await asyncio.sleep(10)
+
+    raised = ActorFailure if how == "failure" else kind if kind is not asyncio.CancelledError else None
+    with pytest.raises(raised) if raised else nullcontext():
+        run_virtual(main)
+    assert log == ["B", "BELOW", "BELOW", "TOP"]

@@ -28,10 +28,7 @@ __all__ = ["Reaction", "Safety", "SafetyOptions"]
 Reaction = Literal["safe", "continue"]
 
 _REACTIONS = ("on_failed_action", "on_lost_input", "on_unknown")
-_LOSSES = {
-    "stale_input": ("on_lost_input", "input is too old"),
-    "unknown_input": ("on_unknown", "input turned unknown"),
-}
+_OPTIONS = {"stale_input": "on_lost_input", "unknown_input": "on_unknown"}
 
 
 class SafetyOptions(ControlOptions, total=False):
@@ -193,27 +190,35 @@ class Safety:
 
     def blind(self, time: int) -> None:
         """Take it that no state is known: a cause where the ensemble has acted, else it waits."""
-        if not self.deciding:
-            return
-        manager = self._ensemble.predicates
-        aged = self._lost.intersection(manager.aged) if manager is not None else frozenset[str]()
-        if self._acted and aged and self._reactions["on_lost_input"]:
-            # It was lost before anything was decided, in this very turn: else the mode would not be this one any more.
-            self._on_lost_input("stale_input", frozenset(aged), time)
-        elif self._acted and not self._lost and self._reactions["on_unknown"]:
-            text = f"the state turned unknown: {', '.join(self.waiting.unknown()) or 'nobody tells it'}"
-            self.alarm(Fault(time, self._ensemble.path, "unknown_input", text))
+        unknown, manager = frozenset(self.waiting.unknown()), self._ensemble.predicates
+        names = ", ".join(sorted(unknown)) or "nobody tells it"
+        if unknown and manager is not None and unknown <= self._lost & manager.aged:
+            self._lose("stale_input", f"input is too old: {names}", time)
         else:
+            self._lose("unknown_input", f"the state turned unknown: {names}", time)
+        if self.deciding:
             self.waiting.begin()
 
     def _on_lost_input(self, kind: str, lost: frozenset[str], time: int) -> None:
-        if not self.deciding or not self._acted:
+        words = {"stale_input": "input is too old", "unknown_input": "input turned unknown"}[kind]
+        self._lose(kind, f"{words}: {', '.join(sorted(lost))}", time, told=True)
+
+    def _lose(self, kind: str, text: str, time: int, *, told: bool = False) -> None:
+        """Take input as lost: a cause beside others, too, so that none of their ways back leads past it.
+
+        Args:
+            kind: The cause.
+            text: In words.
+            time: When.
+            told: Whether it is reported where it is no cause.
+        """
+        secured = self.modes.mode == "safe" and not self._ending
+        if kind in self.modes.causes or not (secured or (self.deciding and self._acted)):
             return
-        option, words = _LOSSES[kind]
-        fault = Fault(time, self._ensemble.path, kind, f"{words}: {', '.join(sorted(lost))}")
-        if self._reactions[option]:
+        fault = Fault(time, self._ensemble.path, kind, text)
+        if self._reactions[_OPTIONS[kind]]:
             self.alarm(fault)
-        else:
+        elif told:
             self._ensemble.runtime.faults.publish(fault)
 
     def _on_failed_action(self, text: str) -> None:

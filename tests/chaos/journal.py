@@ -48,6 +48,7 @@ class Journal:
         blind: The ensembles over states that have been told no state since they, or what their states come from, ended,
             and when that was.
         cautious: Those that go safe whatever way their state turns unknown, within the turn.
+        due: What the others of them had decided by then, to begin when the action before has ended.
         wrong: What must not be, in sentences.
     """
 
@@ -58,7 +59,7 @@ class Journal:
         self.runs, self.overlaps, self.limits, self.beside = [], [], {}, set()
         self.raised, self.exits, self.answers, self.endings, self.wrong = [], [], [], [], []
         self.lives, self.faults, self.modes, self.decisions = [], [], [], []
-        self.blind, self.cautious = {}, set()
+        self.blind, self.cautious, self.due = {}, set(), {}
         self.order = 0
 
     def now(self):
@@ -86,8 +87,8 @@ class Journal:
         if not safe:
             if self.runtime.ending:
                 self.wrong.append(f"the runtime ends, but {action} of {robot} starts")
-            told = robot not in self.blind or (self.blind[robot] == self.now() and robot not in self.cautious)
-            if not told:
+            decided = self.blind.get(robot) == self.now() or self.due.get(robot) == action
+            if robot in self.blind and (robot in self.cautious or not decided):
                 self.wrong.append(f"{robot} knows no state, but {action} starts")
             for above in self.above(robot):
                 if self.robots[above].mode == "safe":
@@ -113,7 +114,10 @@ class Journal:
 
     def forget(self, names):
         """Take it that ensembles know no state any more."""
-        self.blind.update(dict.fromkeys(names, self.now()))
+        for name in names:
+            self.blind[name] = self.now()
+            pending = self.robots[name].action._pending
+            self.due[name] = None if pending is None else pending[0]
 
     def throw(self, kinds=ANYTHING):
         """Raise something."""

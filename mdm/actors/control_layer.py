@@ -15,7 +15,7 @@ import numpy as np
 from mdm.actors.drive import Drive, FixedRate, OnEvent, drive_of
 from mdm.actors.layer import Layer
 from mdm.actors.modes import AT_INPUT, AT_STIMULUS
-from mdm.actors.planner import Planner
+from mdm.actors.planner import PATIENCE, Planner
 from mdm.beliefs import Support
 from mdm.controller import Controller
 from mdm.errors import ConfigError, Error, ModelError
@@ -48,7 +48,8 @@ class ControlOptions(ControllerOptions, total=False):
         on_no_observation: What a fixed-rate tick without a new observation means: ``predict`` (the default: time
             passes, nothing seen), ``repeat`` the last one, or the name of an observation.
         deadline: Seconds from stimulus to decision, or from the first of the ticks that were missed before it; a later
-            decision is reported, and where there is a safe action the ensemble goes safe in place of it.
+            decision is reported, and where there is a safe action the ensemble goes safe in place of it. What the
+            fallback of a search says at the deadline is in time for a tenth of a second more.
     """
 
     drive: Drive | float | str | None
@@ -165,6 +166,8 @@ class ControlLayer(Layer):
                 cast("Deliberating", self.controller.policy), drive=self.drive, deadline=self.deadline
             )
             self.add(self.planner)
+            if self.deadline is not None:  # at which the fallback answers, and the loop may be a little late
+                self._deadline_ns = round((self.deadline + PATIENCE) * 1e9)
 
     # -- Checks --------------------------------------------------------------------------------------------------
 
@@ -535,7 +538,7 @@ class ControlLayer(Layer):
         """Publish a decision, the action first."""
         latency = self._now() - time
         self._record(latency)
-        if self._deadline_ns is not None and latency + self._overdue > self._deadline_ns and self.planner is None:
+        if self._deadline_ns is not None and latency + self._overdue > self._deadline_ns:
             # What was done before is still what is done.
             self.controller.last_action = self._acted
             if self._late(latency + self._overdue, time):

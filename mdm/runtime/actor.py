@@ -322,7 +322,7 @@ class Actor:
 
     def abandon(self, work: Work) -> None:
         """Own a piece of work no longer: it did not end when it was asked to."""
-        work.abandoned = True
+        work.abandon()
         self.__work.pop(work, None)
         if not work.done:
             self.runtime.abandoned.append(work)

@@ -7,7 +7,7 @@ import builtins
 import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
-from weakref import WeakValueDictionary
+from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
 import anyio
 import msgspec
@@ -42,9 +42,11 @@ if TYPE_CHECKING:
 
     from mdm.runtime.work import Work
 
-__all__ = ["Runtime", "RuntimeStatistics"]
+__all__ = ["Runtime", "RuntimeStatistics", "end_all"]
 
 T = TypeVar("T")
+
+_OPEN: WeakKeyDictionary[asyncio.AbstractEventLoop, WeakSet[Runtime]] = WeakKeyDictionary()
 
 
 class RuntimeStatistics(msgspec.Struct, frozen=True):
@@ -62,9 +64,9 @@ class Runtime:
 
     Use it as ``async with mdm.Runtime() as runtime:``. However the block is left, its actors stop in order, children
     before parents and later ones before earlier ones; nothing outlives the block but work that ignores being
-    cancelled, which is listed in `abandoned`. A program that is cancelled once more while they stop breaks them off:
-    what they wait for is cancelled, and only their `on_stop` is still called. Two runtimes in one process do not know
-    of each other.
+    cancelled, which is listed in `abandoned`. A program that is cancelled once more while they stop waits until they
+    have stopped or their limits have passed. Then they are broken off: what they wait for is cancelled, and only their
+    `on_stop` is still called. Two runtimes in one process do not know of each other.
 
     SIGINT, SIGTERM and SIGHUP stop the actors at once and cancel the block, which raises `KeyboardInterrupt` or
     `SystemExit` (143, 129) when they have stopped; so does a `SystemExit` that an actor or its work raises. A second
@@ -242,6 +244,10 @@ class Runtime:
     def _leave(self, error: BaseException) -> float:
         """End the block because of a signal; return how long actors may take by their own limits."""
         self.abort(error)
+        return self._limit()
+
+    def _limit(self) -> float:
+        """Return how many seconds the actors may take to stop by their own limits."""
         waiting, limit = [self.root], 1.0
         while waiting:
             actor = waiting.pop()
@@ -312,6 +318,7 @@ class Runtime:
         began = asyncio.Event()
         self._tree = loop.create_task(self._grow(began), name="mdm:root")
         hide(self._tree)
+        _OPEN.setdefault(loop, WeakSet()).add(self)
         try:
             await began.wait()
         except BaseException:
@@ -356,16 +363,9 @@ class Runtime:
             raise self._failure
 
     async def _stop_tree(self, tree: asyncio.Task[None]) -> None:
-        """Stop the actors in order and close everything; break them off if the program is cancelled meanwhile."""
-        self._begin_to_end()
-        self.root.end()
+        """Stop the actors in order and close everything."""
         try:
-            with anyio.CancelScope(shield=True):
-                await asyncio.wait([tree])
-        except BaseException:
-            tree.cancel()
-            await asyncio.wait([tree])
-            raise
+            await self._end(tree)
         finally:
             if self._watchdog is not None:
                 self._watchdog.close()
@@ -377,6 +377,34 @@ class Runtime:
             if self._log is not None:
                 self._log.close()
             self._signals.close()
+
+    async def _end(self, tree: asyncio.Task[None], *, pressed: bool = False) -> None:
+        """Stop the actors in order; a cancellation waits until they have stopped, or are past their limits.
+
+        Args:
+            tree: Their task.
+            pressed: Break them off past their limits, though nobody is cancelled.
+        """
+        self._begin_to_end()
+        self.root.end()
+        loop = tree.get_loop()
+        until = loop.time() + self._limit()
+        cancelled: asyncio.CancelledError | None = None
+        broken = False
+        while not tree.done():
+            left = until - loop.time() if not broken and (pressed or cancelled is not None) else None
+            if left is not None and left <= 0:
+                broken, left = tree.cancel(), None
+            try:
+                with anyio.CancelScope(shield=True):
+                    await asyncio.wait([tree], timeout=left)
+            except asyncio.CancelledError as error:
+                cancelled = error
+            except BaseException:
+                tree.cancel()
+                raise
+        if cancelled is not None:
+            raise cancelled
 
     def statistics(self) -> RuntimeStatistics:
         """Return a snapshot of everything in the runtime."""
@@ -396,6 +424,17 @@ class Runtime:
             log=None if self._log is None else self._log.statistics(),
             loop=None if self._watchdog is None else self._watchdog.statistics(),
         )
+
+
+async def end_all() -> None:
+    """Stop what lives in every runtime of the running event loop, within its limits, whoever is to leave its block."""
+
+    async def end(runtime: Runtime) -> None:
+        tree = runtime._tree  # noqa: SLF001 - one module
+        if tree is not None and not tree.done():
+            await runtime._end(tree, pressed=True)  # noqa: SLF001
+
+    await asyncio.gather(*map(end, tuple(_OPEN.get(asyncio.get_running_loop(), ()))), return_exceptions=True)
 
 
 def _clock_of_the_loop() -> Clock:

@@ -54,6 +54,7 @@ class Work:
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self.task: asyncio.Task[Any] = asyncio.get_running_loop().create_task(self._run(), name=name)
         self.task.add_done_callback(self._done)
+        hide(self.task)
 
     async def _run(self) -> Any:
         OWNER.set(self)
@@ -79,6 +80,12 @@ class Work:
         """Count down, when it has ended there."""
         self._jobs -= 1
         self._settle()
+
+    def abandon(self) -> None:
+        """Let it go on without its owner; what else ends the program's tasks may end it, too."""
+        self.abandoned = True
+        if not self.task.done():
+            asyncio._register_task(self.task)  # noqa: SLF001 - as in `hide`
 
     def _settle(self) -> None:
         if self.done and not self.over.done():

@@ -12,6 +12,7 @@ from recorded import Fragile, Recorded, tell
 
 from mdm import Ensemble, Error, PredicateManager, Runtime, StateFactor, VirtualClock, run
 from mdm.messages import State
+from mdm.runtime import VirtualEventLoop
 from mdm.testing import probe, run_virtual
 
 
@@ -129,3 +130,71 @@ def test_at_the_end_all_that_run_are_told_at_once_before_the_first_stops(how, er
     assert [fault.detail.partition(" (")[0] for fault in faults] == [f"{error.__name__}: {name}" for name in order]
     told = [("told", name) for name in order]
     assert log == [*told, ("stop", "second"), ("stop", "first/below"), ("stop", "first")]
+
+
+async def outer(program, how):
+    if how == "timeouts":
+        async with asyncio.timeout(1.5), asyncio.timeout(1.0):
+            await program
+    elif how == "wait_for":
+        async with asyncio.timeout(1.5):
+            await asyncio.wait_for(program, 1.0)
+    else:
+        task = asyncio.ensure_future(program)
+        for seconds in (1.0, 0.25, 0.25):
+            await asyncio.sleep(seconds)
+            task.cancel()
+        await task
+
+
+@pytest.mark.parametrize("how", ["timeouts", "wait_for", "three"])
+@pytest.mark.parametrize("seconds", [2.0, 60.0])
+def test_a_program_that_is_cancelled_again_breaks_nothing_off_within_its_limits(how, seconds):
+    log = []
+
+    async def brake():
+        try:
+            await asyncio.sleep(seconds)
+            log.append("stands")
+        except asyncio.CancelledError:
+            log.append("broken off")
+
+    async def program():
+        robot = Ensemble("robot", policy=[0], actions={"Go": lambda: None}, safe_action=brake)
+        async with Runtime(log=None) as runtime:
+            await runtime.start(robot)
+            await runtime.wait()
+
+    async def main():
+        with pytest.raises((TimeoutError, asyncio.CancelledError)):
+            await outer(program(), how)
+        return asyncio.get_running_loop().time()
+
+    with asyncio.Runner(loop_factory=VirtualEventLoop) as runner:  # which cancels what is left at its end
+        ended = runner.run(main())
+    assert log == (["stands"] if seconds == 2.0 else ["broken off", "broken off"])
+    assert ended < 40
+
+
+@pytest.mark.parametrize("again", [1, 2])
+def test_what_has_no_limit_of_its_own_is_broken_off_a_moment_after_a_cancellation(again):
+    class Endless(Recorded):
+        async def on_stopping(self):
+            await asyncio.sleep(3600)
+
+    async def program():
+        async with Runtime(log=None) as runtime:
+            await runtime.start(Endless("endless", log))
+
+    async def main():
+        task = asyncio.create_task(program())
+        for _ in range(again):
+            await asyncio.sleep(10)
+            task.cancel()
+        await asyncio.wait([task])
+        assert task.cancelled()
+        return asyncio.get_running_loop().time()
+
+    log = []
+    assert run(main, virtual=True) == 10 * again
+    assert log[-1] == ("stop", "endless")

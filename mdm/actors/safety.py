@@ -100,9 +100,10 @@ class Safety:
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Begin a life of the ensemble: stopped, with nothing from the one before."""
+        """Begin a life of the ensemble: stopped, with nothing from the one before but what a restart does not mend."""
         ensemble = self._ensemble
-        self.modes = Modes(ensemble.runtime.clock.now())
+        held = self.modes.held if "failure" in self.modes.causes else ()
+        self.modes = Modes(ensemble.runtime.clock.now(), held)
         self._told = ("stopped", ())
         self._ending = self._last = self._over = False
         self._ended.clear()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from safe_robots import Log, robot, sensed
 
-from mdm import PredicateManager, Restart, StateFactor, VirtualClock
+from mdm import Ensemble, PredicateManager, Restart, StateFactor, VirtualClock
 from mdm.messages import Control, Mode
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy
@@ -349,5 +349,68 @@ def test_a_new_ensemble_of_the_same_name_knows_no_old_state():
         await runtime.start(robot(log))
         await asyncio.sleep(1)
         assert log == []
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("how", ["stop", "above", "failure"])
+def test_after_a_safe_action_that_failed_twice_nothing_but_a_release_leads_back(how):
+    log = Log()
+
+    def brake():
+        log.append("SAFE")
+        if len(log) < 4:
+            raise LookupError
+
+    async def main(runtime):
+        one, _, sensor = sensed(log, safe_action=brake, supervision=Restart())
+        top = Ensemble("top", policy=[0, 1], actions={"Rest": log.plain("Rest"), "Below": one})
+        await runtime.start(top)
+        top.publish_state(1)
+        sensor.set(False)
+        sensor.set(None)
+        sensor.set(False)
+        assert log == ["A", "SAFE", "SAFE"]
+        assert [cause.kind for cause in one.causes] == ["safe_action"]
+        if how == "stop":
+            one.stop()
+            assert (one.mode, [cause.kind for cause in one.causes]) == ("stopped", ["safe_action"])
+            one.start()
+        elif how == "above":
+            top.publish_state(0)
+            top.publish_state(1)
+        else:
+            crash(one.control)
+            await asyncio.sleep(5)
+            top.publish_state(0)
+            top.publish_state(1)
+            sensor.set(False)
+        assert (one.mode, [cause.kind for cause in one.causes]) == ("safe", ["safe_action"])
+        assert log[-1] == "SAFE"
+        one.release()
+        assert (one.mode, one.causes, log[-1]) == ("deciding", (), "A")
+
+    run_virtual(main)
+
+
+def test_what_is_stopped_can_be_released():
+    log = Log()
+
+    def brake():
+        raise LookupError
+
+    async def main(runtime):
+        one, _, sensor = sensed(log, safe_action=brake)
+        await runtime.start(one)
+        sensor.set(False)
+        sensor.set(None)
+        assert [cause.kind for cause in one.causes] == ["unknown_input", "safe_action"]
+        one.stop()
+        assert [cause.kind for cause in one.causes] == ["safe_action"]
+        one.release()
+        assert (one.mode, one.causes) == ("stopped", ())
+        sensor.set(False)
+        one.start()
+        assert one.mode == "deciding"
 
     run_virtual(main)

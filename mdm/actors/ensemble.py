@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import anyio
 import msgspec
@@ -106,6 +106,7 @@ class Ensemble(Layer):
             super().__init__(name, supervision=supervision)
             self.predicates = predicates
             self._idle: list[Callable[[], None]] = []
+            self._asked: Literal["start", "resume", "stop"] | None = None
             self.interrupted = False
             _check_settings(predicates, states, observations, agent, local=local)
             check_options(options, SafetyOptions)
@@ -264,7 +265,9 @@ class Ensemble(Layer):
     # -- Deciding ------------------------------------------------------------------------------------------------
 
     def start(self, *, resume: bool = False) -> None:
-        """Begin to decide: from the initial belief, or from the present one."""
+        """Begin to decide: from the initial belief, or from the present one; as soon as the layers have started."""
+        if self._put_off("resume" if resume else "start"):
+            return
         if resume:
             self.control.resume()
         else:
@@ -272,7 +275,14 @@ class Ensemble(Layer):
 
     def stop(self) -> None:
         """Decide no more and end the running action; what is below stops first. `when_idle` tells when it is done."""
-        self.control.stop()
+        if not self._put_off("stop"):
+            self.control.stop()
+
+    def _put_off(self, command: Literal["start", "resume", "stop"]) -> bool:
+        """Keep a command until the layers that it is for have all started; return whether they have not."""
+        if self.life == "starting":
+            self._asked = command
+        return self.life == "starting"
 
     def reset(self) -> None:
         """Begin a new episode now."""
@@ -328,6 +338,8 @@ class Ensemble(Layer):
         return None
 
     def _on_control(self, control: Control) -> None:
+        if control.command in {"start", "resume", "stop"} and self._put_off(control.command):
+            return
         if control.command in {"start", "resume"}:
             self.safety.start(control.time)
         elif control.command == "stop":
@@ -367,9 +379,12 @@ class Ensemble(Layer):
         self.safety.open()
 
     def on_running(self) -> None:
-        """Begin to decide, unless another ensemble's action is what starts this one."""
-        if not isinstance(self.parent, Ensemble):
-            self.start()
+        """Begin to decide, unless it was told otherwise meanwhile, or another ensemble's action is what starts it."""
+        asked, self._asked = self._asked, None
+        if asked is None and not isinstance(self.parent, Ensemble):
+            asked = "start"
+        if asked in {"start", "resume"}:
+            self.start(resume=asked == "resume")
 
     def on_failing(self, error: BaseException) -> None:
         """Go safe in the turn of the failure, with no way back but a restart, before which sensors are still heard."""
@@ -393,6 +408,7 @@ class Ensemble(Layer):
 
     def on_stop(self) -> None:
         """Forget the state: what was known before an end is not decided on after it."""
+        self._asked = None
         self.safety.waiting.end()
         self.channel("state", State, retain=True).forget()
         if self.predicates is not None and self.runtime.sharing.users(self.predicates) != (self,):

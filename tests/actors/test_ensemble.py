@@ -197,6 +197,36 @@ def test_an_ensemble_that_restarts_decides_again():
     run_virtual(main)
 
 
+@pytest.mark.parametrize("actor", ["robot", "robot/action", "robot/control"])
+@pytest.mark.parametrize("restarts", [False, True])
+@pytest.mark.parametrize("command", ["start", "stop"])
+def test_what_is_told_to_an_ensemble_while_its_layers_start_holds_when_they_have_started(actor, restarts, command):
+    async def main(runtime):
+        calls = []
+        robot = Ensemble("robot", policy=[0], actions={"A": lambda: calls.append("A")}, supervision=Restart())
+
+        def tell(change):
+            if (change.actor, change.state) == (actor, "starting") and (
+                not restarts or robot.control.life != "created"
+            ):
+                getattr(robot, command)()
+
+        if not restarts:
+            runtime.lives.subscribe(tell)
+        await runtime.start(robot)
+        if restarts:
+            runtime.lives.subscribe(tell)
+            crash(robot.control)
+            await asyncio.sleep(1)
+        robot.publish_state(0)
+        if command == "stop":
+            assert (robot.mode, calls) == ("stopped", [])
+            robot.start()
+        assert (robot.mode, calls, robot.action.skipped) == ("deciding", ["A"], 0)
+
+    run_virtual(main)
+
+
 def test_stale_input_runs_the_safe_action():
     log = []
 

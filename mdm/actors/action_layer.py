@@ -20,6 +20,7 @@ from mdm.messages import Action, ActionLife, ActionStatus
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.channel import Subscription
 from mdm.runtime.clock import check_seconds
+from mdm.runtime.executors import Jobs
 from mdm.runtime.supervision import LEAVING, describe
 
 if TYPE_CHECKING:
@@ -253,27 +254,32 @@ class ActionLayer(Layer):
         # Hot path: a plain function, while nothing lives and nobody listens to lives, needs no record of its own.
         self.started += 1
         self._record(self._now() - action.time)
+        jobs = None
         try:
             self._calling = True
-            result = binding.function(action) if binding.takes_action else binding.function()
+            if binding.returns:
+                jobs = Jobs()
+                result = jobs.call(binding.function, *((action,) if binding.takes_action else ()))
+            else:
+                result = binding.function(action) if binding.takes_action else binding.function()
             self._calling = False
         except BaseException as error:
             self._take_error(_Life(self.started, self.names[index], binding, action), error)
             return
         if result is not None or self._halted:
-            self._take(_Life(self.started, self.names[index], binding, action), result)
+            self._take(_Life(self.started, self.names[index], binding, action), result, jobs)
             return
         ended = self.ended
         ended["succeeded"] = ended.get("succeeded", 0) + 1
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(self.names[index], "succeeded")
 
-    def _take(self, life: _Life, result: object) -> None:
-        """Take what a function has returned: an awaitable runs as a task."""
+    def _take(self, life: _Life, result: object, jobs: Jobs | None) -> None:
+        """Take what a function has returned: an awaitable runs as a task, and has ended when its jobs have."""
         if inspect.isawaitable(result):
             self._keep(life)
             try:
-                life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=life.name)
+                life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=life.name, jobs=jobs)
             except Error as error:  # the layer has ended already
                 self._finish(life, "failed", describe(error))
         elif inspect.isgenerator(result) or inspect.isasyncgen(result):
@@ -339,14 +345,15 @@ class ActionLayer(Layer):
             return
         if action.epoch >= 0:
             self._record(self._now() - action.time)
+        jobs = Jobs()
         try:
             self._calling = True
-            result = binding.function(action) if binding.takes_action else binding.function()
+            result = jobs.call(binding.function, *((action,) if binding.takes_action else ()))
             self._calling = False
         except BaseException as error:
             self._take_error(life, error)
             return
-        self._take(life, result)
+        self._take(life, result, jobs)
 
     def _keep(self, life: _Life) -> None:
         if life.binding.concurrent and not life.secures:

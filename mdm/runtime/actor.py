@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from anyio.abc import TaskGroup
 
     from mdm.runtime.clock import Timer
+    from mdm.runtime.executors import Jobs
     from mdm.runtime.runtime import Runtime
 
 __all__ = ["Actor"]
@@ -278,7 +279,12 @@ class Actor:
         return ticker
 
     def spawn(
-        self, awaitable: Awaitable[Any], ended: Callable[[Work], object] | None = None, *, name: str = ""
+        self,
+        awaitable: Awaitable[Any],
+        ended: Callable[[Work], object] | None = None,
+        *,
+        name: str = "",
+        jobs: Jobs | None = None,
     ) -> Work:
         """Run a coroutine as a task of this actor.
 
@@ -287,6 +293,7 @@ class Actor:
             ended: Called in a turn when it has ended, however it did. Without it, whatever it raises is this actor's
                 failure; its cancellation is none where the actor asked for it.
             name: For debuggers and reports.
+            jobs: What was handed to executors where the awaitable was made, which has to end, too.
 
         Raises:
             Error: If the actor does not live (what takes time at its end belongs in `on_stopping`), what was given
@@ -316,7 +323,7 @@ class Actor:
             if isinstance(work.error, LEAVING):
                 runtime.abort(work.error)
 
-        work = Work(awaitable, f"mdm:{self.path}/{name or 'work'}", done)
+        work = Work(awaitable, f"mdm:{self.path}/{name or 'work'}", done, jobs)
         self.__work[work] = None
         return work
 

@@ -6,7 +6,7 @@ import asyncio
 import inspect
 from typing import TYPE_CHECKING, Any
 
-from mdm.runtime.executors import OWNER
+from mdm.runtime.executors import OWNER, Jobs
 from mdm.runtime.supervision import LEAVING
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ class Work:
         awaitable: What to run.
         name: The task's name, for debuggers.
         ended: Called once, when it has ended, from the event loop.
+        jobs: What was handed to executors already, where it was made.
     """
 
     __slots__ = (
@@ -41,7 +42,9 @@ class Work:
         "task",
     )
 
-    def __init__(self, awaitable: Awaitable[Any], name: str, ended: Callable[[Work], object]) -> None:
+    def __init__(
+        self, awaitable: Awaitable[Any], name: str, ended: Callable[[Work], object], jobs: Jobs | None = None
+    ) -> None:
         self.name = name
         self.abandoned = False
         # Whether a cancellation has reached it: what it returns after that is not the end that was asked for.
@@ -49,7 +52,8 @@ class Work:
         self._ended = ended
         self._awaitable = awaitable
         self._leaving: BaseException | None = None
-        self._jobs = 0
+        self._jobs = Jobs() if jobs is None else jobs
+        self._jobs.ended = self._settle
         self._begun = False
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self.task: asyncio.Task[Any] = asyncio.get_running_loop().create_task(self._run(), name=name)
@@ -57,7 +61,7 @@ class Work:
         hide(self.task)
 
     async def _run(self) -> Any:
-        OWNER.set(self)
+        OWNER.set(self._jobs)
         self._begun = True
         try:
             return await self._awaitable
@@ -70,15 +74,6 @@ class Work:
             self._awaitable.close()  # which has not begun, where it was cancelled at once
         if not task.cancelled():
             task.exception()  # looked at here, so that asyncio does not report it a second time
-        self._settle()
-
-    def begin_job(self) -> None:
-        """Count what was handed to an executor."""
-        self._jobs += 1
-
-    def end_job(self) -> None:
-        """Count down, when it has ended there."""
-        self._jobs -= 1
         self._settle()
 
     def abandon(self) -> None:
@@ -113,7 +108,7 @@ class Work:
     @property
     def done(self) -> bool:
         """Whether it has ended."""
-        return self.task.done() and not self._jobs
+        return self.task.done() and not self._jobs.count
 
     @property
     def cancelled(self) -> bool:

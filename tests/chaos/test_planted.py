@@ -8,7 +8,7 @@ from chaos.scenario import Scenario
 from mdm import Actor, Ensemble, PredicateManager
 from mdm.actors.action_layer import ActionLayer
 from mdm.actors.safety import Safety
-from mdm.runtime.work import Work
+from mdm.runtime.executors import Jobs
 
 MOST = 1000
 """Scenarios in which a planted fault is found."""
@@ -84,8 +84,8 @@ def let_the_end_of_the_runtime_latch_nothing(patch):
 
 
 def do_not_wait_for_threads(patch):
-    patch.setattr(Work, "begin_job", lambda self: None)
-    patch.setattr(Work, "end_job", lambda self: None)
+    patch.setattr(Jobs, "begin", lambda self: None)
+    patch.setattr(Jobs, "end", lambda self: None)
 
 
 @pytest.mark.parametrize(

@@ -377,6 +377,7 @@ class PredicateManager(Actor):
         """Build the network, ground it, and make its first values known."""
         self.sensed = self.channel("sensed", SensorUpdate)
         self.sensed.supersedes = _subject
+        self.sensed.merge = _merge
         self.updates = self.channel("updates", PredicateUpdate)
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
@@ -532,6 +533,11 @@ class PredicateManager(Actor):
 def _subject(update: SensorUpdate) -> tuple[str, ...] | None:
     """Return whose values a newer update of the same predicates supersedes; None where events must keep their order."""
     return None if update.events else tuple(name for name, _ in update.predicates)
+
+
+def _merge(older: SensorUpdate, newer: SensorUpdate) -> SensorUpdate:
+    """Return the latest values of two updates without events; they are as old as the older one."""
+    return SensorUpdate(older.time, tuple({**dict(older.predicates), **dict(newer.predicates)}.items()))
 
 
 def _scope() -> object:

@@ -91,6 +91,7 @@ class Channel(Generic[T]):
         "dropped",
         "heard",
         "last",
+        "merge",
         "name",
         "published",
         "retain",
@@ -115,6 +116,8 @@ class Channel(Generic[T]):
         self.dropped = 0
         # Tells what a message is about, where a newer one from another thread supersedes it; None where none does.
         self.supersedes: Callable[[T], Hashable | None] | None = None
+        # Makes one of two of these, where too many wait: the older, and the newer, which counts.
+        self.merge: Callable[[T, T], T] = lambda _, newer: newer
         # Whether anybody listens, so that a costly message need not be made for nobody.
         self.heard = False
         self._unheard = 0

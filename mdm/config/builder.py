@@ -31,7 +31,7 @@ from mdm.formats import load_model, load_policy, load_rewards
 from mdm.logic import Formula, parse, similar
 from mdm.policies import DeterministicPolicy
 from mdm.runtime import Restart, Supervision
-from mdm.runtime.watchdog import check_emergency
+from mdm.runtime.emergency import check_emergency
 from mdm.solvers.online import TreeSearch
 
 if TYPE_CHECKING:

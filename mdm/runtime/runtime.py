@@ -19,6 +19,7 @@ from mdm.runtime.actor import Actor
 from mdm.runtime.channel import Channel, Subscription
 from mdm.runtime.clock import Clock, WallClock
 from mdm.runtime.dispatcher import Dispatcher
+from mdm.runtime.emergency import Emergency, check_emergency
 from mdm.runtime.executors import unwatch, watch
 from mdm.runtime.log import Log
 from mdm.runtime.sharing import Sharing
@@ -32,7 +33,7 @@ from mdm.runtime.statistics import (
 )
 from mdm.runtime.supervision import LEAVING, ActorFailure, describe, text_of
 from mdm.runtime.virtual import VirtualClock, VirtualEventLoop
-from mdm.runtime.watchdog import Watchdog, check_emergency, check_watch
+from mdm.runtime.watchdog import Watchdog, check_watch
 from mdm.runtime.work import hide
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ class Runtime:
             holds it, at once in the log and as a fault ``stall`` when the loop turns again; None for no watchdog. In
             virtual time there is none.
         emergency: A plain function without arguments that makes the robot safe by itself (cuts the motors, opens a
-            relay). It is called on any thread, when nothing else can be relied on.
+            relay). It is called on a thread of its own, when nothing else can be relied on.
         emergency_after: Seconds for which the event loop stands still before ``emergency`` is called; by default those
             of ``watchdog``.
         signals: Whether signals end the runtime; by default in the main thread, under a wall clock.
@@ -128,9 +129,12 @@ class Runtime:
         self.decisions = self.channel("decisions", Decision)
         self.modes = self.channel("modes", Mode)
         self._log = None if log is None else Log(log, debug=debug)
-        self._emergencies: tuple[Callable[[], object], ...] = () if emergency is None else (emergency,)
+        virtual = isinstance(self.clock, VirtualClock)
+        self._emergency = Emergency(lambda detail: self._alarm("emergency", detail), threads=not virtual)
+        if emergency is not None:
+            self._emergency.add(emergency)
         self._watchdog: Watchdog | None = None
-        if watchdog is not None and not isinstance(self.clock, VirtualClock):
+        if watchdog is not None and not virtual:
             after = None if emergency is None else watchdog if emergency_after is None else emergency_after
             self._watchdog = Watchdog(watchdog, self._alarm, self.emergency, after)
         self._signals = Signals(self._leave, self._break_off)
@@ -260,17 +264,11 @@ class Runtime:
             self._tree.cancel()
 
     def emergency(self, reason: str) -> None:
-        """Call the program's ``emergency`` and report why: the last resort, when a safe action fails. From any thread.
+        """Report why, and call the program's ``emergency``: the last resort, when a safe action fails. From any thread.
 
-        What it raises is reported, too.
+        It is called on a thread of its own, in virtual time at once. What it raises is reported, too.
         """
-        failures = "" if self._emergencies else ", and no `emergency` was given to Runtime"
-        for emergency in self._emergencies:
-            try:
-                emergency()
-            except BaseException as error:
-                failures += f", and `emergency` failed: {describe(error)}"
-        self._alarm("emergency", reason + failures)
+        self._emergency.call(reason)
 
     def add_emergency(self, emergency: Callable[[], object]) -> None:
         """Have another function called as ``emergency``, after those before it; each is called once.
@@ -281,8 +279,7 @@ class Runtime:
             Error: If it cannot be called so.
         """
         check_emergency(emergency)
-        if emergency not in self._emergencies:
-            self._emergencies += (emergency,)
+        self._emergency.add(emergency)
         if self._watchdog is not None:
             self._watchdog.call_emergency()
 
@@ -369,6 +366,7 @@ class Runtime:
         finally:
             if self._watchdog is not None:
                 self._watchdog.close()
+            self._emergency.close()
             for channel in self._channels.values():
                 channel.close()
             self.dispatcher.close()

@@ -1,22 +1,20 @@
 """The watchdog: a thread that sees whether the event loop turns, and says what holds it where it does not.
 
 It asks the loop, some twenty times a second, to call back. What it does where no answer comes needs no loop: it finds
-the stack of the loop's thread, writes to the log, and calls the emergency on a further thread.
+the stack of the loop's thread, writes to the log, and calls the emergency.
 """
 
 from __future__ import annotations
 
-import inspect
 import sys
 import threading
 import traceback
-from contextlib import suppress
 from time import monotonic_ns
 from typing import TYPE_CHECKING
 
 from mdm.errors import Error
 from mdm.runtime.clock import check_seconds
-from mdm.runtime.handler import check_plain
+from mdm.runtime.emergency import check_emergency
 from mdm.runtime.statistics import Latencies, LoopStatistics
 
 if TYPE_CHECKING:
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
 
-__all__ = ["Watchdog", "check_emergency", "check_watch"]
+__all__ = ["Watchdog", "check_watch"]
 
 _SHORTEST = 0.01
 _PAUSE = 0.05
@@ -38,7 +36,7 @@ class Watchdog:
     Args:
         limit: Seconds without a turn of the loop after which `alarm` is called.
         alarm: Takes the kind and the detail of a fault, on any thread.
-        emergency: Takes a reason, on a thread of its own.
+        emergency: Takes a reason, on the watchdog's thread, and returns at once.
         emergency_after: Seconds without a turn after which `emergency` is called; None for never.
     """
 
@@ -55,7 +53,7 @@ class Watchdog:
         self._emergency_after = emergency_after
         self._pause = min(_PAUSE, limit / 4)
         self._ended = threading.Event()
-        self._threads: list[threading.Thread] = []
+        self._thread = threading.Thread(target=self._watch, name="mdm:watchdog", daemon=True)
         self._asked: int | None = None
         self._since = self._looked = 0
         self._told = self._called = False
@@ -67,7 +65,7 @@ class Watchdog:
         self._loop = loop
         self._holder = threading.get_ident()
         self._looked = monotonic_ns()
-        self._start(self._watch, "mdm:watchdog")
+        self._thread.start()
 
     def call_emergency(self) -> None:
         """Call the emergency from now on; where no time was given, as soon as a stall is told."""
@@ -75,15 +73,9 @@ class Watchdog:
             self._emergency_after = self._limit
 
     def close(self) -> None:
-        """Watch no more; an emergency that is under way gets half a second to end."""
+        """Watch no more."""
         self._ended.set()
-        for thread in self._threads:
-            thread.join(_PATIENCE)
-
-    def _start(self, function: Callable[[], object], name: str) -> None:
-        thread = threading.Thread(target=function, name=name, daemon=True)
-        thread.start()
-        self._threads.append(thread)
+        self._thread.join(_PATIENCE)
 
     def _watch(self) -> None:
         pause = self._pause
@@ -112,21 +104,12 @@ class Watchdog:
         waited = (now - self._since) / 1e9
         if self._emergency_after is not None and waited >= self._emergency_after and not self._called:
             self._called = True
-            self._call_emergency(f"the event loop has not turned for {self._emergency_after:g} s")
+            self._emergency(f"the event loop has not turned for {self._emergency_after:g} s")
         if waited >= self._limit and not self._told:
             self._told = True
             self._alarm("stall", f"the event loop has not turned for {self._limit:g} s: it is held {self._place()}")
         next_time = self._limit if not self._told else self._emergency_after if not self._called else None
         return self._pause if next_time is None else min(self._pause, max(next_time - waited, 1e-4))
-
-    def _call_emergency(self, reason: str) -> None:
-        def call() -> None:
-            self._emergency(reason)
-
-        try:
-            self._start(call, "mdm:emergency")
-        except RuntimeError:  # no thread can be started any more
-            call()
 
     def _place(self) -> str:
         frame = sys._current_frames().get(self._holder)  # noqa: SLF001 - public by documentation
@@ -179,17 +162,3 @@ def check_watch(watchdog: float | None, emergency: Callable[[], object] | None, 
             raise Error("emergency_after is the time until the watchdog calls `emergency`: give both")
         if emergency_after < watchdog:
             raise Error(f"emergency_after is {emergency_after} s, before the watchdog's {watchdog} s have passed")
-
-
-def check_emergency(emergency: Callable[[], object]) -> None:
-    """Refuse what cannot be called as an emergency.
-
-    Raises:
-        Error: If it is no plain function, or needs arguments.
-    """
-    check_plain(emergency, "`emergency`")
-    with suppress(ValueError):  # of some functions in C no signature is known
-        try:
-            inspect.signature(emergency).bind()
-        except TypeError as error:
-            raise Error(f"`emergency` is called without arguments: {error}") from None

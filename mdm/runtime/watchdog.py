@@ -56,7 +56,7 @@ class Watchdog:
         self._thread = threading.Thread(target=self._watch, name="mdm:watchdog", daemon=True)
         self._asked: int | None = None
         self._since = self._looked = 0
-        self._told = self._called = False
+        self._told = self._called = self._excused = False
         self._stalls = 0
         self._delays = Latencies()
 
@@ -92,15 +92,18 @@ class Watchdog:
         """Look once whether the loop has turned; return in how many seconds to look again."""
         due, self._looked = self._looked + round(self._pause * 1e9), now
         stopped = now - due > self._limit * 5e8
-        if stopped:
-            # The whole process stood still. That is counted, but the loop gets time to answer before it is blamed.
-            self._since = now
         if self._asked is None:
             self._since = now
+            self._excused = stopped
             self._told = self._called = False
             self._asked = due if stopped else now
             self._loop.call_soon_threadsafe(self._turned, self._asked)
             return self._pause
+        if stopped and not self._excused:
+            # The whole process stood still. That is counted, but the loop gets time to answer before it is blamed; but
+            # once, as native calls that hold the interpreter, one after the other, look the same.
+            self._since = now
+            self._excused = True
         waited = (now - self._since) / 1e9
         if self._emergency_after is not None and waited >= self._emergency_after and not self._called:
             self._called = True

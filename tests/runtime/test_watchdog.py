@@ -176,6 +176,35 @@ def test_an_emergency_that_does_not_end_does_not_end_the_watch():
         hold.set()
 
 
+def test_native_calls_that_hold_the_interpreter_one_after_the_other_are_reported():
+    lines, called = Lines(), []
+
+    async def main():
+        async with Runtime(log=lines, watchdog=0.1, emergency=lambda: called.append(time.monotonic())) as runtime:
+            while not runtime.statistics().loop.delays.count:
+                await asyncio.sleep(0.01)
+            number = 1_000_000
+            while True:  # as many as keep it for twice the limit, be the machine slow or fast
+                begun = time.monotonic()
+                sum(range(number))
+                if time.monotonic() - begun > 0.2:
+                    break
+                number *= 2
+            await asyncio.sleep(0.5)
+            told = len(lines.faults)
+            for _ in range(8):
+                sum(range(number))
+            ended = time.monotonic()
+            await asyncio.sleep(0.1)
+            return told, ended
+
+    told, ended = run(main)
+    assert called
+    assert called[-1] < ended
+    assert "the event loop has not turned for 0.1 s: it is held at" in lines.faults[told + 1][1]["detail"]
+    assert lines.faults[told + 1][0] < ended
+
+
 def test_a_watchdog_whose_alarm_fails_goes_on():
     told = []
 

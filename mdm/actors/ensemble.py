@@ -425,7 +425,11 @@ class Ensemble(Layer):
     def patience(self) -> float:
         """Seconds after which the safe action has ended besides, or has failed twice."""
         safe = self.action.safe
-        return self.settling + (0.0 if safe is None else 2 * (self.action.safe_timeout + safe.grace))
+        own = max((binding.grace for binding in self.action.bindings if binding.ensemble is None), default=0.0)
+        # Of those below one may decide, or else an action of its own live, and another have stopped: it comes after.
+        last, *before = sorted((below.patience for below in self.subensembles), reverse=True) or [0.0]
+        below = last + max([own, *before])
+        return 0.5 + below + (0.0 if safe is None else 2 * (self.action.safe_timeout + safe.grace))
 
 
 def _check_settings(predicates: object, states: object, observations: object, agent: object, *, local: object) -> None:

@@ -135,10 +135,17 @@ class Modes:
         self.causes.setdefault(kind, Cause(kind, detail, time))
         return () if self.mode == "safe" else self._secure(time)
 
-    def end(self, time: int, kind: str = "end", detail: str = "the ensemble ends") -> Orders:
-        """There is no way back; the safe action runs once more, unless it is due or runs."""
+    def end(self, time: int, kind: str = "end", detail: str = "the ensemble ends", *, unsafe: bool = False) -> Orders:
+        """There is no way back; the safe action runs once more, unless it is due or runs.
+
+        Args:
+            time: When.
+            kind: The cause.
+            detail: In words.
+            unsafe: Whether an action has begun since the safe action last ran: it then runs where all has stopped, too.
+        """
         self.causes.setdefault(kind, Cause(kind, detail, time))
-        return () if self.mode == "stopped" or self.securing else self._secure(time)
+        return () if self.securing or (self.mode == "stopped" and not unsafe) else self._secure(time)
 
     def gone(self, kinds: frozenset[str], time: int) -> Orders:
         """Causes hold no more."""

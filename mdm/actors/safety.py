@@ -76,6 +76,7 @@ class Safety:
         self._told: tuple[str, tuple[Cause, ...]] = ("stopped", ())
         self._stale = False
         self._base = 0
+        self._safe_at = 0
         self._lost: set[str] = set()
         self._ending = False
         self._last = False
@@ -279,6 +280,8 @@ class Safety:
 
     def _secured(self, failure: str | None) -> None:
         now = self._ensemble.runtime.clock.now()
+        if failure is None:
+            self._safe_at = self._ensemble.action.started
         self._obey(self.modes.secured(failure, now), now)
         if self._last and not self.modes.securing:
             self._finish()
@@ -325,18 +328,44 @@ class Safety:
             if not waiting:
                 self._end(kind, detail)
 
-        for child in self._ensemble.subensembles:
-            child.safety.end(kind, detail, one)
+        self._end_below(kind, detail, one)
         one()
+
+    def _end_below(self, kind: str, detail: str, ended: Callable[[], None]) -> None:
+        """Make safe what decides below at once, and then what has stopped there; call back for each."""
+        family = [child.safety for child in self._ensemble.subensembles]
+        stopped = [safety for safety in family if safety.was_left]
+        for safety in family:
+            if safety not in stopped:
+                safety.end(kind, detail, ended)
+
+        def end_stopped() -> None:
+            while stopped:
+                stopped.pop().end(kind, detail, ended)
+
+        if stopped:  # their safe actions would run beside what still lives here
+            self._ensemble.action.when_idle(end_stopped)
+            self._ensemble.call_later(self._ensemble.settling, end_stopped)
 
     def _end(self, kind: str, detail: str) -> None:
         self._last = True  # a safe action that ran before, for another cause, is not the one that ends it all
         now = self._ensemble.runtime.clock.now()
         if not self._has_safe_action:
             self._obey(self.modes.stop(now), now)
-        self._obey(self.modes.end(now, kind, detail), now)
+        self._obey(self.modes.end(now, kind, detail, unsafe=self.unsafe), now)
         if not self.modes.securing:
             self._ensemble.action.when_idle(self._finish)
+
+    @property
+    def unsafe(self) -> bool:
+        """Whether an action has begun since the safe action last ran."""
+        return self._has_safe_action and self._ensemble.action.started > self._safe_at
+
+    @property
+    def was_left(self) -> bool:
+        """Whether it has stopped, and an action has begun here or below since a safe action last ran."""
+        stopped = self.modes.mode == "stopped" and not self._ensemble.interrupted
+        return stopped and any(safety.unsafe for safety in self._family())
 
     def _finish(self) -> None:
         if not self._over:

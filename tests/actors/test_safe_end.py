@@ -7,7 +7,7 @@ import sys
 from contextlib import nullcontext
 
 import pytest
-from safe_robots import Log, forever, robot, two_levels
+from safe_robots import Log, forever, robot, sensed, two_levels
 
 from mdm import Actor, ActorFailure, Ensemble, PredicateManager, Runtime, StateFactor, run
 from mdm.testing import crash, run_virtual
@@ -237,7 +237,7 @@ def test_what_an_action_returns_that_has_stopped_its_ensemble_does_not_start():
         assert (one.mode, one.action.ended) == ("stopped", {"preempted": 1})
 
     run_virtual(main)
-    assert log == ["rest of Go", "idle"]
+    assert log == ["rest of Go", "idle", "SAFE"]
 
 
 @pytest.mark.parametrize("kind", [SystemExit, KeyboardInterrupt, asyncio.CancelledError])
@@ -263,3 +263,50 @@ def test_a_safe_action_below_that_leaves_the_program_keeps_none_above_from_its_o
     with pytest.raises(raised) if raised else nullcontext():
         run_virtual(main)
     assert log == ["B", "BELOW", "BELOW", "TOP"]
+
+
+@pytest.mark.parametrize("since", ["an action", "nothing", "the safe action"])
+def test_at_the_end_what_has_stopped_runs_its_safe_action_where_an_action_has_begun_since_it_last_did(since):
+    log = Log()
+
+    async def main(runtime):
+        one, _, sensor = sensed(log)
+        await runtime.start(one)
+        if since != "nothing":
+            sensor.set(False)
+        if since == "the safe action":
+            sensor.set(None)
+        one.stop()
+        assert (one.mode, log) == ("stopped", {"an action": ["A"], "nothing": []}.get(since, ["A", "SAFE"]))
+
+    run_virtual(main)
+    assert log == ([] if since == "nothing" else ["A", "SAFE"])
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_what_an_ensemble_above_has_left_is_made_safe_when_nothing_lives_there(broken):
+    log = Log()
+
+    async def stay():
+        try:
+            await asyncio.sleep(1e6)
+        finally:
+            await asyncio.sleep(2)
+            log.append("Stay ends")
+
+    async def main(runtime):
+        below = robot(log, "below", safe_action=log.slow("BELOW"))
+        top = Ensemble("top", policy=[0, 1], actions={"Below": below, "Stay": stay}, safe_action=log.plain("TOP"))
+        await runtime.start(top)
+        top.publish_state(0)
+        below.publish_state(0)
+        top.publish_state(1)
+        await asyncio.sleep(1)
+        assert (below.mode, top.action.live) == ("stopped", ("Stay",))
+        if broken:
+            crash(top.action)
+            await asyncio.sleep(60)
+
+    with pytest.raises(ActorFailure) if broken else nullcontext():
+        run_virtual(main)
+    assert log == ["A", "Stay ends", "BELOW begins", "BELOW ends", "TOP"]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
+import sys
 import threading
 from collections import deque
 from pathlib import Path
@@ -10,7 +12,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, strategies as st
 from programs import python
-from recorded import state
+from recorded import state, tell
 
 from mdm import Actor, Error, Runtime, run
 from mdm.messages import State
@@ -360,3 +362,36 @@ def test_a_forked_child_runs_nothing_of_its_parent():
     first, *rest = output.splitlines()
     assert "in a forked process" in first, errors
     assert rest == ["drives True"]
+
+
+@pytest.mark.parametrize("room", range(2, 40, 3))
+def test_a_turn_that_a_deep_stack_has_no_room_for_fails_from_the_event_loop(room):
+    def deep(levels, function):
+        if levels:
+            deep(levels - 1, function)
+        else:
+            function()
+
+    def handler(_):
+        deep(10, lambda: None)
+
+    async def main(runtime):
+        actor = Actor("actor", supervision="stop")
+        faults = probe(runtime.faults)
+        await runtime.start(actor)
+        channel = runtime.channel("numbers", State)
+        actor.subscribe(channel, handler)
+        limit, used = sys.getrecursionlimit(), len(inspect.stack())
+        try:
+            deep(limit - used - room, lambda: tell(runtime, 1))
+            raised = False
+        except RecursionError:
+            raised = True
+        tell(runtime, 2)
+        await asyncio.sleep(1)
+        assert sys.getrecursionlimit() == limit
+        assert raised or faults or room > 20
+        assert not runtime.dispatcher.active
+        assert not runtime.dispatcher.queue
+
+    run_virtual(main)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import sys
 from typing import TYPE_CHECKING, Any
 
 from mdm.runtime.executors import OWNER, Jobs
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable
 
 __all__ = ["Work", "wait_all"]
+
+_ROOM = 100
 
 
 class Work:
@@ -100,10 +103,15 @@ class Work:
             self._interrupt()
 
     def _interrupt(self) -> None:
-        if asyncio.isfuture(self._awaitable) and not self._begun:
-            self.interrupted = self._awaitable.cancel()  # it goes on without us: its end is awaited all the same
-        elif self.task.cancel():
-            self.interrupted = True
+        limit = sys.getrecursionlimit()
+        sys.setrecursionlimit(limit + _ROOM)  # a task whose cancellation a deep stack cuts short would never end
+        try:
+            if asyncio.isfuture(self._awaitable) and not self._begun:
+                self.interrupted = self._awaitable.cancel()  # it goes on without us: its end is awaited all the same
+            elif self.task.cancel():
+                self.interrupted = True
+        finally:
+            sys.setrecursionlimit(limit)
 
     @property
     def done(self) -> bool:

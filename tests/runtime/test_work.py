@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
+import sys
+from contextlib import suppress
 
 import pytest
 
@@ -166,3 +169,27 @@ def test_a_task_or_future_that_was_handed_in_ends_with_the_work_even_before_that
         assert future.cancelled()
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize("room", range(1, 30))
+def test_a_cancellation_that_a_deep_stack_cuts_short_can_be_asked_for_again(room):
+    def deep(levels, function):
+        if levels:
+            deep(levels - 1, function)
+        else:
+            function()
+
+    async def main(runtime):
+        actor = Actor("actor")
+        await runtime.start(actor)
+        piece = actor.spawn(asyncio.sleep(3600), lambda _: None)
+        await asyncio.sleep(1)
+        with suppress(RecursionError):
+            deep(sys.getrecursionlimit() - len(inspect.stack()) - room, piece.cancel)
+        piece.cancel()
+        await asyncio.sleep(1)
+        return piece.done
+
+    limit = sys.getrecursionlimit()
+    assert run_virtual(main)
+    assert sys.getrecursionlimit() == limit

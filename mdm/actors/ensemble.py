@@ -22,6 +22,7 @@ from mdm.errors import ConfigError
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
 from mdm.options import check_options
 from mdm.runtime import ActorStatistics
+from mdm.runtime.channel import Subscription
 from mdm.runtime.supervision import text_of
 from mdm.symbols import agent_index
 
@@ -345,7 +346,9 @@ class Ensemble(Layer):
         elif control.command == "stop":
             self.safety.stop(control.time)
         elif control.command == "release":
-            self.safety.release(control.time)
+            # Behind what this turn brings about, so that no state is decided on which it makes unknown.
+            behind: Subscription[int] = Subscription(None, self, self.safety.release)
+            self.runtime.dispatcher.deliver_behind(behind, control.time)
 
     def became_idle(self) -> None:
         """Tell those who wait for it that the ensemble is stopped and that nothing of it lives."""

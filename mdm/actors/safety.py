@@ -276,7 +276,8 @@ class Safety:
 
     def _on_secured(self, failure: str | None) -> None:
         # Behind the state that the cause itself brings about, so that none from before it is decided on.
-        self._ensemble.runtime.dispatcher.deliver(Subscription(None, self._ensemble, self._secured), failure)
+        secured: Subscription[str | None] = Subscription(None, self._ensemble, self._secured)
+        self._ensemble.runtime.dispatcher.deliver_behind(secured, failure)
 
     def _secured(self, failure: str | None) -> None:
         now = self._ensemble.runtime.clock.now()

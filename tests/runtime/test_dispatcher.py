@@ -17,6 +17,7 @@ from recorded import state, tell
 from mdm import Actor, Error, Runtime, run
 from mdm.messages import State
 from mdm.runtime import Dispatcher, WallClock
+from mdm.runtime.channel import Subscription
 from mdm.testing import probe, run_virtual
 
 
@@ -37,6 +38,26 @@ class Echo(Actor):
         for target, index in self.table.get((self.name, message.index), ()):
             self.runtime.channel(target, State).publish(state(index))
         self.depth -= 1
+
+
+def test_what_is_delivered_behind_a_turn_comes_after_all_that_the_turn_brings_about():
+    table, log = {("a", 0): [("b", 1), ("b", 2)], ("b", 2): [("a", 3)]}, []
+
+    async def main(runtime):
+        class Eager(Echo):
+            def handle(self, message):
+                if message.index == 0:
+                    runtime.dispatcher.deliver_behind(Subscription(None, self, log.append), "behind")
+                super().handle(message)
+
+        for actor in (Eager("a", table, log), Echo("b", table, log)):
+            await runtime.start(actor)
+        runtime.channel("a", State).publish(state(0))
+        assert log == [("a", 0), ("b", 1), ("b", 2), ("a", 3), "behind"]
+        runtime.dispatcher.deliver_behind(Subscription(None, None, log.append), "at once")
+        assert log[-1] == "at once"
+
+    run_virtual(main)
 
 
 @given(st.data())

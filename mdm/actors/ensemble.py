@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
@@ -40,6 +41,8 @@ __all__ = ["MOST_LEVELS", "Ensemble", "EnsembleStatistics"]
 
 MOST_LEVELS = 100
 """Levels of a hierarchy."""
+
+_ROOM = 20
 
 
 class EnsembleStatistics(ActorStatistics, frozen=True):
@@ -295,10 +298,15 @@ class Ensemble(Layer):
 
     def interrupt(self) -> None:
         """Stop within the call, so that nothing that was decided before starts."""
-        self.control.pause()
-        self.interrupted = self.awaited and (self.active or bool(self.action.live))
-        self.safety.stop(self.runtime.clock.now())
-        self.control.stop()
+        limit = sys.getrecursionlimit()
+        sys.setrecursionlimit(limit + _ROOM)  # what a level takes; it may be one of many, and the stack deep already
+        try:
+            self.control.pause()
+            self.interrupted = self.awaited and (self.active or bool(self.action.live))
+            self.safety.stop(self.runtime.clock.now())
+            self.control.stop()
+        finally:
+            sys.setrecursionlimit(limit)
 
     @property
     def mode(self) -> ModeName:

@@ -557,3 +557,37 @@ def test_an_ensemble_whose_construction_failed_still_prints():
     half = Ensemble.__new__(Ensemble)
     half.name = "robot"
     assert repr(half) == "<Ensemble 'robot'>"
+
+
+@pytest.mark.parametrize("stack", [5, 300, 700])
+def test_a_hundred_levels_go_safe_from_a_deep_stack(stack):
+    def deep(levels, function):
+        if levels:
+            deep(levels - 1, function)
+        else:
+            function()
+
+    predicates, ran, top = PredicateManager(), [], None
+    sensor = predicates.sensor("S", initial=True)
+    for level in range(100):
+        top = Ensemble(
+            f"level{level}",
+            policy=[0, 1],
+            actions={"Stay": lambda: None, "Go": top or (lambda: asyncio.sleep(3600))},
+            predicates=predicates,
+            states=[StateFactor("s", ["S"])],
+            safe_action=lambda level=level: ran.append(level),
+            on_unknown="safe" if level == 99 else "continue",
+        )
+
+    async def main(runtime):
+        await runtime.start(top)
+        await asyncio.sleep(1)
+        deep(stack, lambda: sensor.set(None))
+        await asyncio.sleep(1)
+        assert ran == [99]
+        assert top.action.live == ()
+        ran.clear()
+
+    run_virtual(main)
+    assert ran == list(range(100))

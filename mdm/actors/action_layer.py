@@ -190,7 +190,7 @@ class ActionLayer(Layer):
         self._cancel_all()
         lives = tuple(life for life in self._living() if not life.secures)
         if lives:
-            self._patience = self.call_later(patience, lambda: self._give_up(lives))
+            self._patience = self._after(patience, lambda: self._give_up(lives))
         self._settle()
 
     def _give_up(self, lives: tuple[_Life, ...]) -> None:
@@ -362,7 +362,7 @@ class ActionLayer(Layer):
             self._current = life
         timeout = self.safe_timeout if life.secures else life.binding.timeout
         if timeout is not None:
-            life.deadline = self.call_later(timeout, lambda: self._cancel(life, "timed_out"))
+            life.deadline = self._after(timeout, lambda: self._cancel(life, "timed_out"))
 
     def _cancel(self, life: _Life, ending: ActionStatus) -> None:
         """Ask a life to end; how it ends is known when it has."""
@@ -373,7 +373,13 @@ class ActionLayer(Layer):
             life.binding.ensemble.interrupt()
         elif life.work is not None:
             life.work.cancel()
-            life.grace = self.call_later(life.binding.grace, lambda: self._abandon(life))
+            life.grace = self._after(life.binding.grace, lambda: self._abandon(life))
+
+    def _after(self, seconds: float, function: Callable[[], object]) -> Timer:
+        """Call a function in a turn, after so many seconds: also where this layer or its ensemble fails meanwhile."""
+        runtime, turn = self.runtime, Subscription[None](None, self, lambda _: function())
+        when = runtime.clock.now() + round(seconds * 1e9)
+        return runtime.clock.call_at(when, lambda: runtime.dispatcher.deliver(turn, None))
 
     def _abandon(self, life: _Life) -> None:
         if life.work is not None:

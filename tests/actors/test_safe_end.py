@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 
 import pytest
 from safe_robots import Log, forever, robot, sensed, two_levels
 
-from mdm import Actor, ActorFailure, Ensemble, PredicateManager, Runtime, StateFactor, run
+from mdm import Actor, ActorFailure, Ensemble, PredicateManager, Runtime, StateFactor, bind, run
 from mdm.testing import crash, run_virtual
 
 
@@ -310,3 +310,25 @@ def test_what_an_ensemble_above_has_left_is_made_safe_when_nothing_lives_there(b
     with pytest.raises(ActorFailure) if broken else nullcontext():
         run_virtual(main)
     assert log == ["A", "Stay ends", "BELOW begins", "BELOW ends", "TOP"]
+
+
+def test_an_action_layer_that_fails_while_it_makes_safe_keeps_the_limit_of_what_is_to_end():
+    log = Log()
+
+    async def deaf():
+        while True:
+            with suppress(asyncio.CancelledError):
+                await asyncio.sleep(100.0)
+                return
+
+    async def main(runtime):
+        one, _, sensor = sensed(log, actions={"A": bind(deaf, grace=0.5), "B": log.plain("B")})
+        await runtime.start(one)
+        sensor.set(False)
+        sensor.set(None)
+        crash(one.action)
+        await asyncio.sleep(1.0)
+        assert log == ["SAFE"]
+
+    with pytest.raises(ActorFailure):
+        run_virtual(main)

@@ -6,7 +6,6 @@ So many scenarios in virtual time, then so many of robots as real processes; wha
 from __future__ import annotations
 
 import multiprocessing
-import signal
 import sys
 
 from chaos import processes, scenario
@@ -22,16 +21,9 @@ def main(count, robots=0, first=0):
     return 1 if found else 0
 
 
-def _hear():
-    """Let programs hear signals that a script or nohup ignores: a handler is not inherited."""
-    for number in processes.SIGNALS:
-        if signal.getsignal(number) is signal.SIG_IGN:
-            signal.signal(number, lambda *_: None)
-
-
 def _hold(violations, count, first, what, chunk, often):
     found = 0
-    with multiprocessing.get_context("spawn").Pool(2, _hear) as pool:
+    with multiprocessing.get_context("spawn").Pool(2, processes.hear) as pool:
         results = pool.imap_unordered(violations, range(first, first + count), chunksize=chunk)
         for done, (seed, wrong) in enumerate(results, 1):
             if wrong:

@@ -48,7 +48,8 @@ class Journal:
         blind: The ensembles over states that have been told no state since they, or what their states come from, ended,
             and when that was.
         cautious: Those that go safe whatever way their state turns unknown, within the turn.
-        due: What the others of them had decided by then, to begin when the action before has ended.
+        due: What each had decided by then, to begin when the action before has ended.
+        sent: What each had decided in the turn, on its way to its action layer before what tells of the loss.
         wrong: What must not be, in sentences.
     """
 
@@ -59,7 +60,7 @@ class Journal:
         self.runs, self.overlaps, self.limits, self.beside = [], [], {}, set()
         self.raised, self.exits, self.answers, self.endings, self.wrong = [], [], [], [], []
         self.lives, self.faults, self.modes, self.decisions = [], [], [], []
-        self.blind, self.cautious, self.due = {}, set(), {}
+        self.blind, self.cautious, self.due, self.sent = {}, set(), {}, {}
         self.order = 0
 
     def now(self):
@@ -87,8 +88,11 @@ class Journal:
         if not safe:
             if self.runtime.ending:
                 self.wrong.append(f"the runtime ends, but {action} of {robot} starts")
-            decided = self.blind.get(robot) == self.now() or self.due.get(robot) == action
-            if robot in self.blind and (robot in self.cautious or not decided):
+            now = self.blind.get(robot) == self.now()
+            decided = now and self.sent.get(robot) == action
+            if robot not in self.cautious:
+                decided = now or self.due.get(robot) == action
+            if robot in self.blind and not decided:
                 self.wrong.append(f"{robot} knows no state, but {action} starts")
             for above in self.above(robot):
                 if self.robots[above].mode == "safe":
@@ -116,8 +120,12 @@ class Journal:
         """Take it that ensembles know no state any more."""
         for name in names:
             self.blind[name] = self.now()
-            pending = self.robots[name].action._pending
+            layer = self.robots[name].action
+            pending = layer._pending
             self.due[name] = None if pending is None else pending[0]
+            queue = () if self.runtime is None else self.runtime.dispatcher.queue
+            sent = [message.index for subscription, message in queue if subscription.actor is layer and message]
+            self.sent[name] = layer.names[sent[-1]] if sent else None
 
     def throw(self, kinds=ANYTHING):
         """Raise something."""

@@ -280,3 +280,10 @@ def _errors(scenario, told, status, errors):
         yield "a traceback was printed"
     if re.search(r"never retrieved|Exception ignored|was destroyed|Fatal Python|RuntimeWarning", errors):
         yield "Python complains"
+
+
+def hear():
+    """Let programs hear signals that a script or nohup ignores: a handler is not inherited."""
+    for number in SIGNALS:
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, lambda *_: None)

@@ -18,10 +18,12 @@ demo: $(READY)
 test: $(READY)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
 
-# Random systems under random faults, over two processes; violations are printed with their seeds.
+# Random systems under random faults in virtual time, then robots as real processes that get signals; two at a time.
+# Violations are printed with their seeds.
 MDM_CHAOS ?= 100000
+MDM_CHAOS_PROCESSES ?= 1000
 chaos: $(READY)
-	PYTHONPATH=tests $(BIN)/python -m chaos $(MDM_CHAOS)
+	PYTHONPATH=tests $(BIN)/python -m chaos $(MDM_CHAOS) $(MDM_CHAOS_PROCESSES)
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -15,6 +15,7 @@ import numpy as np
 
 from mdm.beliefs import KnownState
 from mdm.beliefs.information import restore, snapshot
+from mdm.choice import check_choice
 from mdm.errors import ConfigError, ModelError
 from mdm.loading import model_of, policy_of
 from mdm.models import POMDP
@@ -127,11 +128,7 @@ class Controller:
         self.symbols.takes = self.takes
         self.horizon = self._horizon(options.get("horizon"))
         self.on_impossible: OnImpossible = options.get("on_impossible", "predict")
-        if self.on_impossible not in get_args(OnImpossible):
-            raise ConfigError(
-                f"on_impossible is 'predict', 'keep', 'reset' or 'safe_action', not {self.on_impossible!r}",
-                key="on_impossible",
-            )
+        check_choice(self.on_impossible, get_args(OnImpossible), "on_impossible", key="on_impossible")
         self._own_tracker = options.get("tracker") is not None
         self._expected = self._expectation()
         self._rewards = self._reward_rows(options.get("rewards"))
@@ -288,9 +285,9 @@ class Controller:
             ModelError: If the policy returns something else than an action, or cannot choose.
         """
         current = self.information.current
+        if self._own_tracker:
+            current = self._checked_belief(current)
         if action is None:
-            if self._own_tracker:
-                self._check_belief(current)
             action = self._choose(current)
         if action.__class__ is not int or not -1 < action < self._num_actions:
             action = self._checked(action)
@@ -351,7 +348,7 @@ class Controller:
             return None
         belief: Any = getattr(self.information, "belief", Ellipsis)
         tracked: Vector | None = self.information.current if belief is Ellipsis else belief
-        return tracked
+        return _copied(tracked) if self._own_tracker and tracked is not None else tracked
 
     @property
     def nodes(self) -> tuple[int, ...] | None:
@@ -539,13 +536,27 @@ class Controller:
             raise ModelError(f"the policy chose action {action}, but its actions are 0 to {self._num_actions - 1}")
         raise ModelError(f"the policy chose {action!r}, but an action's index is needed")
 
-    def _check_belief(self, belief: Any) -> None:
-        """Refuse an invalid belief of a user's tracker."""
-        array = np.asarray(belief, dtype=np.float64)
+    def _checked_belief(self, belief: Any) -> Vector:
+        """Return a copy of the belief of a user's tracker, which may change its own in place; refuse an invalid one."""
+        try:
+            array = _copied(belief)
+        except (TypeError, ValueError):
+            raise ModelError(f"the tracker's belief is not an array of numbers, but {belief!r}") from None
+        size = self.symbols.num_states
+        if array.shape != (array.size if size is None else size,):
+            raise ModelError(f"the tracker's belief has the shape {array.shape}, but there are {size} states")
         if not (np.isfinite(array).all() and (array >= 0).all() and abs(array.sum() - 1) < 1e-6):
             raise ModelError(
                 "the tracker's belief is not a distribution: its numbers are negative, not finite, or do not sum to 1"
             )
+        return array
+
+
+def _copied(belief: Any) -> Vector:
+    """Return a belief as an immutable array of its own."""
+    array = np.array(belief, dtype=np.float64)
+    array.flags.writeable = False
+    return array
 
 
 def _with_false_negatives(model: MDP | None, symbol: Symbol) -> POMDP:

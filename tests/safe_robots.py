@@ -43,9 +43,9 @@ def certain(actions=1):
     )
 
 
-def robot(log, **options):
+def robot(log, name="robot", **options):
     given = {"policy": DeterministicPolicy([0, 1]), "actions": {"A": log.plain("A"), "B": log.plain("B")}}
-    return Ensemble("robot", **(given | {"safe_action": log.plain("SAFE")} | options))
+    return Ensemble(name, **(given | {"safe_action": log.plain("SAFE")} | options))
 
 
 def sensed(log, *, max_age=None, supervision="escalate", **options):

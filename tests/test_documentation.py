@@ -32,6 +32,7 @@ def test_the_configuration_page_s_file_is_complete(tmp_path):
     (tmp_path / "robot.toml").write_text(block("docs/configuration.md", "toml"))
     (tmp_path / "robot.py").write_text(
         "async def read_sensors(system): pass\nasync def assist(): pass\ndef stop(): pass\ndef go_on(): pass\n"
+        "def cut_motors(): pass\n"
     )
     (tmp_path / "top.policy").write_text("[4](0,1,2,0)")
     states = Space([Factor("waiting", ["no", "yes"]), Factor("place", ["north", "south"])])

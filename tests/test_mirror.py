@@ -26,9 +26,12 @@ UNTESTED_ALONE = {
 
 ACROSS = {
     "chaos/test_chaos.py": "random systems under random faults",
+    "chaos/test_processes.py": "robots as real processes that get signals",
     "chaos/test_planted.py": "that the scenarios find faults that are planted",
     "cli/test_commands.py": "what all verbs have in common",
+    "config/test_mutations.py": "mutated files, all of them",
     "actors/test_controller_run.py": "control layers that run the nodes of a plan",
+    "actors/test_lost_input.py": "safety: input that is lost",
     "actors/test_safe_end.py": "safety: the end of ensembles",
     "actors/test_safe_order.py": "safety: ensembles above and below each other",
     "actors/test_way_back.py": "safety: what follows a safe mode",

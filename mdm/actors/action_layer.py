@@ -20,6 +20,7 @@ from mdm.messages import Action, ActionLife, ActionStatus
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.channel import Subscription
 from mdm.runtime.clock import check_seconds
+from mdm.runtime.executors import Jobs
 from mdm.runtime.supervision import LEAVING, describe
 
 if TYPE_CHECKING:
@@ -120,6 +121,7 @@ class ActionLayer(Layer):
         self._idle: list[Callable[[], None]] = []
         self._halted = True
         self._admits = self._barred = False
+        self._calling = False
         self._secure: Secured | None = None
         self._patience: Timer | None = None
 
@@ -201,7 +203,7 @@ class ActionLayer(Layer):
         self._cancel_all()
         lives = tuple(life for life in self._living() if not life.secures)
         if lives:
-            self._patience = self.call_later(patience, lambda: self._give_up(lives))
+            self._patience = self._after(patience, lambda: self._give_up(lives))
         self._settle()
 
     def _give_up(self, lives: tuple[_Life, ...]) -> None:
@@ -219,6 +221,12 @@ class ActionLayer(Layer):
             if not life.secures:
                 self._cancel(life, "preempted")
 
+    def end_functions(self) -> None:
+        """Cancel what is live, but for ensembles and the safe action."""
+        for life in self._living():
+            if life.binding.ensemble is None and not life.secures:
+                self._cancel(life, "preempted")
+
     def when_idle(self, idle: Callable[[], None]) -> None:
         """Call back when nothing lives: at once, or in the turn in which the last life ends."""
         self._idle.append(idle)
@@ -226,6 +234,8 @@ class ActionLayer(Layer):
 
     def _settle(self) -> None:
         """Start what waits for the running action's end; where nothing lives or waits, tell those who wait for that."""
+        if self._calling:  # an action's own function has brought this about: it comes to its end first
+            return
         if self._secure is not None:
             if self._current is None and not self._beside:
                 if self._patience is not None:
@@ -257,33 +267,51 @@ class ActionLayer(Layer):
         # Hot path: a plain function, while nothing lives and nobody listens to lives, needs no record of its own.
         self.started += 1
         self._record(self._now() - action.time)
+        jobs = None
         try:
-            result = binding.function(action) if binding.takes_action else binding.function()
+            self._calling = True
+            if binding.returns:
+                jobs = Jobs()
+                result = jobs.call(binding.function, *((action,) if binding.takes_action else ()))
+            else:
+                result = binding.function(action) if binding.takes_action else binding.function()
+            self._calling = False
         except BaseException as error:
-            self._end_life(_Life(self.started, self.names[index], binding, action), "failed", describe(error))
-            if isinstance(error, LEAVING):
-                raise
+            self._take_error(_Life(self.started, self.names[index], binding, action), error)
             return
-        if result is not None:
-            self._take(_Life(self.started, self.names[index], binding, action), result)
+        if result is not None or self._halted:
+            self._take(_Life(self.started, self.names[index], binding, action), result, jobs)
             return
         ended = self.ended
         ended["succeeded"] = ended.get("succeeded", 0) + 1
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(self.names[index], "succeeded")
 
-    def _take(self, life: _Life, result: object) -> None:
-        """Take what a function has returned: an awaitable runs as a task."""
+    def _take(self, life: _Life, result: object, jobs: Jobs | None) -> None:
+        """Take what a function has returned: an awaitable runs as a task, and has ended when its jobs have."""
         if inspect.isawaitable(result):
             self._keep(life)
             try:
-                life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=life.name)
+                life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=life.name, jobs=jobs)
             except Error as error:  # the layer has ended already
                 self._finish(life, "failed", describe(error))
         elif inspect.isgenerator(result) or inspect.isasyncgen(result):
             self._end_life(life, "failed", f"returned {result!r}, of which nothing has run")
         else:
             self._end_life(life, "succeeded")
+        if self._halted and not life.secures:
+            # It ended what decides while it was called: nothing that it returns begins, and what waited for it goes on.
+            self._cancel(life, "preempted")
+            self._settle()
+
+    def _take_error(self, life: _Life, error: BaseException) -> None:
+        """Take what a function has raised."""
+        self._calling = False
+        self._end_life(life, "failed", describe(error))
+        if isinstance(error, LEAVING):
+            self.fail(error)  # which ends the runtime; those who had this action begin go on with what they do
+        if self._halted and not life.secures:
+            self._settle()
 
     def _choose(self, name: str, binding: Binding, action: Action) -> None:
         if binding.concurrent:
@@ -320,8 +348,9 @@ class ActionLayer(Layer):
             self._tell(life, "running")
         ensemble = binding.ensemble
         if ensemble is not None:
-            if ensemble.life != "running":
-                self._end_life(life, "failed", f"ensemble {ensemble.path!r} does not run: it is {ensemble.life}")
+            if ensemble.life != "running" or ensemble.failing:  # which may not have stopped yet
+                what = "has failed" if ensemble.failing else f"is {ensemble.life}"
+                self._end_life(life, "failed", f"ensemble {ensemble.path!r} does not run: it {what}")
                 return
             self._keep(life)
             ensemble.when_idle(lambda: self._ensemble_ended(life))
@@ -329,14 +358,15 @@ class ActionLayer(Layer):
             return
         if action.epoch >= 0:
             self._record(self._now() - action.time)
+        jobs = Jobs()
         try:
-            result = binding.function(action) if binding.takes_action else binding.function()
+            self._calling = True
+            result = jobs.call(binding.function, *((action,) if binding.takes_action else ()))
+            self._calling = False
         except BaseException as error:
-            self._end_life(life, "failed", describe(error))
-            if isinstance(error, LEAVING):
-                raise
+            self._take_error(life, error)
             return
-        self._take(life, result)
+        self._take(life, result, jobs)
 
     def _keep(self, life: _Life) -> None:
         if life.binding.concurrent and not life.secures:
@@ -345,7 +375,7 @@ class ActionLayer(Layer):
             self._current = life
         timeout = self.safe_timeout if life.secures else life.binding.timeout
         if timeout is not None:
-            life.deadline = self.call_later(timeout, lambda: self._cancel(life, "timed_out"))
+            life.deadline = self._after(timeout, lambda: self._cancel(life, "timed_out"))
 
     def _cancel(self, life: _Life, ending: ActionStatus) -> None:
         """Ask a life to end; how it ends is known when it has."""
@@ -356,7 +386,13 @@ class ActionLayer(Layer):
             life.binding.ensemble.interrupt()
         elif life.work is not None:
             life.work.cancel()
-            life.grace = self.call_later(life.binding.grace, lambda: self._abandon(life))
+            life.grace = self._after(life.binding.grace, lambda: self._abandon(life))
+
+    def _after(self, seconds: float, function: Callable[[], object]) -> Timer:
+        """Call a function in a turn, after so many seconds: also where this layer or its ensemble fails meanwhile."""
+        runtime, turn = self.runtime, Subscription[None](None, self, lambda _: function())
+        when = runtime.clock.now() + round(seconds * 1e9)
+        return runtime.clock.call_at(when, lambda: runtime.dispatcher.deliver(turn, None))
 
     def _abandon(self, life: _Life) -> None:
         if life.work is not None:
@@ -485,5 +521,12 @@ def _safe_binding(
             raise ConfigError(
                 f"the safe action {safe_action!r} is none of the actions {', '.join(names)}", key="safe_action"
             )
-        return bindings[names.index(safe_action)]
-    return bind(safe_action)
+        binding = bindings[names.index(safe_action)]
+    else:
+        binding = bind(safe_action)
+    if binding.ensemble is not None:
+        raise ConfigError(
+            f"the safe action is a function: ensemble {binding.ensemble.name!r} would have to decide in a safe mode",
+            key="safe_action",
+        )
+    return binding

@@ -6,9 +6,10 @@ import inspect
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any, Literal
 
+from mdm.choice import check_choice, check_flag
 from mdm.errors import ConfigError
 from mdm.runtime.clock import check_seconds
-from mdm.runtime.handler import kind_of
+from mdm.runtime.handler import kind_of, may_return
 
 if TYPE_CHECKING:
     from mdm.actors.ensemble import Ensemble
@@ -31,6 +32,10 @@ class Binding:
             in which it was chosen, such as "go up" in the next room: a task that goes on keeps its old goal.
         resume: For an ensemble: start it from the belief that it was stopped with.
         concurrent: The action neither ends the running one nor is ended by the next.
+
+    Attributes:
+        plain: Whether it is a plain function.
+        returns: Whether it is one that may return anything, such as what is to be awaited.
     """
 
     __slots__ = (
@@ -41,6 +46,7 @@ class Binding:
         "on_repeat",
         "plain",
         "resume",
+        "returns",
         "takes_action",
         "target",
         "timeout",
@@ -59,8 +65,9 @@ class Binding:
         for name, seconds in (("timeout", timeout), ("grace", grace)):
             if seconds is not None or name == "grace":
                 check_seconds(seconds, name, key=name)
-        if on_repeat not in {"continue", "restart"}:
-            raise ConfigError(f"on_repeat is 'continue' or 'restart', not {on_repeat!r}", key="on_repeat")
+        check_choice(on_repeat, ("continue", "restart"), "on_repeat", key="on_repeat")
+        check_flag(resume, "resume", key="resume")
+        check_flag(concurrent, "concurrent", key="concurrent")
         self.target = target
         self.timeout = timeout
         self.grace = grace
@@ -82,6 +89,7 @@ class Binding:
         else:
             raise ConfigError(f"an action's target is a function or an ensemble, not {target!r}")
         self.plain = self.ensemble is None and kind_of(self.function) is None
+        self.returns = self.plain and may_return(self.function)
 
 
 def bind(target: Callback | Ensemble, **options: Any) -> Binding:

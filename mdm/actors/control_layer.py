@@ -15,7 +15,7 @@ import numpy as np
 from mdm.actors.drive import Drive, FixedRate, OnEvent, drive_of
 from mdm.actors.layer import Layer
 from mdm.actors.modes import AT_INPUT, AT_KNOWN, AT_STIMULUS
-from mdm.actors.planner import Planner
+from mdm.actors.planner import PATIENCE, Planner
 from mdm.beliefs import Support
 from mdm.controller import Controller
 from mdm.errors import ConfigError, Error, ModelError
@@ -23,6 +23,7 @@ from mdm.messages import Action, Answer, Belief, Control, Decision, Fault, Obser
 from mdm.options import ControllerOptions, check_options
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.clock import check_seconds
+from mdm.runtime.supervision import text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -46,8 +47,9 @@ class ControlOptions(ControllerOptions, total=False):
             ``FixedRate(rate)`` or a number, so many times a second.
         on_no_observation: What a fixed-rate tick without a new observation means: ``predict`` (the default: time
             passes, nothing seen), ``repeat`` the last one, or the name of an observation.
-        deadline: Seconds from stimulus to decision; a later decision is reported, and where there is a safe action the
-            ensemble goes safe in place of it.
+        deadline: Seconds from stimulus to decision, or from the first of the ticks that were missed before it; a later
+            decision is reported, and where there is a safe action the ensemble goes safe in place of it. What the
+            fallback of a search says at the deadline is in time for a tenth of a second more.
     """
 
     drive: Drive | float | str | None
@@ -155,6 +157,7 @@ class ControlLayer(Layer):
         self.superseded = 0
         self.undecided = 0
         self.missed = 0
+        self._overdue = 0
         self.action_names: Sequence[str] = (
             () if self.controller.symbols.action_space is None else self.controller.symbols.action_space.names
         )
@@ -179,6 +182,8 @@ class ControlLayer(Layer):
                 cast("Deliberating", self.controller.policy), drive=self.drive, deadline=self.deadline
             )
             self.add(self.planner)
+            if self.deadline is not None:  # at which the fallback answers, and the loop may be a little late
+                self._deadline_ns = round((self.deadline + PATIENCE) * 1e9)
 
     # -- Checks --------------------------------------------------------------------------------------------------
 
@@ -293,7 +298,7 @@ class ControlLayer(Layer):
             self._begin_episode()
             if self.running:
                 self._begin(control.time, command)
-        elif command != "release" and not self.running:
+        elif command != "release" and not self.running and (self.guard is None or self.guard.deciding or self._held):
             self._begin_episode(keep=command == "resume")
             if isinstance(self.drive, FixedRate) and self._ticker is None:
                 self._ticker = self.every(self.drive.rate, self._on_tick)
@@ -486,7 +491,7 @@ class ControlLayer(Layer):
         try:
             step = self._see(index)
         except ModelError as error:
-            self._alarm(Fault(state.time, self.path, "state", str(error)))
+            self._alarm(Fault(state.time, self.path, "state", text_of(error)))
         else:
             self._publish(step, state.time, cause, None, index)
 
@@ -523,10 +528,12 @@ class ControlLayer(Layer):
         if not self.running and not self._tick_safely(tick):
             return
         cause, symbol = "tick", None
+        self._overdue = 0
         if tick.missed:
             assert isinstance(self.drive, FixedRate)
             self.missed += tick.missed
-            self._record(tick.late + round(tick.missed * 1e9 / self.drive.rate))
+            self._overdue = round(tick.missed * 1e9 / self.drive.rate)
+            self._record(tick.late + self._overdue)
         observation, self._observation = self._observation, None
         if self.controller.over:
             self._begin_episode()
@@ -574,7 +581,7 @@ class ControlLayer(Layer):
         self.report("belief", "refused a belief from outside: the team's agents share theirs", time=belief.time)
 
     def _refuse_belief(self, channel: str, belief: Belief, error: Exception) -> None:
-        self.report("belief", f"refused a belief on {self._path}/{channel}: {error}", time=belief.time)
+        self.report("belief", f"refused a belief on {self._path}/{channel}: {text_of(error)}", time=belief.time)
 
     # -- Decisions -----------------------------------------------------------------------------------------------
 
@@ -590,7 +597,7 @@ class ControlLayer(Layer):
         try:
             controller.advance(observation)
         except (ModelError, TypeError) as error:
-            self.report("observation", str(error), time=time)
+            self.report("observation", text_of(error), time=time)
             return observation
         self._last_observation = observation
         if controller.problem is not None:
@@ -617,7 +624,7 @@ class ControlLayer(Layer):
                 return
             step = self.controller.decide() if state is None else self._see(state)
         except ModelError as error:
-            self._alarm(Fault(time, self.path, "state" if self._takes_states else "policy", str(error)))
+            self._alarm(Fault(time, self.path, "state" if self._takes_states else "policy", text_of(error)))
             return
         self._publish(step, time, cause, observation, state)
 
@@ -647,10 +654,10 @@ class ControlLayer(Layer):
         """Publish a decision, the action first."""
         latency = self._now() - time
         self._record(latency)
-        if self._deadline_ns is not None and latency > self._deadline_ns and self.planner is None:
+        if self._deadline_ns is not None and latency + self._overdue > self._deadline_ns:
             if self.lead is None:  # what was done before is still what is done
                 self.controller.last_action = self._acted
-            if self._late(latency, time) and self.lead is None:
+            if self._late(latency + self._overdue, time) and self.lead is None:
                 return
             self.controller.last_action = step.action
         self._do(Action(time, step.epoch, step.action))
@@ -691,13 +698,18 @@ class ControlLayer(Layer):
         """Return what the layer has decided so far."""
         return ControlStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            decisions=self._actions.published if self.life != "created" else 0,
+            decisions=self.decisions,
             impossible=self.controller.impossible,
             superseded=self.superseded,
             undecided=self.undecided,
             missed=self.missed,
             latency=self.latency,
         )
+
+    @property
+    def decisions(self) -> int:
+        """The number of actions published."""
+        return self._actions.published if self.life != "created" else 0
 
     @property
     def latency(self) -> Histogram:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import anyio
 import msgspec
@@ -17,10 +18,13 @@ from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
 from mdm.actors.predicate_manager import PredicateManager
 from mdm.actors.safety import Safety, SafetyOptions
 from mdm.actors.state_layer import StateFactor, StateLayer
+from mdm.choice import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
 from mdm.options import check_options
 from mdm.runtime import ActorStatistics
+from mdm.runtime.channel import Subscription
+from mdm.runtime.supervision import text_of
 from mdm.symbols import agent_index
 
 if TYPE_CHECKING:
@@ -38,6 +42,8 @@ __all__ = ["MOST_LEVELS", "Ensemble", "EnsembleStatistics"]
 
 MOST_LEVELS = 100
 """Levels of a hierarchy."""
+
+_ROOM = 20
 
 
 class EnsembleStatistics(ActorStatistics, frozen=True):
@@ -78,6 +84,9 @@ class Ensemble(Layer):
 
     Raises:
         ConfigError: If sizes or names do not fit each other.
+
+    Attributes:
+        interrupted: Whether the action that it is bound to has ended it, and it is not idle yet.
     """
 
     def __init__(
@@ -103,6 +112,8 @@ class Ensemble(Layer):
             self.predicates = predicates
             self._idle: list[Callable[[], None]] = []
             self.local = local
+            self._asked: Literal["start", "resume", "stop"] | None = None
+            self.interrupted = False
             _check_settings(predicates, states, observations, agent, local=local)
             check_options(options, SafetyOptions)
             control: Any = {key: value for key, value in options.items() if key in ControlOptions.__annotations__}
@@ -272,7 +283,9 @@ class Ensemble(Layer):
     # -- Deciding ------------------------------------------------------------------------------------------------
 
     def start(self, *, resume: bool = False) -> None:
-        """Begin to decide: from the initial belief, or from the present one."""
+        """Begin to decide: from the initial belief, or from the present one; as soon as the layers have started."""
+        if self._put_off("resume" if resume else "start"):
+            return
         if resume:
             self.control.resume()
         else:
@@ -280,7 +293,14 @@ class Ensemble(Layer):
 
     def stop(self) -> None:
         """Decide no more and end the running action; what is below stops first. `when_idle` tells when it is done."""
-        self.control.stop()
+        if not self._put_off("stop"):
+            self.control.stop()
+
+    def _put_off(self, command: Literal["start", "resume", "stop"]) -> bool:
+        """Keep a command until the layers that it is for have all started; return whether they have not."""
+        if self.life == "starting":
+            self._asked = command
+        return self.life == "starting"
 
     def reset(self) -> None:
         """Begin a new episode now."""
@@ -320,9 +340,15 @@ class Ensemble(Layer):
 
     def interrupt(self) -> None:
         """Stop within the call, so that nothing that was decided before starts."""
-        self.control.pause()
-        self.safety.stop(self.runtime.clock.now())
-        self.control.stop()
+        limit = sys.getrecursionlimit()
+        sys.setrecursionlimit(limit + _ROOM)  # what a level takes; it may be one of many, and the stack deep already
+        try:
+            self.control.pause()
+            self.interrupted = self.awaited and (self.active or bool(self.action.live))
+            self.safety.stop(self.runtime.clock.now())
+            self.control.stop()
+        finally:
+            sys.setrecursionlimit(limit)
 
     @property
     def mode(self) -> ModeName:
@@ -363,10 +389,12 @@ class Ensemble(Layer):
         return None
 
     def _on_control(self, control: Control) -> None:
-        if self.control.lead is None or control.command == "release":
-            self._command(control)
-        else:
+        if self.control.lead is not None and control.command != "release":
             self.control.lead.command(control.command)
+        else:
+            command = control.command
+            if command == "reset" or command == "release" or not self._put_off(command):  # noqa: PLR1714 - mypy
+                self._command(control)
 
     def _command(self, control: Control) -> None:
         if control.command in {"start", "resume"}:
@@ -374,10 +402,13 @@ class Ensemble(Layer):
         elif control.command == "stop":
             self.safety.stop(control.time)
         elif control.command == "release":
-            self.safety.release(control.time)
+            # Behind what this turn brings about, so that no state is decided on which it makes unknown.
+            behind: Subscription[int] = Subscription(None, self, self.safety.release)
+            self.runtime.dispatcher.deliver_behind(behind, control.time)
 
     def became_idle(self) -> None:
         """Tell those who wait for it that the ensemble is stopped and that nothing of it lives."""
+        self.interrupted = False
         idle, self._idle = self._idle, []
         for call in idle:
             call()
@@ -400,19 +431,30 @@ class Ensemble(Layer):
         """Check everything, and use the predicate manager: where nobody else has, the runtime starts it."""
         for problem in self.problems():
             raise problem
+        self.interrupted = False
         if self.predicates is not None:
             self.share(self.predicates)
         self.subscribe(self.channel("control", Control), self._on_control)
         self.safety.open()
 
     def on_running(self) -> None:
-        """Begin to decide, unless another ensemble's action is what starts this one, or a team."""
-        if not isinstance(self.parent, Ensemble) and self.control.lead is None:
-            self.start()
+        """Begin to decide, unless it was told otherwise meanwhile, or an ensemble above or a team starts it."""
+        asked, self._asked = self._asked, None
+        if asked is None and not isinstance(self.parent, Ensemble) and self.control.lead is None:
+            asked = "start"
+        if asked in {"start", "resume"}:
+            self.start(resume=asked == "resume")
 
     def on_failing(self, error: BaseException) -> None:
-        """Go safe in the turn of the failure, with no way back but a restart."""
-        self.safety.end("failure", f"{type(error).__name__}: {error}", lambda: None)
+        """Go safe in the turn of the failure, with no way back but a restart, before which sensors are still heard."""
+        if self.predicates is not None:
+            self.predicates.keep()
+        self.safety.end("failure", f"{type(error).__name__}: {text_of(error)}", lambda: None)
+
+    def on_ending(self) -> None:
+        """Go safe with the runtime, not only when those that stop before have come to their ends."""
+        if not isinstance(self.parent, Ensemble):
+            self.safety.end("end", "the runtime ends", lambda: None)
 
     async def on_stopping(self) -> None:
         """End the running action and what is below, and run the safe actions: the outermost has the last word."""
@@ -425,8 +467,11 @@ class Ensemble(Layer):
 
     def on_stop(self) -> None:
         """Forget the state: what was known before an end is not decided on after it."""
+        self._asked = None
         self.safety.waiting.end()
         self.channel("state", State, retain=True).forget()
+        if self.predicates is not None and self.runtime.sharing.users(self.predicates) != (self,):
+            self.predicates.keep_no_more()  # others have it live on
 
     @property
     def settling(self) -> float:
@@ -439,7 +484,11 @@ class Ensemble(Layer):
     def patience(self) -> float:
         """Seconds after which the safe action has ended besides, or has failed twice."""
         safe = self.action.safe
-        return self.settling + (0.0 if safe is None else 2 * (self.action.safe_timeout + safe.grace))
+        own = max((binding.grace for binding in self.action.bindings if binding.ensemble is None), default=0.0)
+        # Of those below one may decide, or else an action of its own live, and another have stopped: it comes after.
+        last, *before = sorted((below.patience for below in self.subensembles), reverse=True) or [0.0]
+        below = last + max([own, *before])
+        return 0.5 + below + (0.0 if safe is None else 2 * (self.action.safe_timeout + safe.grace))
 
 
 def _check_settings(predicates: object, states: object, observations: object, agent: object, *, local: object) -> None:
@@ -451,8 +500,7 @@ def _check_settings(predicates: object, states: object, observations: object, ag
             raise ConfigError(f"{key} is a list of {kind.__name__}(...), not {given!r}", key=key)
     if isinstance(agent, bool) or not isinstance(agent, int | str):
         raise ConfigError(f"an agent is given by index or by name, not by {agent!r}", key="agent")
-    if not isinstance(local, bool):
-        raise ConfigError(f"local is True or False, not {local!r}", key="local")
+    check_flag(local, "local", key="local")
 
 
 def _agent_actions(

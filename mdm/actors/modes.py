@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Final
 from mdm.messages import Cause
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from mdm.messages import ModeName
 
 __all__ = ["AT_INPUT", "AT_KNOWN", "AT_STIMULUS", "WAYS_BACK", "Modes", "Order"]
@@ -74,20 +76,24 @@ class Modes:
 
     Causes not in `WAYS_BACK` are a user's own: they hold until they are gone or released.
 
+    Args:
+        time: When it begins.
+        held: Causes that have outlasted what was before.
+
     Attributes:
         mode: The present one.
         since: When it began.
-        causes: Why it is safe, by kind; each with its words and since when it holds. They outlast a cause that is gone
-            only while the mode does.
+        causes: Why it is safe, by kind; each with its words and since when it holds. What only a release ends outlasts
+            a stop.
         securing: Whether the safe action is due or runs.
     """
 
     __slots__ = ("_leaving", "_tries", "causes", "mode", "securing", "since")
 
-    def __init__(self, time: int = 0) -> None:
+    def __init__(self, time: int = 0, held: Iterable[Cause] = ()) -> None:
         self.mode: ModeName = "stopped"
         self.since = time
-        self.causes: dict[str, Cause] = {}
+        self.causes = {cause.kind: cause for cause in held}
         self.securing = False
         self._tries = 0
         self._leaving = False
@@ -97,15 +103,22 @@ class Modes:
         """Whether there is no way back for this life of the ensemble."""
         return not _FOR_GOOD.isdisjoint(self.causes)
 
+    @property
+    def held(self) -> tuple[Cause, ...]:
+        """The causes that nothing but a release, or a user's own word, takes away."""
+        return tuple(cause for kind, cause in self.causes.items() if WAYS_BACK.get(kind, "release") == "release")
+
     # -- Events --------------------------------------------------------------------------------------------------
 
     def start(self, time: int) -> Orders:
-        """The ensemble is to decide."""
+        """The ensemble is to decide; where a cause has outlasted its stop, it is safe at once."""
         if self.mode == "safe":
             self._leaving = self._leaving and self.ended
             return ()
         if self.mode == "deciding" or self.ended:
             return ()
+        if self.causes:
+            return self._secure(time)
         self._enter("deciding", time)
         return (Order.ADMIT,)
 
@@ -128,18 +141,23 @@ class Modes:
         self.causes.setdefault(kind, Cause(kind, detail, time))
         return () if self.mode == "safe" else self._secure(time)
 
-    def end(self, time: int, kind: str = "end", detail: str = "the ensemble ends") -> Orders:
-        """There is no way back; the safe action runs once more, unless it is due or runs."""
+    def end(self, time: int, kind: str = "end", detail: str = "the ensemble ends", *, unsafe: bool = False) -> Orders:
+        """There is no way back; the safe action runs once more, unless it is due or runs.
+
+        Args:
+            time: When.
+            kind: The cause.
+            detail: In words.
+            unsafe: Whether an action has begun since the safe action last ran: it then runs where all has stopped, too.
+        """
         self.causes.setdefault(kind, Cause(kind, detail, time))
-        return () if self.mode == "stopped" or self.securing else self._secure(time)
+        return () if self.securing or (self.mode == "stopped" and not unsafe) else self._secure(time)
 
     def gone(self, kinds: frozenset[str], time: int) -> Orders:
         """Causes hold no more."""
-        if self.mode != "safe":
-            return ()
         for kind in kinds - _FOR_GOOD:
             self.causes.pop(kind, None)
-        return self._leave(time)
+        return self._leave(time) if self.mode == "safe" else ()
 
     def release(self, time: int) -> Orders:
         """A person says that it is over; a safe action that is due or runs comes to its end first."""
@@ -178,7 +196,7 @@ class Modes:
         if self._leaving:
             self._leaving = False
             if not self.ended:
-                self.causes.clear()
+                self.causes = {cause.kind: cause for cause in self.held}
             self._enter("stopped", time)
             return (Order.IDLE,)
         if self.causes:

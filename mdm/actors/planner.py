@@ -30,9 +30,11 @@ if TYPE_CHECKING:
     from mdm.policies.policy import Found
     from mdm.runtime import Timer
 
-__all__ = ["Planner", "PlannerStatistics"]
+__all__ = ["PATIENCE", "Planner", "PlannerStatistics"]
 
-_PATIENCE = 0.1
+PATIENCE = 0.1
+"""Seconds after its deadline for which the answer of a fallback is still in time."""
+
 _SILENCE = 5.0
 _RESTART = Restart(limit=3, within=60.0, backoff=0.1)
 
@@ -86,7 +88,7 @@ class Planner(Layer):
             )
         self.policy = policy
         if deadline is None and policy.fallback is not None and policy.seconds is not None:
-            deadline = 2 * policy.seconds + _PATIENCE
+            deadline = 2 * policy.seconds + PATIENCE
         self.deadline = deadline
         self._process: SearchProcess | None = None
         self._ready = anyio.Event()

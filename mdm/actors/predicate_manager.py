@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from threading import get_ident
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+from mdm.actors.backlog import Backlog
 from mdm.actors.follower import Follower
 from mdm.actors.sensor import EventSource, Sensor, truth
 from mdm.errors import ConfigError, Error
@@ -20,6 +21,7 @@ from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdat
 from mdm.runtime import Actor
 from mdm.runtime.clock import check_seconds
 from mdm.runtime.handler import check_plain
+from mdm.runtime.supervision import text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -64,10 +66,11 @@ class PredicateManager(Actor):
         self._hold_timers: dict[str, Timer] = {}
         self._age_timers: dict[str, Timer] = {}
         self._batches: dict[object, tuple[dict[str, bool | None], list[str]]] = {}
-        self._early: dict[str, bool | None] = {}
+        self._backlog = Backlog()
         self._known: frozenset[str] = frozenset()
         self._senses: Callable[[SensorUpdate], None] | None = None
         self._begun = False
+        self._lost = False
         self._home: Runtime | None = None
         self.action_ends: frozenset[str] = frozenset()
         self._first_events: EventUpdate | None = None
@@ -272,18 +275,20 @@ class PredicateManager(Actor):
             if ACTION_END.fullmatch(name):
                 network.add_event(name)
             elif "/" in name:
-                network.add_input(name, self._early.get(name))
+                network.add_input(name, self._backlog.values.get(name))
         return network
 
     # -- Values --------------------------------------------------------------------------------------------------
 
     def value(self, name: str) -> bool | None:
         """Return a predicate's value: true, false, or None where it is unknown."""
-        return self._network.value(name)
+        value = self._network.value(name)
+        return None if self._lost else value
 
     def values(self) -> dict[str, bool | None]:
         """Return the value of every predicate."""
-        return self._network.values()
+        values = self._network.values()
+        return dict.fromkeys(values) if self._lost else values
 
     @contextmanager
     def batch(self) -> Iterator[None]:
@@ -338,15 +343,28 @@ class PredicateManager(Actor):
 
     def _told(self, name: str, initial: bool | None) -> bool | None:
         """What a sensor was told before the start; at a restart it is unknown otherwise, whatever it began with."""
-        return self._early.get(name, None if self._begun else initial)
+        return self._backlog.values.get(name, None if self._begun else initial)
 
     def _input(self, predicates: tuple[tuple[str, bool | None], ...], events: tuple[str, ...]) -> None:
-        if self._senses is None:
-            self._early.update(predicates)
-            if not self._begun:
-                return
-        runtime = self.runtime
-        self.sensed.publish(SensorUpdate(runtime.clock.now(), predicates, events))
+        if not self._begun:
+            self._backlog.put(predicates, None)
+            return
+        (self._senses or self._keep)(SensorUpdate(self.runtime.clock.now(), predicates, events))
+
+    def _keep(self, update: SensorUpdate) -> None:
+        self._backlog.put(update.predicates, update.time)
+        self.sensed.publish(update)
+
+    def keep(self) -> None:
+        """Keep what sensors are told from now on for the next start, too: one who uses them has failed."""
+        if self._senses is not None:
+            self._senses = self._keep
+
+    def keep_no_more(self) -> None:
+        """Take it that the manager lives on."""
+        if self._senses is not None and self.life == "running" and not self.failing:
+            self._senses = self.sensed.publish
+            self._backlog.clear()
 
     @property
     def known(self) -> frozenset[str]:
@@ -359,16 +377,23 @@ class PredicateManager(Actor):
         """Build the network, ground it, and make its first values known."""
         self.sensed = self.channel("sensed", SensorUpdate)
         self.sensed.supersedes = _subject
+        self.sensed.merge = _merge
         self.updates = self.channel("updates", PredicateUpdate)
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
         self._now = self.runtime.clock.reader()
         self._senses = self.sensed.publish
+        now = self.runtime.clock.now()
         self._begun = self._home is self.runtime
         self._home = self.runtime
+        if self._begun:
+            self._backlog.expire(now, self._max_age)
         self._network = self.network()
-        self._early.clear()
+        for name in self._max_age:
+            self._seen[name] = self._backlog.told(name, now) if self._begun else now
+        self._backlog.clear()
         self._begun = True
+        self._lost = False
         first = self._network.compile()
         self._known = frozenset(self._network.names)
         ends = {name for name in self._network.events if ACTION_END.fullmatch(name)}
@@ -377,14 +402,12 @@ class PredicateManager(Actor):
         self._counter = self._event_counter = 0
         self._hold_timers.clear()
         self._age_timers.clear()
-        now = self.runtime.clock.now()
         self._first_events = EventUpdate(now, 0, first.events) if first.events else None
-        self.map.retain_by(lambda: PredicateMap(self.runtime.clock.now(), self._counter, self._network.values()))
+        self.map.retain_by(lambda: PredicateMap(self.runtime.clock.now(), self._counter, self.values()))
         self.events.retain_by(lambda: self._first_events if self._event_counter == 0 else None)
         for name in first.armed:
             self._arm(name, now)
         for name in self._max_age:
-            self._seen[name] = now
             if self._network.value(name) is not None:
                 self._watch(name)
         values = self._network.values()
@@ -399,6 +422,15 @@ class PredicateManager(Actor):
             follower = Follower(self, agent, full)
             self.subscribe(updates, follower.update)
             follower.synchronise()
+
+    def on_failing(self, error: BaseException) -> None:  # noqa: ARG002 - as of any actor
+        """Let every predicate be unknown at once; what sensors are told from now on is kept for the next start."""
+        self.keep()
+        known = tuple(name for name, value in self.values().items() if value is not None)
+        self._lost = True
+        if known:
+            self._counter += 1
+            self.updates.publish(PredicateUpdate(self.runtime.clock.now(), self._counter, (), (), known))
 
     def on_stop(self) -> None:
         """Keep what sensors are told from now on for the next start."""
@@ -490,7 +522,9 @@ class PredicateManager(Actor):
             try:
                 sensor.set(when(message))
             except Exception as error:
-                self.report("sensor", f"the 'when' of predicate {name!r} raised {type(error).__name__}: {error}")
+                self.report(
+                    "sensor", f"the 'when' of predicate {name!r} raised {type(error).__name__}: {text_of(error)}"
+                )
                 sensor.set(None)
 
         return grounded
@@ -499,6 +533,11 @@ class PredicateManager(Actor):
 def _subject(update: SensorUpdate) -> tuple[str, ...] | None:
     """Return whose values a newer update of the same predicates supersedes; None where events must keep their order."""
     return None if update.events else tuple(name for name, _ in update.predicates)
+
+
+def _merge(older: SensorUpdate, newer: SensorUpdate) -> SensorUpdate:
+    """Return the latest values of two updates without events; they are as old as the older one."""
+    return SensorUpdate(older.time, tuple({**dict(older.predicates), **dict(newer.predicates)}.items()))
 
 
 def _scope() -> object:

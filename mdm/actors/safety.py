@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Literal, get_args
 from mdm.actors.control_layer import ControlOptions
 from mdm.actors.modes import Modes, Order
 from mdm.actors.waiting import Waiting
+from mdm.choice import check_choice
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Mode, PredicateUpdate
+from mdm.runtime.channel import Subscription
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -28,6 +30,7 @@ Reaction = Literal["safe", "continue"]
 LostTeammate = Literal["continue", "hold", "safe_action"]
 
 _REACTIONS = ("on_failed_action", "on_lost_input", "on_unknown")
+_OPTIONS = {"stale_input": "on_lost_input", "unknown_input": "on_unknown"}
 
 
 class SafetyOptions(ControlOptions, total=False):
@@ -38,7 +41,7 @@ class SafetyOptions(ControlOptions, total=False):
         on_failed_action: An action that failed, timed out or was abandoned, where no predicate or event depends on that
             end: ``safe`` (the default where there is a safe action) or ``continue``.
         on_lost_input: A sensor's value that became older than its ``max_age``: the same two.
-        on_unknown: A state that turns unknown otherwise: the same two.
+        on_unknown: A state, or a sensor of observations, that turns unknown otherwise: the same two.
         on_lost_teammate: In a team, what an agent that was there and has not left in order means to this one:
             ``continue`` (the default: the team decides without it), ``hold`` (what is decided is not begun here until
             it is back), or ``safe_action``.
@@ -79,6 +82,7 @@ class Safety:
         self._told: tuple[str, tuple[Cause, ...]] = ("stopped", ())
         self._stale = False
         self._base = 0
+        self._safe_at = 0
         self._lost: set[str] = set()
         self._ending = False
         self._last = False
@@ -92,8 +96,8 @@ class Safety:
 
     def _reaction(self, name: str, given: object) -> bool:
         """Whether a cause makes the ensemble safe."""
-        if given is not None and given not in get_args(Reaction):
-            raise ConfigError(f"{name} is 'safe' or 'continue', not {given!r}", key=name)
+        if given is not None:
+            check_choice(given, get_args(Reaction), name, key=name)
         if given == "safe" and not self._has_safe_action:
             raise ConfigError(f"{name} asks for the safe action, but there is none", key="safe_action")
         return self._has_safe_action and given != "continue"
@@ -118,9 +122,10 @@ class Safety:
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Begin a life of the ensemble: stopped, with nothing from the one before."""
+        """Begin a life of the ensemble: stopped, with nothing from the one before but what a restart does not mend."""
         ensemble = self._ensemble
-        self.modes = Modes(ensemble.runtime.clock.now())
+        held = self.modes.held if "failure" in self.modes.causes else ()
+        self.modes = Modes(ensemble.runtime.clock.now(), held)
         self._told = ("stopped", ())
         self._ending = self._last = self._over = False
         self._ended.clear()
@@ -128,33 +133,33 @@ class Safety:
         self._channel = ensemble.channel("mode", Mode, retain=True)
         ensemble.control.guard = self
         ensemble.action.alarm = self._on_failed_action
-        watched = self._watched()
-        if ensemble.predicates is not None and watched:
-            self._watch(ensemble.predicates, watched)
+        if ensemble.predicates is not None:
+            self._watch(ensemble.predicates)
 
-    def _watched(self) -> frozenset[str]:
-        """The sensors with a largest age that this ensemble depends on."""
+    def _watch(self, manager: PredicateManager) -> None:
+        """Notice sensors that become too old, and those of observations that turn unknown: no state tells of these."""
         ensemble = self._ensemble
-        manager = ensemble.predicates
-        if manager is None:
-            return frozenset()
-        names = [name for factor in (ensemble.state.own if ensemble.state else ()) for name in factor.predicates]
+        states = [name for factor in (ensemble.state.own if ensemble.state else ()) for name in factor.predicates]
         observed = ensemble.observation.own if ensemble.observation else ()
-        names += [name for factor in observed for name in factor.events if name is not None]
-        return frozenset(sensor for name in names for sensor in manager.inputs_of(name) if sensor in manager.aged)
+        events = [name for factor in observed for name in factor.events if name is not None]
+        used = frozenset(given for name in (*states, *events) for given in manager.inputs_of(name))
+        others = frozenset(given for name in events for given in manager.inputs_of(name) if manager.senses(given))
+        watched = {"stale_input": used & manager.aged, "unknown_input": others - manager.aged}
 
-    def _watch(self, manager: PredicateManager, watched: frozenset[str]) -> None:
+        topics = frozenset[str]().union(*watched.values())
+
         def look(update: PredicateUpdate) -> None:
-            lost = watched.intersection(update.unknown)
-            self._lost |= lost
+            self._lost |= topics.intersection(update.unknown)
             self._lost.difference_update(update.rising, update.falling)
-            if lost:
-                self._on_lost_input(lost, update.time)
-            elif not self._lost:
-                self.reopen(frozenset({"stale_input"}), update.time)
+            for kind, sensors in watched.items():
+                if lost := sensors.intersection(update.unknown):
+                    self._on_lost_input(kind, lost, update.time)
+                elif sensors and self._lost.isdisjoint(sensors):
+                    self.reopen(frozenset({kind}), update.time)
 
-        updates = self._ensemble.runtime.channel(f"{manager.path}/updates", PredicateUpdate)
-        self._ensemble.subscribe(updates, look, topics=watched)
+        if topics:
+            updates = ensemble.runtime.channel(f"{manager.path}/updates", PredicateUpdate)
+            ensemble.subscribe(updates, look, topics=topics)
 
     # -- Commands ------------------------------------------------------------------------------------------------
 
@@ -164,18 +169,24 @@ class Safety:
         return self.modes.mode == "deciding" and not self._ending
 
     def start(self, time: int) -> None:
-        """Decide, unless an ensemble above is safe: until that is over, nothing below it decides."""
+        """Decide, unless an ensemble above is safe or ends this one: until that is over, nothing below it decides."""
         ensemble = self._ensemble
+        if ensemble.interrupted:
+            text = "was not started: the action that it is bound to is coming to its end"
+            ensemble.report("control", text, time=time)
+            return
         above = ensemble.safe_above()
         if above is not None and self.modes.mode == "stopped":
             if not ensemble.awaited:
                 ensemble.report("control", f"was not started: ensemble {above.path!r} above it is safe", time=time)
             ensemble.action.when_idle(ensemble.became_idle)
-        elif not self._ending:
+        elif not self._ending and not ensemble.runtime.ending:
             self._obey(self.modes.start(time), time)
 
     def stop(self, time: int) -> None:
-        """Decide no more."""
+        """Decide no more; what ends by now is made safe all the same."""
+        if self._ending and not self._last:
+            return
         self._obey(self.modes.stop(time), time)
 
     def release(self, time: int) -> None:
@@ -207,21 +218,35 @@ class Safety:
 
     def blind(self, time: int) -> None:
         """Take it that no state is known: a cause where the ensemble has acted, else it waits."""
-        if not self.deciding:
-            return
-        if self._acted and not self._lost and self._reactions["on_unknown"]:
-            text = f"the state turned unknown: {', '.join(self.waiting.unknown()) or 'nobody tells it'}"
-            self.alarm(Fault(time, self._ensemble.path, "unknown_input", text))
+        unknown, manager = frozenset(self.waiting.unknown()), self._ensemble.predicates
+        names = ", ".join(sorted(unknown)) or "nobody tells it"
+        if unknown and manager is not None and unknown <= self._lost & manager.aged:
+            self._lose("stale_input", f"input is too old: {names}", time)
         else:
+            self._lose("unknown_input", f"the state turned unknown: {names}", time)
+        if self.deciding:
             self.waiting.begin()
 
-    def _on_lost_input(self, lost: frozenset[str], time: int) -> None:
-        if not self.deciding or not self._acted:
+    def _on_lost_input(self, kind: str, lost: frozenset[str], time: int) -> None:
+        words = {"stale_input": "input is too old", "unknown_input": "input turned unknown"}[kind]
+        self._lose(kind, f"{words}: {', '.join(sorted(lost))}", time, told=True)
+
+    def _lose(self, kind: str, text: str, time: int, *, told: bool = False) -> None:
+        """Take input as lost: a cause beside others, too, so that none of their ways back leads past it.
+
+        Args:
+            kind: The cause.
+            text: In words.
+            time: When.
+            told: Whether it is reported where it is no cause.
+        """
+        secured = self.modes.mode == "safe" and not self._ending
+        if kind in self.modes.causes or not (secured or (self.deciding and self._acted)):
             return
-        fault = Fault(time, self._ensemble.path, "stale_input", f"input is too old: {', '.join(sorted(lost))}")
-        if self._reactions["on_lost_input"]:
+        fault = Fault(time, self._ensemble.path, kind, text)
+        if self._reactions[_OPTIONS[kind]]:
             self.alarm(fault)
-        else:
+        elif told:
             self._ensemble.runtime.faults.publish(fault)
 
     def _on_failed_action(self, text: str) -> None:
@@ -230,8 +255,8 @@ class Safety:
 
     @property
     def _acted(self) -> bool:
-        """Whether an action has begun since the ensemble began to decide."""
-        return self._ensemble.action.started > self._base
+        """Whether an action was decided since the ensemble began to decide; in this turn, it may be about to begin."""
+        return self._ensemble.control.decisions > self._base
 
     def _endanger(self, kind: str, detail: str) -> None:
         time = self._ensemble.runtime.clock.now()
@@ -261,7 +286,7 @@ class Safety:
             elif order is Order.EMERGENCY:
                 self._call_emergency(time)
             elif not self._ending:  # what ends stays latched
-                self._base = action.started
+                self._base = control.decisions
                 action.admit()
                 if order is Order.RESUME:
                     self._resume(time)
@@ -276,7 +301,14 @@ class Safety:
             self.waiting.begin()
 
     def _on_secured(self, failure: str | None) -> None:
+        # Behind the state that the cause itself brings about, so that none from before it is decided on.
+        secured: Subscription[str | None] = Subscription(None, self._ensemble, self._secured)
+        self._ensemble.runtime.dispatcher.deliver_behind(secured, failure)
+
+    def _secured(self, failure: str | None) -> None:
         now = self._ensemble.runtime.clock.now()
+        if failure is None:
+            self._safe_at = self._ensemble.action.started
         self._obey(self.modes.secured(failure, now), now)
         if self._last and not self.modes.securing:
             self._finish()
@@ -323,18 +355,44 @@ class Safety:
             if not waiting:
                 self._end(kind, detail)
 
-        for child in self._ensemble.subensembles:
-            child.safety.end(kind, detail, one)
+        self._end_below(kind, detail, one)
         one()
+
+    def _end_below(self, kind: str, detail: str, ended: Callable[[], None]) -> None:
+        """Make safe what decides below at once, and then what has stopped there; call back for each."""
+        family = [child.safety for child in self._ensemble.subensembles]
+        stopped = [safety for safety in family if safety.was_left]
+        for safety in family:
+            if safety not in stopped:
+                safety.end(kind, detail, ended)
+
+        def end_stopped() -> None:
+            while stopped:
+                stopped.pop().end(kind, detail, ended)
+
+        if stopped:  # their safe actions would run beside what still lives here
+            self._ensemble.action.when_idle(end_stopped)
+            self._ensemble.call_later(self._ensemble.settling, end_stopped)
 
     def _end(self, kind: str, detail: str) -> None:
         self._last = True  # a safe action that ran before, for another cause, is not the one that ends it all
         now = self._ensemble.runtime.clock.now()
         if not self._has_safe_action:
             self._obey(self.modes.stop(now), now)
-        self._obey(self.modes.end(now, kind, detail), now)
+        self._obey(self.modes.end(now, kind, detail, unsafe=self.unsafe), now)
         if not self.modes.securing:
             self._ensemble.action.when_idle(self._finish)
+
+    @property
+    def unsafe(self) -> bool:
+        """Whether an action has begun since the safe action last ran."""
+        return self._has_safe_action and self._ensemble.action.started > self._safe_at
+
+    @property
+    def was_left(self) -> bool:
+        """Whether it has stopped, and an action has begun here or below since a safe action last ran."""
+        stopped = self.modes.mode == "stopped" and not self._ensemble.interrupted
+        return stopped and any(safety.unsafe for safety in self._family())
 
     def _finish(self) -> None:
         if not self._over:
@@ -352,10 +410,11 @@ class Safety:
             self._ensemble.interrupt()
 
     def latch(self) -> None:
-        """Let nothing more that was or is decided start."""
+        """Let nothing more that was or is decided start, and end what lives here; what is below has its own end."""
         if self._ensemble.control.lead is None:
             self._ensemble.control.running = False
         self._ensemble.action.latch()
+        self._ensemble.action.end_functions()
 
     def _family(self) -> Iterator[Safety]:
         yield self
@@ -364,6 +423,5 @@ class Safety:
 
 
 def _keeps(after_safe: object) -> bool:
-    if after_safe not in {"reset", "keep"}:
-        raise ConfigError(f"after_safe is 'reset' or 'keep', not {after_safe!r}", key="after_safe")
+    check_choice(after_safe, ("reset", "keep"), "after_safe", key="after_safe")
     return after_safe == "keep"

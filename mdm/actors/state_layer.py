@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from mdm.actors.layer import Layer
 from mdm.actors.wiring import Wire, arrange, check_name, check_owner, index_order, named, places
+from mdm.choice import check_choice
 from mdm.errors import ConfigError, Error
 from mdm.logic import P, similar
 from mdm.messages import PredicateUpdate, State
@@ -55,10 +56,8 @@ class StateFactor:
         self.predicates, self.symbols = named(predicates, what, "predicate")
         if not self.predicates:
             raise ConfigError(f"state factor {name!r} needs a list of predicates, not {predicates!r}", key=name)
-        if on_violation not in {None, "first", "hold", "error"}:
-            raise ConfigError(
-                f"on_violation of state factor {name!r} is 'first', 'hold' or 'error', not {on_violation!r}", key=name
-            )
+        if on_violation is not None:
+            check_choice(on_violation, ("first", "hold", "error"), f"on_violation of state factor {name!r}", key=name)
         self.on_violation = on_violation
         self.size = max(2, len(self.predicates))
         self.positive = 1

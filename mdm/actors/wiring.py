@@ -186,7 +186,7 @@ def arrange(
     elif len(given) == len(models):
         pairs = list(zip(given, space.factors, strict=True))
     else:
-        return given, list(_misfits(given, space, kind))
+        return given, list(_mismatches(given, space, kind))
     arranged: list[W] = []
     for factor, model in pairs:
         try:
@@ -207,7 +207,7 @@ def _unmatched(given: Sequence[str], known: Iterable[str], kind: str, *, complet
         yield ConfigError(f"nothing stands for the model's {kind} {', '.join(map(repr, missing))}")
 
 
-def _misfits(factors: Sequence[Wired], space: Space, kind: str) -> Iterator[ConfigError]:
+def _mismatches(factors: Sequence[Wired], space: Space, kind: str) -> Iterator[ConfigError]:
     """Yield why factors do not make up the symbols of a model that does not name its factors."""
     if len(space.factors) > 1 or math.prod(factor.size for factor in factors) != len(space):
         ours = ", ".join(f"{factor.name}: {factor.size}" for factor in factors)

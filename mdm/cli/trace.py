@@ -42,7 +42,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         description=(
             "Read JSON lines from standard input, one stimulus a line, and print one JSON line a decision. A stimulus "
             'has any of "time" (seconds), "observation", "state", "belief", "predicates" ({"name": true}), "events" '
-            '(["name"]) and "control" ("start", "stop", "reset").'
+            '(["name"]) and "control" ("start", "stop", "reset", "release").'
         ),
         epilog="example: echo '{\"observation\": 0}' | mdm trace --model tiger.pomdp --policy tiger.vf",
     )

@@ -14,6 +14,7 @@ from mdm.config.problems import Problems
 from mdm.config.share import Share, read_team
 from mdm.config.system import System
 from mdm.errors import ConfigError
+from mdm.runtime.emergency import check_emergency
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -76,7 +77,7 @@ class _Builder:
     def system(self, agent: str | None, transport: Transport | None) -> System:
         """Return the system, or raise all problems."""
         document = self._read()
-        known = ("team", "predicates", "events", "ensembles", "tasks")
+        known = ("team", "predicates", "events", "ensembles", "tasks", "emergency")
         for key in document:
             if key not in known:
                 self._problems.add(f"there is no key {key!r} here; the keys are {', '.join(known)}", key)
@@ -87,6 +88,7 @@ class _Builder:
         builder = Ensembles(self._path.parent, declarations.manager, self._functions, self._problems, share)
         ensembles = builder.build(document)
         tasks = self._tasks(self._own_tasks(document, share))
+        emergency = self._emergency(document.get("emergency"))
         member = None
         if share is not None and builder.complete:
             with self._problems.collecting("team"):
@@ -98,7 +100,7 @@ class _Builder:
         if builder.complete:
             declarations.check_ends({name for ensemble in ensembles.values() for name in ensemble.action.names})
         self._problems.raise_all()
-        return System(declarations.manager, ensembles, tasks, member=member)
+        return System(declarations.manager, ensembles, tasks, member=member, emergency=emergency)
 
     def _share(self, document: dict[str, Any], agent: str | None) -> Share | None:
         """Return what of a team's file is the agent's."""
@@ -153,6 +155,19 @@ class _Builder:
             elif not _takes_one(function):
                 self._problems.add(f"task {reference!r} must take one argument, the System", "tasks")
         return [function for function in functions if function is not None] if self._callbacks else []
+
+    def _emergency(self, reference: object) -> Callable[..., Any] | None:
+        if reference is None:
+            return None
+        if not isinstance(reference, str):
+            self._problems.add("emergency must be a function, such as 'robot:cut_motors'", "emergency")
+            return None
+        function = self._functions.find(reference, "emergency")
+        if function is None or not self._callbacks:
+            return None
+        with self._problems.collecting("emergency"):
+            check_emergency(function)
+        return function
 
 
 def _takes_one(function: Callable[..., Any]) -> bool:

@@ -29,6 +29,7 @@ class System(Actor):
         ensembles: All ensembles by name. Those without a parent start with the system.
         tasks: Async functions that take the system and run beside the ensembles, such as sensor drivers.
         member: Of a team, this agent's part: its ensembles start with it.
+        emergency: A plain function without arguments that the runtime calls as the last resort, besides its own.
     """
 
     def __init__(
@@ -39,12 +40,14 @@ class System(Actor):
         name: str = "system",
         *,
         member: Member | None = None,
+        emergency: Callable[[], object] | None = None,
     ) -> None:
         super().__init__(name)
         self.predicates = predicates
         self.ensembles = ensembles
         self.tasks = tasks
         self.member = member
+        self.emergency = emergency
         self.add(predicates)
         if member is not None:
             self.add(member)
@@ -69,7 +72,9 @@ class System(Actor):
         return tuple(ensemble for name, ensemble in self.ensembles.items() if name not in below)
 
     def on_start(self) -> None:
-        """Have the predicates of teammates known before the predicate manager starts."""
+        """Tell the runtime of the emergency; have teammates' predicates known before the predicate manager starts."""
+        if self.emergency is not None:
+            self.runtime.add_emergency(self.emergency)
         if self.member is not None:
             self.member.prepare(self.runtime)
 

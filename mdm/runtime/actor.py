@@ -26,6 +26,7 @@ from mdm.runtime.supervision import (
     check_supervision,
     describe,
     failure,
+    text_of,
     was_cancelled,
 )
 from mdm.runtime.work import Work, hide, wait_all
@@ -36,13 +37,15 @@ if TYPE_CHECKING:
     from anyio.abc import TaskGroup
 
     from mdm.runtime.clock import Timer
+    from mdm.runtime.executors import Jobs
     from mdm.runtime.runtime import Runtime
 
 __all__ = ["Actor"]
 
 T = TypeVar("T")
 Request = Literal["none", "stop", "restart", "fail"]
-_OVERRIDABLE = frozenset({"on_start", "on_running", "on_failing", "on_stopping", "on_stop", "patience", "statistics"})
+_PLAIN_HOOKS = ("on_start", "on_running", "on_failing", "on_ending", "on_stop")
+_OVERRIDABLE = frozenset({*_PLAIN_HOOKS, "on_stopping", "patience", "statistics"})
 Life = Literal["created", "starting", "running", "restarting", "stopping", "stopped", "failed"]
 
 
@@ -87,6 +90,7 @@ class Actor:
         self.__shared: list[Actor] = []
         self.__life: Life = "created"
         self.__runtime: Runtime | None = None
+        self.__channels: dict[Channel[Any], None] = {}
         self.__subscriptions: list[Subscription[Any]] = []
         self.__timers: WeakSet[Timer | Ticker] = WeakSet()
         self.__work: dict[Work, None] = {}
@@ -110,7 +114,7 @@ class Actor:
             ours = name.startswith("_") or name in _OVERRIDABLE or found is vars(Actor).get(name)
             if not ours and not (name == "path" and isinstance(found, property)):
                 raise Error(_hidden(cls, name))
-        for name in ("on_start", "on_running", "on_failing", "on_stop"):
+        for name in _PLAIN_HOOKS:
             check_plain(getattr(cls, name), f"{cls.__qualname__}.{name}")
         if kind_of(inspect.unwrap(cls.on_stopping)) != "an async function":
             raise Error(f"{cls.__qualname__}.on_stopping is awaited: define it with `async def`")
@@ -128,6 +132,9 @@ class Actor:
 
     def on_failing(self, error: BaseException) -> None:
         """Do what cannot wait when it, or a child that it answers for, has failed. Called at once, before it stops."""
+
+    def on_ending(self) -> None:
+        """Do what cannot wait when the whole runtime ends. Called at once, in all that run, before the first stops."""
 
     def on_stop(self) -> None:
         """Let go of what `on_start` took; subscriptions, timers and work have ended by then."""
@@ -233,7 +240,11 @@ class Actor:
     def channel(self, name: str, type: type[T], *, retain: bool = False) -> Channel[T]:  # noqa: A002
         """Return the channel ``<path>/<name>``, made at the first call."""
         path = self.path
-        return self.runtime.channel(f"{path}/{name}" if path else name, type, retain=retain)
+        channel = self.runtime.channel(f"{path}/{name}" if path else name, type, retain=retain)
+        if channel not in self.__channels:
+            self.__channels[channel] = None
+            channel.claim()
+        return channel
 
     def subscribe(
         self, channel: Channel[T], handler: Callable[[T], object], *, topics: Iterable[str] | None = None
@@ -268,7 +279,12 @@ class Actor:
         return ticker
 
     def spawn(
-        self, awaitable: Awaitable[Any], ended: Callable[[Work], object] | None = None, *, name: str = ""
+        self,
+        awaitable: Awaitable[Any],
+        ended: Callable[[Work], object] | None = None,
+        *,
+        name: str = "",
+        jobs: Jobs | None = None,
     ) -> Work:
         """Run a coroutine as a task of this actor.
 
@@ -277,6 +293,7 @@ class Actor:
             ended: Called in a turn when it has ended, however it did. Without it, whatever it raises is this actor's
                 failure; its cancellation is none where the actor asked for it.
             name: For debuggers and reports.
+            jobs: What was handed to executors where the awaitable was made, which has to end, too.
 
         Raises:
             Error: If the actor does not live (what takes time at its end belongs in `on_stopping`), what was given
@@ -294,24 +311,28 @@ class Actor:
                 awaitable.close()
             raise
         turn = Subscription(None, self, ended if ended is not None else self.__judge)
-        dispatcher = self.runtime.dispatcher
+        runtime = self.runtime
+        dispatcher = runtime.dispatcher
 
         def done(work: Work) -> None:
             self.__work.pop(work, None)
             if not work.abandoned:
                 dispatcher.deliver(turn, work)
+            else:  # a list of its own: whoever goes through the old one, awaiting each, misses none
+                runtime.abandoned = [other for other in runtime.abandoned if other is not work]
             if isinstance(work.error, LEAVING):
-                self.runtime.abort(work.error)
+                runtime.abort(work.error)
 
-        work = Work(awaitable, f"mdm:{self.path}/{name or 'work'}", done)
+        work = Work(awaitable, f"mdm:{self.path}/{name or 'work'}", done, jobs)
         self.__work[work] = None
         return work
 
     def abandon(self, work: Work) -> None:
         """Own a piece of work no longer: it did not end when it was asked to."""
-        work.abandoned = True
+        work.abandon()
         self.__work.pop(work, None)
-        self.runtime.abandoned.append(work)
+        if not work.done:
+            self.runtime.abandoned.append(work)
 
     @staticmethod
     def __judge(work: Work) -> None:
@@ -354,8 +375,8 @@ class Actor:
             self.__escalate(error)
         try:
             self.on_failing(error)
-        except Exception as another:
-            self.report("exception", describe(another))
+        except BaseException as another:
+            self.__trouble(another)
 
     def __escalate(self, error: BaseException) -> None:
         # It handles nothing more, but is stopped only in its turn, by those above.
@@ -364,7 +385,7 @@ class Actor:
         if self.parent is None:
             self.runtime.abort(error)
             return
-        failure = ActorFailure(f"actor {self.path!r} failed: {error}")
+        failure = ActorFailure(f"actor {self.path!r} failed: {text_of(error)}")
         failure.__cause__ = error
         users = self.runtime.sharing.users(self)
         if users and self.__requested is not None:
@@ -390,7 +411,7 @@ class Actor:
         """Live as a task of a group, and wait until it runs; the runtime and parents call this."""
         self.__ended = anyio.Event()
         self.__request = "none"
-        start = Start(lambda error: self.report("exception", describe(error)))
+        start = Start(self.__trouble)
         group.start_soon(self.__run, runtime, start)
         await start.wait()
 
@@ -424,6 +445,8 @@ class Actor:
                     break
         finally:
             self.__change("failed" if self.__asked("fail") or error is not None else "stopped")
+            runtime.desert(self.__channels)
+            self.__channels.clear()
             start.failed(error)
             if self.__ended is not None:
                 self.__ended.set()
@@ -543,7 +566,7 @@ class Actor:
             await self.runtime.sharing.give_back(actor, self)
 
     def __trouble(self, error: BaseException) -> None:
-        """Tell what went wrong at its end, which goes on all the same."""
+        """Tell what went wrong where all goes on the same, as at an end, or nobody waits for a start any more."""
         self.report("exception", describe(error))
         if isinstance(error, LEAVING):
             self.runtime.abort(error)

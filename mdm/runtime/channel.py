@@ -5,6 +5,7 @@ from __future__ import annotations
 from threading import get_ident
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
+from mdm.errors import Error
 from mdm.messages import Fault
 from mdm.runtime.handler import check_plain
 from mdm.runtime.statistics import ChannelStatistics
@@ -77,6 +78,8 @@ class Channel(Generic[T]):
     """
 
     __slots__ = (
+        "__weakref__",
+        "_deserted",
         "_dispatcher",
         "_general",
         "_owner",
@@ -88,6 +91,7 @@ class Channel(Generic[T]):
         "dropped",
         "heard",
         "last",
+        "merge",
         "name",
         "published",
         "retain",
@@ -112,6 +116,8 @@ class Channel(Generic[T]):
         self.dropped = 0
         # Tells what a message is about, where a newer one from another thread supersedes it; None where none does.
         self.supersedes: Callable[[T], Hashable | None] | None = None
+        # Makes one of two of these, where too many wait: the older, and the newer, which counts.
+        self.merge: Callable[[T, T], T] = lambda _, newer: newer
         # Whether anybody listens, so that a costly message need not be made for nobody.
         self.heard = False
         self._unheard = 0
@@ -123,6 +129,7 @@ class Channel(Generic[T]):
         self._general: tuple[Subscription[T], ...] = ()
         self._topics: dict[str, tuple[Subscription[T], ...]] = {}
         self._streams: tuple[Stream[T], ...] = ()
+        self._deserted: Callable[[Channel[T]], object] | None = None
 
     def publish(self, message: T) -> None:
         """Hand a message to every subscriber, in the running turn or in a turn of its own; from any thread.
@@ -210,9 +217,11 @@ class Channel(Generic[T]):
             topics: Of messages that are emitted on topics, take those on one of these alone.
 
         Raises:
-            Error: If the handler is no plain function: an async one would never run.
+            Error: If the handler is no plain function (an async one would never run), or the topics are one text.
         """
         check_plain(handler, f"the handler of channel {self.name!r}")
+        if isinstance(topics, str):
+            raise Error(f"topics on channel {self.name!r} are several texts, not one: [{topics!r}]")
         subscription = Subscription(self, actor or self._owner, handler)
         self._subscriptions = (*self._subscriptions, subscription)
         if topics is None:
@@ -239,6 +248,16 @@ class Channel(Generic[T]):
         """Keep the last message no more: a late subscriber waits for the next one."""
         self.last = None
 
+    def claim(self) -> None:
+        """Take it that the channel is an actor's, which lives."""
+        self._deserted = None
+
+    def desert(self, unused: Callable[[Channel[T]], object]) -> None:
+        """Take it that its actor has ended: call ``unused`` when nobody listens any more."""
+        self._deserted = unused
+        if not self.heard:
+            unused(self)
+
     def remove(self, subscription: Subscription[T]) -> int:
         """Forget a subscription, and return how many messages it had yet to handle; `Subscription.cancel` calls it."""
         self._subscriptions = _without(self._subscriptions, subscription)
@@ -248,6 +267,8 @@ class Channel(Generic[T]):
             if not self._topics[topic]:
                 del self._topics[topic]
         self.heard = bool(self._subscriptions)
+        if self._deserted is not None and not self.heard:
+            self._deserted(self)
         return sum(waiting is subscription for waiting, _ in self._dispatcher.queue)
 
     def stream(

@@ -16,12 +16,44 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from concurrent.futures import Executor, Future
 
-    from mdm.runtime.work import Work
+__all__ = ["OWNER", "Jobs", "unwatch", "watch"]
 
-__all__ = ["OWNER", "unwatch", "watch"]
 
-OWNER: ContextVar[Work | None] = ContextVar("mdm_work", default=None)
-"""The work whose code runs, its own tasks included."""
+class Jobs:
+    """What one piece of work has handed to executors, and has not ended there.
+
+    Attributes:
+        count: How many.
+        ended: Called on the event loop when one of them has ended.
+    """
+
+    __slots__ = ("count", "ended")
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.ended: Callable[[], object] | None = None
+
+    def call(self, function: Callable[..., Any], *args: object) -> Any:
+        """Call a function; what it and the tasks that it makes hand to executors counts."""
+        token = OWNER.set(self)
+        try:
+            return function(*args)
+        finally:
+            OWNER.reset(token)
+
+    def begin(self) -> None:
+        """Count one more."""
+        self.count += 1
+
+    def end(self) -> None:
+        """Count one less."""
+        self.count -= 1
+        if self.ended is not None:
+            self.ended()
+
+
+OWNER: ContextVar[Jobs | None] = ContextVar("mdm_jobs", default=None)
+"""The jobs of the work whose code runs, its own tasks included."""
 
 
 def watch(loop: asyncio.AbstractEventLoop) -> None:
@@ -51,10 +83,10 @@ class _Watched:
         self._original = loop.run_in_executor
 
     def __call__(self, executor: Executor | None, function: Callable[..., Any], *args: Any) -> Any:
-        work = OWNER.get()
-        if work is None:
+        jobs = OWNER.get()
+        if jobs is None:
             return self._original(executor, function, *args)
-        job = _Job(self._loop, work)
+        job = _Job(self._loop, jobs)
         if executor is not None:
             return self._original(_Submitting(executor, job), function, *args)  # type: ignore[arg-type]
         future: asyncio.Future[Any] = self._original(None, job.run, function, *args)
@@ -65,12 +97,12 @@ class _Watched:
 class _Job:
     """What one piece of work has handed to an executor, once."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, work: Work) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, jobs: Jobs) -> None:
         self._loop = loop
-        self._work = work
+        self._jobs = jobs
         self._lock = threading.Lock()
         self._state = "waiting"
-        work.begin_job()
+        jobs.begin()
 
     def run(self, function: Callable[..., Any], *args: Any) -> Any:
         """Run a function in the executor's thread, unless nobody waited for it before it began."""
@@ -89,12 +121,12 @@ class _Job:
             if self._state != "waiting":
                 return
             self._state = "dropped"
-        self._work.end_job()
+        self._jobs.end()
 
     def ended(self, _: object = None) -> None:
         """Tell the work, from whatever thread."""
         with suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(self._work.end_job)
+            self._loop.call_soon_threadsafe(self._jobs.end)
 
 
 class _Submitting:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import dis
 import inspect
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from mdm.errors import Error
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from types import CodeType
 
-__all__ = ["check_plain", "kind_of"]
+__all__ = ["check_plain", "kind_of", "may_return"]
 
 _KINDS = {
     inspect.CO_COROUTINE: "an async function",
@@ -27,14 +30,29 @@ def kind_of(function: Callable[..., Any]) -> str | None:
 
     Methods, partial functions and objects with ``__call__`` are looked through.
     """
-    while isinstance(function, partial):
-        function = function.func
-    code = getattr(function, "__code__", None)
-    if code is None:
-        code = getattr(type(function).__call__, "__code__", None)
+    code = _code_of(function)
     if code is None or not code.co_flags & _ANY:
         return None
     return next(kind for flag, kind in _KINDS.items() if code.co_flags & flag)
+
+
+def may_return(function: Callable[..., Any]) -> bool:
+    """Whether a plain function may return anything but None, as far as its code shows."""
+    code = _code_of(function)
+    if code is None:
+        return True
+    return any(
+        last.opname.startswith("RETURN")
+        and (last.is_jump_target or (before.opname, before.argval) != ("LOAD_CONST", None))
+        for before, last in pairwise(dis.get_instructions(code))
+    )
+
+
+def _code_of(function: Callable[..., Any]) -> CodeType | None:
+    while isinstance(function, partial):
+        function = function.func
+    code = getattr(function, "__code__", None)
+    return getattr(type(function).__call__, "__code__", None) if code is None else code
 
 
 def check_plain(function: Any, use: str) -> None:

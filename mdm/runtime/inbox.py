@@ -18,8 +18,8 @@ class Inbox:
     """Messages in the order in which they came, from any thread.
 
     A message that a channel says is superseded by the newer one gives way to it, unless one that cannot be superseded
-    came between them, such as an event: what held at an event stays told before it. Of other messages each channel may
-    have as many waiting as the bound; one more is lost.
+    came between them, such as an event: what held at an event stays told before it. Each channel may have as many
+    waiting as the bound. Of what is more, messages that can be superseded become one, and others are lost.
 
     Args:
         bound: How many messages of a channel may wait.
@@ -29,6 +29,7 @@ class Inbox:
         self.bound = bound
         self.replaced = 0
         self.lost = 0
+        self._rests: dict[Channel[Any], int] = {}
         self._waiting: OrderedDict[Hashable, tuple[Channel[Any], Any]] = OrderedDict()
         self._counts: Counter[Channel[Any]] = Counter()
         self._losses: Counter[Channel[Any]] = Counter()
@@ -45,21 +46,28 @@ class Inbox:
         subject = None if supersedes is None else supersedes(message)
         with self._lock:
             full = self._counts[channel] >= self.bound
-            if subject is None:
-                if full:
-                    self._losses[channel] += 1
-                    self.lost += 1
-                    return
-                self._number += 1
-                place: Hashable = self._number
+            if subject is None and full:
+                self._losses[channel] += 1
+                self.lost += 1
+                return
+            if full:
+                place: Hashable = self._rests.get(channel)
+                if place is None:
+                    place = self._rests[channel] = self._next()
+                elif (rest := self._waiting.get(place)) is not None:
+                    message = channel.merge(rest[1], message)
             else:
-                # Where too much waits, the latest of each subject waits once more, whatever came between.
-                place = (channel, subject, None if full else self._number)
-                if self._waiting.pop(place, None) is not None:
-                    self._counts[channel] -= 1
-                    self.replaced += 1
+                self._rests.pop(channel, None)
+                place = self._next() if subject is None else (channel, subject, self._number)
+            if self._waiting.pop(place, None) is not None:
+                self._counts[channel] -= 1
+                self.replaced += 1
             self._waiting[place] = (channel, message)
             self._counts[channel] += 1
+
+    def _next(self) -> int:
+        self._number += 1
+        return self._number
 
     def take(self) -> tuple[Channel[Any], Any] | None:
         """Return the message that came first, and wait with it no longer; None where none waits."""

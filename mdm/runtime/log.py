@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
+from mdm.errors import Error
 from mdm.runtime.virtual import VirtualClock
 from mdm.runtime.writer import StandardError, Writer
 
@@ -33,6 +34,8 @@ class Log:
         self._writer = Writer()
         self._told: list[Fault] = []
         self._safe: set[str] = set()
+        if not isinstance(target, str) and not all(hasattr(target, level) for level in ("debug", "info", "error")):
+            raise _no_log(target)
         self._logger = _logger(target, self._writer) if isinstance(target, str) else target
 
     def open(self, runtime: Runtime) -> None:
@@ -98,11 +101,15 @@ class Log:
         )
 
 
+def _no_log(target: object) -> Error:
+    return Error(f"a log is 'console', 'json', a structlog logger or None, not {target!r}")
+
+
 def _logger(target: str, writer: Writer) -> Any:
     import structlog  # noqa: PLC0415 - 40 ms that a silent runtime need not spend
 
     if target not in {"console", "json"}:
-        raise ValueError(f"a log is 'console', 'json', a structlog logger or None, not {target!r}")
+        raise _no_log(target)
     standard_error = StandardError(lambda: writer.given_up)
     render = (
         structlog.processors.JSONRenderer()

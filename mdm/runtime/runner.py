@@ -12,9 +12,9 @@ import anyio
 from mdm.errors import Error
 from mdm.runtime.actor import Actor
 from mdm.runtime.clock import check_seconds
-from mdm.runtime.runtime import Runtime
+from mdm.runtime.runtime import Runtime, end_all
 from mdm.runtime.signals import Signals
-from mdm.runtime.supervision import ActorFailure
+from mdm.runtime.supervision import LEAVING, ActorFailure
 from mdm.runtime.virtual import DeadlockError, VirtualEventLoop
 from mdm.runtime.work import hide
 
@@ -199,17 +199,45 @@ def _end(task: asyncio.Task[Any]) -> None:
 
 
 def _leave(loop: asyncio.AbstractEventLoop) -> None:
-    """Cancel what is left, and wait for it no longer than a moment: what ignores being cancelled may never end."""
-    left = asyncio.all_tasks(loop)
-    if not left:
-        return
-    for task in left:
+    """End what is left, whatever is raised meanwhile: first all runtimes, then other tasks."""
+    ending = loop.create_task(_end_rest())
+    leaving: BaseException | None = None
+    while not ending.done():
+        try:
+            loop.run_until_complete(ending)
+        except LEAVING as error:  # of a task that it waits for: the others have yet to end
+            leaving = leaving or error
+    if leaving is not None:
+        raise leaving
+
+
+async def _end_rest() -> None:
+    """Let robots be made safe, within their limits, by tasks that live as before; then cancel these.
+
+    It waits for them no longer than a moment: what ignores being cancelled may never end.
+    """
+    loop = asyncio.get_running_loop()
+    others = asyncio.all_tasks() - {asyncio.current_task()}
+    await end_all()
+    others |= asyncio.all_tasks() - {asyncio.current_task()}
+    for task in others:
         task.cancel()
-    _, stubborn = loop.run_until_complete(asyncio.wait(left, timeout=_PATIENCE))
+    if others:
+        await asyncio.wait(others, timeout=_PATIENCE)
+    stubborn = {task for task in others if not task.done()}
+    for task in others - stubborn:
+        _tell(task, loop)
     for task in stubborn:
         # The runtime has reported it; asyncio's runner would wait for it, and its end complain.
         hide(task)
         task._log_destroy_pending = False  # type: ignore[attr-defined] # noqa: SLF001
+
+
+def _tell(task: asyncio.Task[Any], loop: asyncio.AbstractEventLoop) -> None:
+    """Tell what a task failed of that nobody waits for; what ends a program is raised by the loop itself."""
+    error = task.exception() if task.done() and not task.cancelled() else None
+    if error is not None and not isinstance(error, LEAVING):
+        loop.call_exception_handler({"message": "a task failed while the program ended", "exception": error})
 
 
 def _factory(virtual: bool, uvloop: bool) -> Callable[[], asyncio.AbstractEventLoop] | None:

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
+import builtins
 import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
 import anyio
 import msgspec
 
+from mdm.choice import check_flag
 from mdm.errors import Error
 from mdm.messages import Decision, Fault, Mode, StateChange
 from mdm.runtime.actor import Actor
-from mdm.runtime.channel import Channel
-from mdm.runtime.clock import Clock, WallClock, check_seconds
+from mdm.runtime.channel import Channel, Subscription
+from mdm.runtime.clock import Clock, WallClock
 from mdm.runtime.dispatcher import Dispatcher
+from mdm.runtime.emergency import Emergency, check_emergency
 from mdm.runtime.executors import unwatch, watch
-from mdm.runtime.handler import check_plain
 from mdm.runtime.log import Log
 from mdm.runtime.sharing import Sharing
 from mdm.runtime.signals import Signals
@@ -29,23 +31,23 @@ from mdm.runtime.statistics import (
     LogStatistics,
     LoopStatistics,
 )
-from mdm.runtime.supervision import LEAVING, ActorFailure, describe
+from mdm.runtime.supervision import LEAVING, ActorFailure, describe, text_of
 from mdm.runtime.virtual import VirtualClock, VirtualEventLoop
-from mdm.runtime.watchdog import Watchdog
+from mdm.runtime.watchdog import Watchdog, check_watch
 from mdm.runtime.work import hide
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
     from types import TracebackType
     from typing import Self
 
     from mdm.runtime.work import Work
 
-__all__ = ["Runtime", "RuntimeStatistics"]
+__all__ = ["Runtime", "RuntimeStatistics", "end_all"]
 
 T = TypeVar("T")
 
-_SHORTEST_WATCH = 0.01
+_OPEN: WeakKeyDictionary[asyncio.AbstractEventLoop, WeakSet[Runtime]] = WeakKeyDictionary()
 
 
 class RuntimeStatistics(msgspec.Struct, frozen=True):
@@ -63,14 +65,15 @@ class Runtime:
 
     Use it as ``async with mdm.Runtime() as runtime:``. However the block is left, its actors stop in order, children
     before parents and later ones before earlier ones; nothing outlives the block but work that ignores being
-    cancelled, which is listed in `abandoned`. A program that is cancelled once more while they stop breaks them off:
-    what they wait for is cancelled, and only their `on_stop` is still called. Two runtimes in one process do not know
-    of each other.
+    cancelled, which is listed in `abandoned`. A program that is cancelled once more while they stop waits until they
+    have stopped or their limits have passed. Then they are broken off: what they wait for is cancelled, and only their
+    `on_stop` is still called. Two runtimes in one process do not know of each other.
 
     SIGINT, SIGTERM and SIGHUP stop the actors at once and cancel the block, which raises `KeyboardInterrupt` or
     `SystemExit` (143, 129) when they have stopped; so does a `SystemExit` that an actor or its work raises. A second
-    signal changes nothing while actors stop within their limits; one after these, or a third, breaks them off. Signals
-    that the program handles itself, or that are ignored, are left alone.
+    signal changes nothing while actors stop within their limits; one after these, or a third, breaks them off. Several
+    within a quarter of a second are one, and one within a second after the end changes nothing. Signals that the
+    program handles itself, or that are ignored, are left alone.
 
     Args:
         clock: Whose time; where none is given, a `VirtualClock` inside a program that `mdm.run` runs in virtual time,
@@ -82,7 +85,7 @@ class Runtime:
             holds it, at once in the log and as a fault ``stall`` when the loop turns again; None for no watchdog. In
             virtual time there is none.
         emergency: A plain function without arguments that makes the robot safe by itself (cuts the motors, opens a
-            relay). It is called on any thread, when nothing else can be relied on.
+            relay). It is called on a thread of its own, when nothing else can be relied on.
         emergency_after: Seconds for which the event loop stands still before ``emergency`` is called; by default those
             of ``watchdog``.
         signals: Whether signals end the runtime; by default in the main thread, under a wall clock.
@@ -90,6 +93,9 @@ class Runtime:
     Raises:
         Error: If ``emergency`` cannot be called so, or the times contradict each other.
         ActorFailure: On leaving the block, if an actor failed and nobody above it could help.
+
+    Attributes:
+        ending: Whether it ends, for whatever reason: nothing that was or is decided starts any more.
     """
 
     def __init__(
@@ -103,13 +109,19 @@ class Runtime:
         emergency_after: float | None = None,
         signals: bool | None = None,
     ) -> None:
-        _check_watch(watchdog, emergency, emergency_after)
+        check_watch(watchdog, emergency, emergency_after)
+        check_flag(debug, "debug")
+        if signals is not None:
+            check_flag(signals, "signals")
+        if clock is not None and not isinstance(clock, Clock):
+            raise Error(f"a runtime's clock is a WallClock(), a VirtualClock() or a Clock of your own, not {clock!r}")
         self.clock = _clock_of_the_loop() if clock is None else clock
         self.dispatcher = Dispatcher(self.clock)
         self.dispatcher.on_overflow = lambda detail: self._alarm("overflow", detail)
         self.dispatcher.on_endless = lambda detail: self._alarm("endless_turn", detail)
         self.abandoned: list[Work] = []
         self._channels: dict[str, Channel[Any]] = {}
+        self._deserted: WeakValueDictionary[str, Channel[Any]] = WeakValueDictionary()
         self.root = Actor("")
         self.sharing = Sharing(self.root)
         self.faults = self.channel("faults", Fault)
@@ -117,9 +129,12 @@ class Runtime:
         self.decisions = self.channel("decisions", Decision)
         self.modes = self.channel("modes", Mode)
         self._log = None if log is None else Log(log, debug=debug)
-        self._emergency = emergency
+        virtual = isinstance(self.clock, VirtualClock)
+        self._emergency = Emergency(lambda detail: self._alarm("emergency", detail), threads=not virtual)
+        if emergency is not None:
+            self._emergency.add(emergency)
         self._watchdog: Watchdog | None = None
-        if watchdog is not None and not isinstance(self.clock, VirtualClock):
+        if watchdog is not None and not virtual:
             after = None if emergency is None else watchdog if emergency_after is None else emergency_after
             self._watchdog = Watchdog(watchdog, self._alarm, self.emergency, after)
         self._signals = Signals(self._leave, self._break_off)
@@ -128,6 +143,7 @@ class Runtime:
         self._host: asyncio.Task[Any] | None = None
         self._cancelling = 0
         self._interrupted = False
+        self.ending = False
         self._leaving = False
         self._stopped = anyio.Event()
         self._tree: asyncio.Task[None] | None = None
@@ -138,15 +154,34 @@ class Runtime:
     def channel(self, name: str, type: type[T], *, retain: bool = False) -> Channel[T]:  # noqa: A002
         """Return the channel of a name, made at the first call.
 
+        An actor's channel is given back when the actor has ended and nobody listens: what it retained is forgotten.
+
         Raises:
             Error: If it exists and carries messages of another type.
         """
+        if not isinstance(name, str) or not isinstance(type, builtins.type):
+            raise Error(f"a channel has a name and carries messages of a class, not {name!r} and {type!r}")
         channel = self._channels.get(name)
-        if channel is None:
-            channel = self._channels[name] = Channel(name, type, self.dispatcher, retain=retain, owner=self.root)
-        elif channel.type is not type:
+        if channel is None:  # made anew, unless somebody has kept the one that was given back
+            channel = self._deserted.get(name)
+            if channel is None:
+                channel = Channel(name, type, self.dispatcher, retain=retain, owner=self.root)
+            self._channels[name] = channel
+        if channel.type is not type:
             raise Error(f"channel {name!r} carries {channel.type.__name__} messages, not {type.__name__}")
         return channel
+
+    def desert(self, channels: Iterable[Channel[Any]]) -> None:
+        """Give back the channels of an actor that has ended, when nobody listens; at the runtime's end, keep them."""
+        if self.root.life == "running":
+            for channel in channels:
+                channel.desert(self._give_back)
+
+    def _give_back(self, channel: Channel[Any]) -> None:
+        if self._channels.get(channel.name) is channel:
+            del self._channels[channel.name]
+            self._deserted[channel.name] = channel
+            channel.forget()
 
     @property
     def channels(self) -> tuple[Channel[Any], ...]:
@@ -176,10 +211,34 @@ class Runtime:
         if self._failure is not None:
             return
         self._failure = error
+        self._begin_to_end()
         self.shut_down()
         self.root.end()
         if self._host is not None:
             self._host.get_loop().call_soon(self._interrupt)
+
+    def _begin_to_end(self) -> None:
+        """Tell all that run, at once: one after the other they stop, which takes time."""
+        if self.ending:
+            return
+        self.ending = True
+        if self.dispatcher.active:
+            self._tell_of_end()
+        else:  # in one turn, so that what one of them publishes reaches no other before that has been told
+            self.dispatcher.deliver(Subscription(None, None, lambda _: self._tell_of_end()), None)
+
+    def _tell_of_end(self) -> None:
+        waiting: list[Actor] = [self.root]
+        while waiting:
+            actor = waiting.pop()
+            waiting += reversed(actor.children)
+            if actor.life == "running" and not actor.failing:  # one that has failed is told so in this very call
+                try:
+                    actor.on_ending()
+                except BaseException as error:
+                    actor.report("exception", describe(error))
+                    if isinstance(error, LEAVING):
+                        self.abort(error)
 
     def _interrupt(self) -> None:
         """Cancel the block, where it has not been left; its task may be another than the one that leaves it."""
@@ -189,6 +248,10 @@ class Runtime:
     def _leave(self, error: BaseException) -> float:
         """End the block because of a signal; return how long actors may take by their own limits."""
         self.abort(error)
+        return self._limit()
+
+    def _limit(self) -> float:
+        """Return how many seconds the actors may take to stop by their own limits."""
         waiting, limit = [self.root], 1.0
         while waiting:
             actor = waiting.pop()
@@ -201,19 +264,24 @@ class Runtime:
             self._tree.cancel()
 
     def emergency(self, reason: str) -> None:
-        """Call the program's ``emergency`` and report why: the last resort, when a safe action fails. From any thread.
+        """Report why, and call the program's ``emergency``: the last resort, when a safe action fails. From any thread.
 
-        What it raises is reported, too.
+        It is called on a thread of its own, in virtual time at once. What it raises is reported, too.
         """
-        failure = ""
-        if self._emergency is None:
-            failure = ", and no `emergency` was given to Runtime"
-        else:
-            try:
-                self._emergency()
-            except BaseException as error:
-                failure = f", and `emergency` failed: {describe(error)}"
-        self._alarm("emergency", reason + failure)
+        self._emergency.call(reason)
+
+    def add_emergency(self, emergency: Callable[[], object]) -> None:
+        """Have another function called as ``emergency``, after those before it; each is called once.
+
+        Where there was none, the watchdog calls it as soon as it reports.
+
+        Raises:
+            Error: If it cannot be called so.
+        """
+        check_emergency(emergency)
+        self._emergency.add(emergency)
+        if self._watchdog is not None:
+            self._watchdog.call_emergency()
 
     def _alarm(self, kind: str, detail: str) -> None:
         """Publish a fault of the runtime itself, and log it before: the event loop may not turn."""
@@ -247,6 +315,7 @@ class Runtime:
         began = asyncio.Event()
         self._tree = loop.create_task(self._grow(began), name="mdm:root")
         hide(self._tree)
+        _OPEN.setdefault(loop, WeakSet()).add(self)
         try:
             await began.wait()
         except BaseException:
@@ -282,7 +351,7 @@ class Runtime:
         if failure is not None and (error is None or swallowed):
             if isinstance(failure, ActorFailure):
                 raise failure
-            raise ActorFailure(str(failure)) from failure
+            raise ActorFailure(text_of(failure)) from failure
         return swallowed
 
     def _tree_ended(self, _: object) -> None:
@@ -291,19 +360,13 @@ class Runtime:
             raise self._failure
 
     async def _stop_tree(self, tree: asyncio.Task[None]) -> None:
-        """Stop the actors in order and close everything; break them off if the program is cancelled meanwhile."""
-        self.root.end()
+        """Stop the actors in order and close everything."""
         try:
-            with anyio.CancelScope(shield=True):
-                await asyncio.wait([tree])
-        except BaseException:
-            tree.cancel()
-            await asyncio.wait([tree])
-            raise
+            await self._end(tree)
         finally:
             if self._watchdog is not None:
                 self._watchdog.close()
-            self._signals.close()
+            self._emergency.close()
             for channel in self._channels.values():
                 channel.close()
             self.dispatcher.close()
@@ -311,6 +374,35 @@ class Runtime:
             unwatch(tree.get_loop())
             if self._log is not None:
                 self._log.close()
+            self._signals.close()
+
+    async def _end(self, tree: asyncio.Task[None], *, pressed: bool = False) -> None:
+        """Stop the actors in order; a cancellation waits until they have stopped, or are past their limits.
+
+        Args:
+            tree: Their task.
+            pressed: Break them off past their limits, though nobody is cancelled.
+        """
+        self._begin_to_end()
+        self.root.end()
+        loop = tree.get_loop()
+        until = loop.time() + self._limit()
+        cancelled: asyncio.CancelledError | None = None
+        broken = False
+        while not tree.done():
+            left = until - loop.time() if not broken and (pressed or cancelled is not None) else None
+            if left is not None and left <= 0:
+                broken, left = tree.cancel(), None
+            try:
+                with anyio.CancelScope(shield=True):
+                    await asyncio.wait([tree], timeout=left)
+            except asyncio.CancelledError as error:
+                cancelled = error
+            except BaseException:
+                tree.cancel()
+                raise
+        if cancelled is not None:
+            raise cancelled
 
     def statistics(self) -> RuntimeStatistics:
         """Return a snapshot of everything in the runtime."""
@@ -332,25 +424,15 @@ class Runtime:
         )
 
 
-def _check_watch(watchdog: float | None, emergency: Callable[[], object] | None, emergency_after: float | None) -> None:
-    """Refuse what cannot be watched, or called."""
-    if watchdog is not None:
-        check_seconds(watchdog, "watchdog")
-        if watchdog < _SHORTEST_WATCH:
-            raise Error(f"a watchdog waits {_SHORTEST_WATCH} s at least, not {watchdog}")
-    if emergency is not None:
-        check_plain(emergency, "`emergency`")
-        with suppress(ValueError):  # of some functions in C no signature is known
-            try:
-                inspect.signature(emergency).bind()
-            except TypeError as error:
-                raise Error(f"`emergency` is called without arguments: {error}") from None
-    if emergency_after is not None:
-        check_seconds(emergency_after, "emergency_after")
-        if emergency is None or watchdog is None:
-            raise Error("emergency_after is the time until the watchdog calls `emergency`: give both")
-        if emergency_after < watchdog:
-            raise Error(f"emergency_after is {emergency_after} s, before the watchdog's {watchdog} s have passed")
+async def end_all() -> None:
+    """Stop what lives in every runtime of the running event loop, within its limits, whoever is to leave its block."""
+
+    async def end(runtime: Runtime) -> None:
+        tree = runtime._tree  # noqa: SLF001 - one module
+        if tree is not None and not tree.done():
+            await runtime._end(tree, pressed=True)  # noqa: SLF001
+
+    await asyncio.gather(*map(end, tuple(_OPEN.get(asyncio.get_running_loop(), ()))), return_exceptions=True)
 
 
 def _clock_of_the_loop() -> Clock:

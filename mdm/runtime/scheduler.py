@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING, Literal
 
+from mdm.choice import check_choice
 from mdm.errors import ConfigError
 from mdm.messages import Tick
 from mdm.number import is_number
@@ -62,6 +63,7 @@ class Ticker:
         overrun: Literal["skip", "burst"] = "skip",
     ) -> None:
         check_rate(rate)
+        check_choice(overrun, ("skip", "burst"), "overrun", key="overrun")
         self._clock = clock
         period = 1_000_000_000 / Fraction(float(rate)).limit_denominator(1_000_000)
         self._numerator, self._denominator = period.numerator, period.denominator

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import atexit
 import os
 import signal
 import threading
+from itertools import count
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
@@ -15,14 +17,21 @@ if TYPE_CHECKING:
 __all__ = ["Signals"]
 
 _NUMBERS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_MOMENT = 0.25
+_LINGER = 1.0
 
 
 class Signals:
     """Takes SIGINT, SIGTERM and SIGHUP in place of their default handlers, and gives them back.
 
-    The first signal asks the program to leave. A second one changes nothing while what that takes is within its limit;
-    the next breaks it off. Where the event loop is held, and does not hear of the first, the third is raised in what
-    holds it. A signal that is ignored stays ignored, and a handler of the program's own stays in place.
+    The first signal asks the program to leave; what comes within a quarter of a second after it is one with it, as a
+    terminal that closes and programs that end others send several. A second one changes nothing while what that takes
+    is within its limit; the next breaks it off. Where the event loop is held, and does not hear of the first, the third
+    is raised in what holds it. A signal that is ignored stays ignored, and a handler of the program's own stays in
+    place.
+
+    Once one was heard, the handlers stay for a second after all has stopped, or to the end of the process: what comes
+    then changes nothing, else it would take the place of the first one in the program's status.
 
     The handlers are Python's (`signal.signal`), which run under every event loop, and where the loop is held.
 
@@ -42,10 +51,14 @@ class Signals:
         self.loop: asyncio.AbstractEventLoop | None = None
         self._process = 0
         self.previous: dict[int, Any] = {}
-        self._count = 0
+        self._numbers = count()
+        self._later = 0
+        self._first = 0
+        self._since = 0.0
         self._exit: BaseException | None = None
         self._until: float | None = None
         self._broken = False
+        self._closed_at: float | None = None
 
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
         """Listen; in the main thread alone, as no other one may."""
@@ -58,43 +71,78 @@ class Signals:
                 self.previous[number] = signal.signal(number, self._handle)
 
     def close(self) -> None:
-        """Listen no more, and give the handlers back."""
+        """Listen no more, and give the handlers back; after a signal not before the next one.
+
+        A signal that came too late for the event loop to turn once more goes to whoever hears it then.
+        """
         self.loop = None
+        late = self._exit is not None and self._until is None
+        if self._until is not None:
+            self._closed_at = monotonic()
+            atexit.register(self._ignore)
+        else:
+            self._give_back()
+        # Python keeps the handlers, and these must not keep the program that has ended.
+        self._exit, self._leave, self._break_off = None, lambda _: 0.0, lambda: None
+        if late:
+            os.kill(os.getpid(), self._first)
+
+    @property
+    def takes(self) -> bool:
+        """Whether a signal is taken: it is listened for, or changes nothing any more."""
+        return self.loop is not None or (self._closed_at is not None and monotonic() < self._closed_at + _LINGER)
+
+    def _give_back(self) -> None:
         for number, previous in self.previous.items():
             if signal.getsignal(number) == self._handle:
                 handler = previous
-                while (outer := _signals_of(handler)) is not None and outer.loop is None:
+                while (outer := _signals_of(handler)) is not None and not outer.takes:
                     handler = outer.previous[number]  # it was closed before those inside it
-                signal.signal(number, handler)
+                signal.signal(number, signal.default_int_handler if _has_run(handler) else handler)
+
+    def _ignore(self) -> None:
+        """Ignore signals at the exit of the interpreter, which gives up Python's handlers before all else."""
+        for number in self.previous:
+            if signal.getsignal(number) == self._handle and self.takes:
+                signal.signal(number, signal.SIG_IGN)
 
     def _handle(self, number: int, _: object) -> None:
         if os.getpid() != self._process:  # a forked child: its end is its own affair
             signal.signal(number, signal.SIG_DFL)
             os.kill(os.getpid(), number)
             return
-        listening: list[Signals] = []
+        taking: list[Signals] = []
         signals: Signals | None = self
         while signals is not None:
-            if signals.loop is not None and not (signals.last and listening):
-                listening.append(signals)
+            if signals.takes and not (signals.last and taking):
+                taking.append(signals)
             signals = _signals_of(signals.previous.get(number))
-        for signals in listening:
+        for signals in taking:
             signals.hear(number)
+        if not taking:
+            self._give_back()
+            os.kill(os.getpid(), number)
 
     def hear(self, number: int) -> None:
-        """Take one signal; called by the handler."""
+        """Take one signal; called by the handler, which another signal may interrupt anywhere."""
         if self.loop is None or self.loop.is_closed():
             return
-        self._count += 1
-        if self._exit is None:
+        if next(self._numbers) == 0:
+            self._first, self._since = number, monotonic()
             self._exit = KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number)
             self.loop.call_soon_threadsafe(self._begin, self._exit)
-        elif self._count == 2 and (self._until is None or monotonic() < self._until):
             return
-        elif self._until is not None and not self._broken:
+        now = monotonic()
+        if self._exit is None or now < self._since + _MOMENT:
+            return
+        self._later += 1
+        if self._later == 1 and (self._until is None or now < self._until):
+            return
+        if self._until is not None and not self._broken:
             self._broken = True
             self.loop.call_soon_threadsafe(self._break_off)
         else:
+            self._until = now
             raise self._exit
 
     def _begin(self, error: BaseException) -> None:
@@ -106,8 +154,17 @@ def _signals_of(handler: object) -> Signals | None:
     return owner if isinstance(owner, Signals) else None
 
 
+def _of_asyncio(handler: object) -> bool:
+    return isinstance(getattr(getattr(handler, "func", None), "__self__", None), asyncio.Runner)
+
+
+def _has_run(handler: Any) -> bool:
+    """Whether a handler is asyncio's for a program that has ended."""
+    return _of_asyncio(handler) and handler.keywords["main_task"].done()
+
+
 def _gives_way(handler: object) -> bool:
     """Whether a handler is Python's or asyncio's default, or one of ours."""
     if handler in {signal.SIG_DFL, signal.default_int_handler} or _signals_of(handler) is not None:
         return True
-    return isinstance(getattr(getattr(handler, "func", None), "__self__", None), asyncio.Runner)
+    return _of_asyncio(handler)

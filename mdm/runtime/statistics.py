@@ -20,7 +20,15 @@ _FOLD = 4096
 _BUCKETS = 8 * 64
 
 
-class ChannelStatistics(msgspec.Struct, frozen=True):
+class _Snapshot(msgspec.Struct, frozen=True):
+    """A snapshot, which prints what is not zero or empty."""
+
+    def __repr__(self) -> str:
+        told = [f"{name}={value!r}" for name in self.__struct_fields__ if (value := getattr(self, name))]
+        return f"{type(self).__name__}({', '.join(told)})"
+
+
+class ChannelStatistics(_Snapshot, frozen=True):
     """What crossed a channel.
 
     ``dropped`` counts messages that a bounded stream or a stopped actor did not take, ``unheard`` those that had no
@@ -36,7 +44,7 @@ class ChannelStatistics(msgspec.Struct, frozen=True):
     streams: int
 
 
-class ActorStatistics(msgspec.Struct, frozen=True):
+class ActorStatistics(_Snapshot, frozen=True):
     """What an actor received, how often it failed and restarted, its work under way, and ticks that came too late."""
 
     path: str
@@ -48,7 +56,7 @@ class ActorStatistics(msgspec.Struct, frozen=True):
     skipped_ticks: int
 
 
-class DispatcherStatistics(msgspec.Struct, frozen=True):
+class DispatcherStatistics(_Snapshot, frozen=True):
     """Turns run, turns that were cut short to let the event loop breathe, messages that came from other threads.
 
     Of these ``replaced`` counts those that a newer one superseded while they waited, ``lost`` those that were too many,
@@ -63,7 +71,7 @@ class DispatcherStatistics(msgspec.Struct, frozen=True):
     refused: int
 
 
-class LogStatistics(msgspec.Struct, frozen=True):
+class LogStatistics(_Snapshot, frozen=True):
     """Lines of the log that were written, and lines that were lost: nobody read them in time, or nobody could."""
 
     written: int
@@ -77,6 +85,10 @@ class Histogram(msgspec.Struct, frozen=True):
     total: float
     maximum: float
     counts: tuple[int, ...]
+
+    def __bool__(self) -> bool:
+        """Whether anything was recorded."""
+        return self.count > 0
 
     def __repr__(self) -> str:
         """Return how many there were and how long they took, in place of the buckets."""
@@ -144,7 +156,7 @@ class Latencies:
         )
 
 
-class LoopStatistics(msgspec.Struct, frozen=True):
+class LoopStatistics(_Snapshot, frozen=True):
     """How an event loop turned, as its watchdog saw it.
 
     ``stalls`` counts the times that it did not turn for as long as the watchdog's limit; ``delays`` are the times that

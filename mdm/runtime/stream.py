@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
 import anyio
 
+from mdm.choice import check_choice
 from mdm.errors import Error
+from mdm.number import is_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,8 +42,9 @@ class Stream(Generic[T]):
         overflow: Literal["drop_oldest", "drop_newest", "error"],
         on_drop: Callable[[], None],
     ) -> None:
-        if capacity < 1:
-            raise Error(f"a stream on channel {name!r} needs a capacity of at least 1, not {capacity}")
+        if not is_whole(capacity) or capacity < 1:
+            raise Error(f"a stream on channel {name!r} needs a capacity of at least 1, not {capacity!r}")
+        check_choice(overflow, ("drop_oldest", "drop_newest", "error"), f"overflow of a stream on channel {name!r}")
         self._name = name
         self._capacity = capacity
         self._overflow = overflow

@@ -10,6 +10,8 @@ from typing import Literal
 import msgspec
 
 from mdm.errors import ConfigError, Error
+from mdm.number import is_number, is_whole
+from mdm.runtime.clock import check_seconds
 
 __all__ = [
     "LEAVING",
@@ -20,6 +22,7 @@ __all__ = [
     "check_supervision",
     "describe",
     "failure",
+    "text_of",
     "was_cancelled",
 ]
 
@@ -45,6 +48,22 @@ class Restart(msgspec.Struct, frozen=True):
     within: float = 60.0
     backoff: float = 0.1
     max_backoff: float = 5.0
+
+    def __post_init__(self) -> None:
+        """Refuse what counts or lasts nothing.
+
+        Raises:
+            ConfigError: If the limit is no whole number, or a time no number of seconds.
+        """
+        if not is_whole(self.limit) or self.limit < 0:
+            raise ConfigError(f"limit of Restart(...) is a whole number from 0 on, not {self.limit!r}", key="limit")
+        check_seconds(self.within, "within of Restart(...)", key="within")
+        for name in ("backoff", "max_backoff"):
+            seconds = getattr(self, name)
+            if not is_number(seconds) or not 0 <= seconds <= 1e9:
+                raise ConfigError(
+                    f"{name} of Restart(...) is a number of seconds from 0 to 10^9, not {seconds!r}", key=name
+                )
 
 
 Supervision = Restart | Literal["stop", "escalate"]
@@ -86,7 +105,15 @@ def describe(error: BaseException) -> str:
     """Return one sentence for an error: its type, its text, and where in the code it came from."""
     frames = traceback.extract_tb(error.__traceback__)
     place = f" (at {frames[-1].filename}:{frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {error}{place}"
+    return f"{type(error).__name__}: {text_of(error)}{place}"
+
+
+def text_of(error: BaseException) -> str:
+    """Return an error's own text, or that it has none: one that cannot say what it is is a failure all the same."""
+    try:
+        return str(error)
+    except BaseException as another:
+        return f"its text cannot be had, for that raises {type(another).__name__}"
 
 
 def failure(error: BaseException) -> BaseException:

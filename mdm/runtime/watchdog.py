@@ -1,7 +1,7 @@
 """The watchdog: a thread that sees whether the event loop turns, and says what holds it where it does not.
 
 It asks the loop, some twenty times a second, to call back. What it does where no answer comes needs no loop: it finds
-the stack of the loop's thread, writes to the log, and calls the emergency on a further thread.
+the stack of the loop's thread, writes to the log, and calls the emergency.
 """
 
 from __future__ import annotations
@@ -12,6 +12,9 @@ import traceback
 from time import monotonic_ns
 from typing import TYPE_CHECKING
 
+from mdm.errors import Error
+from mdm.runtime.clock import check_seconds
+from mdm.runtime.emergency import check_emergency
 from mdm.runtime.statistics import Latencies, LoopStatistics
 
 if TYPE_CHECKING:
@@ -19,8 +22,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
 
-__all__ = ["Watchdog"]
+__all__ = ["Watchdog", "check_watch"]
 
+_SHORTEST = 0.01
 _PAUSE = 0.05
 _FRAMES = 20
 _PATIENCE = 0.5
@@ -32,7 +36,7 @@ class Watchdog:
     Args:
         limit: Seconds without a turn of the loop after which `alarm` is called.
         alarm: Takes the kind and the detail of a fault, on any thread.
-        emergency: Takes a reason, on a thread of its own.
+        emergency: Takes a reason, on the watchdog's thread, and returns at once.
         emergency_after: Seconds without a turn after which `emergency` is called; None for never.
     """
 
@@ -49,10 +53,10 @@ class Watchdog:
         self._emergency_after = emergency_after
         self._pause = min(_PAUSE, limit / 4)
         self._ended = threading.Event()
-        self._threads: list[threading.Thread] = []
+        self._thread = threading.Thread(target=self._watch, name="mdm:watchdog", daemon=True)
         self._asked: int | None = None
         self._since = self._looked = 0
-        self._told = self._called = False
+        self._told = self._called = self._excused = False
         self._stalls = 0
         self._delays = Latencies()
 
@@ -61,18 +65,17 @@ class Watchdog:
         self._loop = loop
         self._holder = threading.get_ident()
         self._looked = monotonic_ns()
-        self._start(self._watch, "mdm:watchdog")
+        self._thread.start()
+
+    def call_emergency(self) -> None:
+        """Call the emergency from now on; where no time was given, as soon as a stall is told."""
+        if self._emergency_after is None:
+            self._emergency_after = self._limit
 
     def close(self) -> None:
-        """Watch no more; an emergency that is under way gets half a second to end."""
+        """Watch no more."""
         self._ended.set()
-        for thread in self._threads:
-            thread.join(_PATIENCE)
-
-    def _start(self, function: Callable[[], object], name: str) -> None:
-        thread = threading.Thread(target=function, name=name, daemon=True)
-        thread.start()
-        self._threads.append(thread)
+        self._thread.join(_PATIENCE)
 
     def _watch(self) -> None:
         pause = self._pause
@@ -89,33 +92,27 @@ class Watchdog:
         """Look once whether the loop has turned; return in how many seconds to look again."""
         due, self._looked = self._looked + round(self._pause * 1e9), now
         stopped = now - due > self._limit * 5e8
-        if stopped:
-            # The whole process stood still. That is counted, but the loop gets time to answer before it is blamed.
-            self._since = now
         if self._asked is None:
             self._since = now
+            self._excused = stopped
             self._told = self._called = False
             self._asked = due if stopped else now
             self._loop.call_soon_threadsafe(self._turned, self._asked)
             return self._pause
+        if stopped and not self._excused:
+            # The whole process stood still. That is counted, but the loop gets time to answer before it is blamed; but
+            # once, as native calls that hold the interpreter, one after the other, look the same.
+            self._since = now
+            self._excused = True
         waited = (now - self._since) / 1e9
         if self._emergency_after is not None and waited >= self._emergency_after and not self._called:
             self._called = True
-            self._call_emergency(f"the event loop has not turned for {self._emergency_after:g} s")
+            self._emergency(f"the event loop has not turned for {self._emergency_after:g} s")
         if waited >= self._limit and not self._told:
             self._told = True
             self._alarm("stall", f"the event loop has not turned for {self._limit:g} s: it is held {self._place()}")
         next_time = self._limit if not self._told else self._emergency_after if not self._called else None
         return self._pause if next_time is None else min(self._pause, max(next_time - waited, 1e-4))
-
-    def _call_emergency(self, reason: str) -> None:
-        def call() -> None:
-            self._emergency(reason)
-
-        try:
-            self._start(call, "mdm:emergency")
-        except RuntimeError:  # no thread can be started any more
-            call()
 
     def _place(self) -> str:
         frame = sys._current_frames().get(self._holder)  # noqa: SLF001 - public by documentation
@@ -148,3 +145,23 @@ def _stack(frame: FrameType) -> str:
         del frames[: below[-1] + 1]
     calls = [f"{place.filename}:{place.lineno} in {place.name} ({place.line})" for place in reversed(frames)]
     return ", called from ".join(calls[:_FRAMES])
+
+
+def check_watch(watchdog: float | None, emergency: Callable[[], object] | None, emergency_after: float | None) -> None:
+    """Refuse what cannot be watched, or called.
+
+    Raises:
+        Error: If it cannot.
+    """
+    if watchdog is not None:
+        check_seconds(watchdog, "watchdog")
+        if watchdog < _SHORTEST:
+            raise Error(f"a watchdog waits {_SHORTEST} s at least, not {watchdog}")
+    if emergency is not None:
+        check_emergency(emergency)
+    if emergency_after is not None:
+        check_seconds(emergency_after, "emergency_after")
+        if emergency is None or watchdog is None:
+            raise Error("emergency_after is the time until the watchdog calls `emergency`: give both")
+        if emergency_after < watchdog:
+            raise Error(f"emergency_after is {emergency_after} s, before the watchdog's {watchdog} s have passed")

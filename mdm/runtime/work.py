@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import sys
 from typing import TYPE_CHECKING, Any
 
-from mdm.runtime.executors import OWNER
+from mdm.runtime.executors import OWNER, Jobs
 from mdm.runtime.supervision import LEAVING
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable
 
 __all__ = ["Work", "wait_all"]
+
+_ROOM = 100
 
 
 class Work:
@@ -26,11 +29,25 @@ class Work:
         awaitable: What to run.
         name: The task's name, for debuggers.
         ended: Called once, when it has ended, from the event loop.
+        jobs: What was handed to executors already, where it was made.
     """
 
-    __slots__ = ("_awaitable", "_ended", "_jobs", "_leaving", "abandoned", "interrupted", "name", "over", "task")
+    __slots__ = (
+        "_awaitable",
+        "_begun",
+        "_ended",
+        "_jobs",
+        "_leaving",
+        "abandoned",
+        "interrupted",
+        "name",
+        "over",
+        "task",
+    )
 
-    def __init__(self, awaitable: Awaitable[Any], name: str, ended: Callable[[Work], object]) -> None:
+    def __init__(
+        self, awaitable: Awaitable[Any], name: str, ended: Callable[[Work], object], jobs: Jobs | None = None
+    ) -> None:
         self.name = name
         self.abandoned = False
         # Whether a cancellation has reached it: what it returns after that is not the end that was asked for.
@@ -38,13 +55,17 @@ class Work:
         self._ended = ended
         self._awaitable = awaitable
         self._leaving: BaseException | None = None
-        self._jobs = 0
+        self._jobs = Jobs() if jobs is None else jobs
+        self._jobs.ended = self._settle
+        self._begun = False
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self.task: asyncio.Task[Any] = asyncio.get_running_loop().create_task(self._run(), name=name)
         self.task.add_done_callback(self._done)
+        hide(self.task)
 
     async def _run(self) -> Any:
-        OWNER.set(self)
+        OWNER.set(self._jobs)
+        self._begun = True
         try:
             return await self._awaitable
         except LEAVING as error:
@@ -58,14 +79,11 @@ class Work:
             task.exception()  # looked at here, so that asyncio does not report it a second time
         self._settle()
 
-    def begin_job(self) -> None:
-        """Count what was handed to an executor."""
-        self._jobs += 1
-
-    def end_job(self) -> None:
-        """Count down, when it has ended there."""
-        self._jobs -= 1
-        self._settle()
+    def abandon(self) -> None:
+        """Let it go on without its owner; what else ends the program's tasks may end it, too."""
+        self.abandoned = True
+        if not self.task.done():
+            asyncio._register_task(self.task)  # noqa: SLF001 - as in `hide`
 
     def _settle(self) -> None:
         if self.done and not self.over.done():
@@ -74,7 +92,7 @@ class Work:
 
     @property
     def is_calling(self) -> bool:
-        """Whether it is its own code that runs now, so that the caller is part of what it does."""
+        """Whether the caller runs within this work's own task."""
         return asyncio.current_task() is self.task
 
     def cancel(self) -> None:
@@ -85,13 +103,20 @@ class Work:
             self._interrupt()
 
     def _interrupt(self) -> None:
-        if self.task.cancel():
-            self.interrupted = True
+        limit = sys.getrecursionlimit()
+        sys.setrecursionlimit(limit + _ROOM)  # a task whose cancellation a deep stack cuts short would never end
+        try:
+            if asyncio.isfuture(self._awaitable) and not self._begun:
+                self.interrupted = self._awaitable.cancel()  # it goes on without us: its end is awaited all the same
+            elif self.task.cancel():
+                self.interrupted = True
+        finally:
+            sys.setrecursionlimit(limit)
 
     @property
     def done(self) -> bool:
         """Whether it has ended."""
-        return self.task.done() and not self._jobs
+        return self.task.done() and not self._jobs.count
 
     @property
     def cancelled(self) -> bool:

@@ -511,7 +511,24 @@ def test_random_lives(data):
     assert max(most, default=0) <= 1
 
 
-def test_a_thread_of_an_action_ends_before_the_next_one_begins():
+def handed_over(drive):
+    return asyncio.get_running_loop().run_in_executor(None, drive)
+
+
+def task_of(drive):
+    return asyncio.get_running_loop().create_task(asyncio.to_thread(drive))
+
+
+def shielded(drive):
+    return asyncio.shield(asyncio.to_thread(drive))
+
+
+def gathered(drive):
+    return asyncio.gather(asyncio.to_thread(drive), asyncio.sleep(3600))
+
+
+@pytest.mark.parametrize("begin", [asyncio.to_thread, handed_over, task_of, shielded, gathered])
+def test_a_thread_of_an_action_ends_before_the_next_one_begins(begin):
     begun, free, log = threading.Event(), threading.Event(), []
 
     def drive():
@@ -520,7 +537,7 @@ def test_a_thread_of_an_action_ends_before_the_next_one_begins():
         log.append("A ends")
 
     async def main():
-        ensemble = robot({"A": lambda: asyncio.to_thread(drive), "B": lambda: log.append("B")})
+        ensemble = robot({"A": lambda: begin(drive), "B": lambda: log.append("B")})
         async with Runtime(log=None) as runtime:
             await runtime.start(ensemble)
             ensemble.publish_state(0)

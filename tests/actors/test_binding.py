@@ -58,6 +58,8 @@ def test_an_ensemble_is_started_and_stopped():
         (print, {"timeout": 0}, "timeout"),
         (print, {"grace": -1.0}, "grace"),
         (print, {"grace": None}, "grace"),
+        (print, {"resume": "no"}, "resume is True or False, not 'no'"),
+        (print, {"concurrent": 1}, "concurrent is True or False, not 1"),
     ],
 )
 def test_what_is_no_binding_is_refused(target, options, words):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 
 import msgspec
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm import (
+    Actor,
     ActorFailure,
     ConfigError,
     Ensemble,
@@ -146,7 +148,7 @@ def test_a_child_that_stops_by_itself_has_succeeded_and_one_that_fails_has_faile
             ("running", ""),
             ("failed", "ensemble 'top/child' failed"),
             ("running", ""),
-            ("failed", "ensemble 'top/child' does not run: it is failed"),
+            ("failed", "ensemble 'top/child' does not run: it has failed"),
         ]
         assert top.life == "running"
 
@@ -191,6 +193,36 @@ def test_an_ensemble_that_restarts_decides_again():
             await asyncio.sleep(1)
             a.set(True)
         assert [decision.action for decision in decisions] == [0, 0, 1]
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("actor", ["robot", "robot/action", "robot/control"])
+@pytest.mark.parametrize("restarts", [False, True])
+@pytest.mark.parametrize("command", ["start", "stop"])
+def test_what_is_told_to_an_ensemble_while_its_layers_start_holds_when_they_have_started(actor, restarts, command):
+    async def main(runtime):
+        calls = []
+        robot = Ensemble("robot", policy=[0], actions={"A": lambda: calls.append("A")}, supervision=Restart())
+
+        def tell(change):
+            if (change.actor, change.state) == (actor, "starting") and (
+                not restarts or robot.control.life != "created"
+            ):
+                getattr(robot, command)()
+
+        if not restarts:
+            runtime.lives.subscribe(tell)
+        await runtime.start(robot)
+        if restarts:
+            runtime.lives.subscribe(tell)
+            crash(robot.control)
+            await asyncio.sleep(1)
+        robot.publish_state(0)
+        if command == "stop":
+            assert (robot.mode, calls) == ("stopped", [])
+            robot.start()
+        assert (robot.mode, calls, robot.action.skipped) == ("deciding", ["A"], 0)
 
     run_virtual(main)
 
@@ -475,6 +507,47 @@ def test_a_callback_that_raises_a_cancellation_leaves_other_ensembles_alone():
     assert decided in ({"first": 51, "second": 51}, {"first": 50, "second": 50})
 
 
+def test_a_timer_that_raises_a_cancellation_leaves_those_of_its_instant_alone():
+    """The age of a sensor, and the grace of an action, end at the instants of such timers, behind them."""
+    log = []
+
+    def broken():
+        log.append("broken")
+        raise asyncio.CancelledError
+
+    async def stubborn():
+        while "over" not in log:
+            with suppress(asyncio.CancelledError):
+                await asyncio.sleep(1e6)
+
+    async def main(runtime):
+        for seconds in (1, 2):
+            actor = Actor(f"actor{seconds}", supervision="stop")
+            await runtime.start(actor)
+            actor.call_later(seconds, broken)
+        manager = PredicateManager()
+        sensor = manager.sensor("S", max_age=1.0)
+        robot = Ensemble(
+            "robot",
+            policy=[0, 0],
+            actions={0: bind(stubborn, grace=1.0)},
+            predicates=manager,
+            states=[StateFactor("s", ["S"])],
+            safe_action=lambda: log.append("SAFE"),
+        )
+        await runtime.start(robot)
+        sensor.set(True)
+        await asyncio.sleep(1.5)
+        assert (robot.mode, log) == ("safe", ["broken"])
+        await asyncio.sleep(1)
+        assert log == ["broken", "broken", "SAFE"]
+        log.append("over")
+        for work in runtime.abandoned:
+            work.cancel()
+
+    run_virtual(main)
+
+
 def test_an_ensemble_prints_what_it_is_and_its_mode():
     assert repr(leaf("robot")) == "<Ensemble 'robot': MDP, 2 states, 2 actions, event-driven, stopped>"
 
@@ -484,3 +557,37 @@ def test_an_ensemble_whose_construction_failed_still_prints():
     half = Ensemble.__new__(Ensemble)
     half.name = "robot"
     assert repr(half) == "<Ensemble 'robot'>"
+
+
+@pytest.mark.parametrize("stack", [5, 300, 700])
+def test_a_hundred_levels_go_safe_from_a_deep_stack(stack):
+    def deep(levels, function):
+        if levels:
+            deep(levels - 1, function)
+        else:
+            function()
+
+    predicates, ran, top = PredicateManager(), [], None
+    sensor = predicates.sensor("S", initial=True)
+    for level in range(100):
+        top = Ensemble(
+            f"level{level}",
+            policy=[0, 1],
+            actions={"Stay": lambda: None, "Go": top or (lambda: asyncio.sleep(3600))},
+            predicates=predicates,
+            states=[StateFactor("s", ["S"])],
+            safe_action=lambda level=level: ran.append(level),
+            on_unknown="safe" if level == 99 else "continue",
+        )
+
+    async def main(runtime):
+        await runtime.start(top)
+        await asyncio.sleep(1)
+        deep(stack, lambda: sensor.set(None))
+        await asyncio.sleep(1)
+        assert ran == [99]
+        assert top.action.live == ()
+        ran.clear()
+
+    run_virtual(main)
+    assert ran == list(range(100))

@@ -16,7 +16,7 @@ from programs import python
 import mdm
 from mdm.actors import ControlLayer
 from mdm.actors.search_process import SearchProcess
-from mdm.messages import Answer, Question, State
+from mdm.messages import Answer, Observation, Question, State
 from mdm.testing import capture_decisions, probe, run_virtual
 
 TIGER = EXAMPLES / "tiger.pomdp"
@@ -267,6 +267,34 @@ def test_without_a_fallback_a_missed_deadline_is_for_the_safe_action(tiger):
     faults, epoch = live(main)
     assert faults[0].kind == "deadline"
     assert epoch == 0
+
+
+@pytest.mark.parametrize("searches", [True, False])
+def test_nothing_is_done_that_is_decided_long_after_the_deadline(tiger, searches, monkeypatch):
+    made_safe = asyncio.Event()
+
+    async def fail(_):
+        raise OSError("no more processes")
+
+    if not searches:
+        monkeypatch.setattr(SearchProcess, "start", fail)
+
+    async def main(runtime):
+        one = ensemble(tiger, seconds=30.0, deadline=20.0, fallback=LISTEN, safe_action=made_safe.set)
+        faults = probe(runtime.faults)
+        await runtime.start(one)
+        if searches:
+            await one.ready()
+        with capture_decisions(runtime) as decisions:
+            held = runtime.clock.now() - 30 * 10**9  # as if the loop had not turned since
+            runtime.channel("tiger/observation", Observation).publish(Observation(held, 0, (0,), (True,)))
+            await made_safe.wait()
+        assert not decisions
+        assert (one.mode, [cause.kind for cause in one.causes]) == ("safe", ["deadline"])
+        return [fault.detail for fault in faults if fault.source == "tiger/control"]
+
+    (late,) = live(main)
+    assert late.endswith("after its stimulus; the deadline is 20.0 s")
 
 
 def test_stopping_while_it_searches(tiger):

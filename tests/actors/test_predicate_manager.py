@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from mdm import ConfigError, Error, ObservationFactor, ObservationLayer, P, PredicateManager, Runtime, run
+from mdm import ConfigError, Error, ObservationFactor, ObservationLayer, P, PredicateManager, Restart, Runtime, run
 from mdm.messages import EventUpdate, Observation, PredicateUpdate, SensorUpdate, State
-from mdm.testing import probe, run_virtual
+from mdm.testing import crash, probe, run_virtual
 
 
 def updates_of(runtime, name="predicates"):
@@ -427,3 +427,22 @@ def test_a_value_that_waited_for_longer_than_it_holds_is_unknown():
     assert [(fault.kind, fault.detail) for fault in faults] == [
         ("stale", "values of A waited 0.6 s, longer than they hold")
     ]
+
+
+def test_while_a_manager_that_failed_is_down_nothing_is_known():
+    async def main(runtime):
+        manager = PredicateManager(supervision=Restart(backoff=2.0))
+        sensor = manager.sensor("S", initial=True)
+        manager.define("T", "not S")
+        await runtime.start(manager)
+        updates = updates_of(runtime)
+        crash(manager)
+        assert manager.values() == {"S": None, "T": None}
+        assert updates[-1].unknown == ("S", "T")
+        await asyncio.sleep(1)
+        sensor.set(False)
+        assert sensor.value is None
+        await asyncio.sleep(2)
+        assert manager.values() == {"S": False, "T": True}
+
+    run_virtual(main)

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
-from safe_robots import Log, two_levels
+from safe_robots import Log, robot, two_levels
 
 from mdm import ActorFailure, Ensemble, PredicateManager, Restart, StateFactor, bind
 from mdm.policies import DeterministicPolicy
@@ -219,3 +219,52 @@ def test_in_every_hierarchy_nothing_is_decided_while_safe_and_the_outermost_come
         each.name for each in robot.ensembles if each.name in active
     ]
     assert [kind for kind, _ in robot.log] == ["safe"] * len(robot.log)
+
+
+def test_what_an_action_ends_is_not_started_by_hand_until_it_has_ended():
+    log = Log()
+
+    async def main(runtime):
+        async def work():
+            try:
+                await asyncio.sleep(1e6)
+            finally:
+                await asyncio.sleep(3.0)
+                log.append("Work ends")
+
+        below = Ensemble("below", policy=[0], actions={"Work": bind(work, grace=5.0)})
+        top = robot(log, actions={"A": below, "B": log.plain("Rest")})
+        faults = probe(runtime.faults)
+        await runtime.start(top)
+        below.publish_state(0)
+        top.publish_state(0)
+        await asyncio.sleep(1)
+        top.publish_state(1)
+        for _ in range(2):
+            below.start()
+            await asyncio.sleep(1)
+        refused = "was not started: the action that it is bound to is coming to its end"
+        assert [fault.detail for fault in faults] == [refused] * 2
+        await asyncio.sleep(2)
+        assert log == ["Work ends", "Rest"]
+        below.start()
+        assert below.action.live == ("Work",)
+
+    run_virtual(main)
+
+
+def test_an_ensemble_that_has_failed_in_the_same_turn_does_not_keep_its_action_live():
+    log = Log()
+
+    async def main(runtime):
+        below = Ensemble("below", policy=[0], actions={"Work": log.plain("Work")}, supervision="stop")
+        top = robot(log, actions={"A": below, "B": log.plain("Rest")})
+        faults = probe(runtime.faults)
+        await runtime.start(top)
+        crash(below)
+        top.publish_state(0)
+        assert faults[-1].detail == "action 'A' failed: ensemble 'robot/below' does not run: it has failed"
+        top.publish_state(1)
+        assert log[-1] == "Rest"
+
+    run_virtual(main)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 
 import pytest
 from safe_robots import Log, certain, forever, robot, sensed
@@ -10,12 +11,15 @@ from safe_robots import Log, certain, forever, robot, sensed
 from mdm import (
     ActorFailure,
     ConfigError,
+    Ensemble,
     Error,
     FixedRate,
     ObservationFactor,
     PredicateManager,
+    Runtime,
     StateFactor,
     bind,
+    run,
 )
 from mdm.actors import EnsembleStatistics
 from mdm.policies import AlphaVectors
@@ -212,58 +216,6 @@ def test_a_live_action_that_does_not_end_is_abandoned_and_the_safe_action_runs()
     run_virtual(main)
 
 
-def test_a_state_that_turns_unknown_makes_safe_until_it_is_known():
-    log = Log()
-
-    async def main(runtime):
-        one, _, sensor = sensed(log, actions={"A": log.slow("A", 1e6), "B": log.plain("B")})
-        faults = probe(runtime.faults)
-        await runtime.start(one)
-        sensor.set(False)
-        await asyncio.sleep(1)
-        sensor.set(None)
-        await asyncio.sleep(1)
-        assert log == ["A begins", "A ends", "SAFE"]
-        assert [(fault.kind, fault.detail) for fault in faults] == [("unknown_input", "the state turned unknown: S")]
-        sensor.set(True)
-        assert log[-1] == "B"
-
-    run_virtual(main)
-
-
-@pytest.mark.parametrize("options", [{"on_unknown": "continue"}, {"safe_action": None}])
-def test_with_continue_or_without_a_safe_action_the_old_action_goes_on_and_waiting_is_told(options):
-    log = Log()
-
-    async def main(runtime):
-        one, _, sensor = sensed(log, actions={"A": log.slow("A", 1e6), "B": log.plain("B")}, **options)
-        faults = probe(runtime.faults)
-        await runtime.start(one)
-        sensor.set(False)
-        await asyncio.sleep(1)
-        sensor.set(None)
-        await asyncio.sleep(2)
-        assert one.action.live == ("A",)
-        assert [(fault.kind, fault.detail) for fault in faults] == [("waiting", "cannot decide: unknown is S")]
-
-    run_virtual(main)
-
-
-def test_old_input_is_a_cause_of_its_own():
-    log = Log()
-
-    async def main(runtime):
-        one, _, sensor = sensed(log, max_age=1.0, on_unknown="continue")
-        await runtime.start(one)
-        sensor.set(False)
-        await asyncio.sleep(2)
-        assert [cause.kind for cause in one.causes] == ["stale_input"]
-        sensor.set(True)
-        assert (one.mode, log) == ("deciding", ["A", "SAFE", "B"])
-
-    run_virtual(main)
-
-
 @pytest.mark.parametrize("layer", ["control", "action", "state"])
 def test_a_failing_layer_latches_within_its_turn(layer):
     log = Log()
@@ -281,6 +233,38 @@ def test_a_failing_layer_latches_within_its_turn(layer):
     with pytest.raises(ActorFailure, match="broken"):
         run_virtual(main)
     assert log == ["A", "SAFE"]
+
+
+@pytest.mark.parametrize("grace", [20.0, 0.1])
+def test_a_thread_of_the_live_action_has_ended_or_is_abandoned_when_the_safe_action_runs(grace):
+    log, free = Log(), threading.Event()
+
+    def drive():
+        free.wait(20)
+        log.append("thread ends")
+
+    async def until(condition):
+        async with asyncio.timeout(20):
+            while not condition():
+                await asyncio.sleep(0.001)
+
+    async def main():
+        action = bind(lambda: asyncio.to_thread(drive), grace=grace)
+        one, _, sensor = sensed(log, max_age=0.2, actions={"A": action, "B": log.plain("B")})
+        async with Runtime(log=None) as runtime:
+            await runtime.start(one)
+            sensor.set(False)
+            await until(lambda: one.mode == "safe")
+            assert log == []
+            if grace > 1:
+                free.set()
+            await until(lambda: "SAFE" in log)
+            assert len(runtime.abandoned) == (grace < 1)
+            free.set()
+            await until(lambda: len(log) == 2 and not runtime.abandoned)
+            assert log == (["SAFE", "thread ends"] if grace < 1 else ["thread ends", "SAFE"])
+
+    run(main)
 
 
 # -- The safe action itself ----------------------------------------------------------------------------------------
@@ -341,6 +325,7 @@ def test_the_safe_action_has_a_limit_of_its_own():
         ({"on_unknown": "safe", "safe_action": None}, "on_unknown asks for the safe action, but there is none"),
         ({"on_failed_action": "safe", "safe_action": None}, "on_failed_action asks for the safe action"),
         ({"after_safe": "predict"}, "after_safe is 'reset' or 'keep', not 'predict'"),
+        ({"after_safe": ["reset"]}, r"after_safe is 'reset' or 'keep', not \['reset'\]"),
         ({"safe_timeout": 0}, "safe_timeout is a number of seconds above 0"),
         ({"on_lost": "safe"}, "there is no option 'on_lost'"),
     ],
@@ -348,3 +333,28 @@ def test_the_safe_action_has_a_limit_of_its_own():
 def test_wrong_options_are_refused(options, message):
     with pytest.raises(ConfigError, match=message):
         robot(Log(), **options)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_the_safe_action_is_no_ensemble(named):
+    below = Ensemble("below", policy=[0], actions={"A": print})
+    with pytest.raises(ConfigError, match="the safe action is a function: ensemble 'below' would have to decide") as e:
+        robot(Log(), actions={"A": below, "B": print}, safe_action="A" if named else below)
+    assert e.value.key == "ensembles.robot.safe_action"
+
+
+def test_what_was_decided_does_not_start_once_its_state_has_turned_unknown():
+    log = Log()
+
+    async def main(runtime):
+        one, _, sensor = sensed(log)
+        await runtime.start(one)
+        turn = runtime.channel("turn", list)
+        turn.subscribe(lambda values: [sensor.set(value) for value in values])
+        turn.publish([True, None])
+        assert log == ["SAFE"]
+        assert [cause.kind for cause in one.causes] == ["unknown_input"]
+        sensor.set(True)
+        assert log == ["SAFE", "B"]
+
+    run_virtual(main)

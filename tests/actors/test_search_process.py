@@ -16,6 +16,12 @@ HALF = np.array([0, 1]), np.array([0.5, 0.5])
 SURE = np.array([1]), np.array([1.0])
 
 
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch):
+    """Let a busy machine take its time to end a process of low priority."""
+    monkeypatch.setattr("mdm.actors.search_process._PATIENCE", 60.0)
+
+
 def run(main, **options):
     """Run a coroutine function with a process that has started; return its status at the end, too."""
 

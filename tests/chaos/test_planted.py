@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 from chaos.scenario import Scenario
 
+from mdm import Actor, Ensemble, PredicateManager
 from mdm.actors.action_layer import ActionLayer
 from mdm.actors.safety import Safety
-from mdm.runtime import Actor
+from mdm.runtime.executors import Jobs
 
 MOST = 1000
 """Scenarios in which a planted fault is found."""
@@ -66,6 +67,27 @@ def swallow_a_failure(patch):
     patch.setattr(Actor, "fail", lambda self, error: None)
 
 
+def trust_a_retained_state_after_a_restart(patch):
+    patch.setattr(Ensemble, "on_stop", lambda self: self.safety.waiting.end())
+
+
+def trust_predicates_while_their_manager_is_down(patch):
+    patch.setattr(PredicateManager, "on_failing", lambda self, error: None)
+
+
+def lose_the_timer_of_the_grace(patch):
+    patch.setattr(ActionLayer, "_abandon", lambda self, life: None)
+
+
+def let_the_end_of_the_runtime_latch_nothing(patch):
+    patch.setattr(Ensemble, "on_ending", lambda self: None)
+
+
+def do_not_wait_for_threads(patch):
+    patch.setattr(Jobs, "begin", lambda self: None)
+    patch.setattr(Jobs, "end", lambda self: None)
+
+
 @pytest.mark.parametrize(
     "plant",
     [
@@ -77,6 +99,11 @@ def swallow_a_failure(patch):
         forget_the_safe_action_at_the_end,
         let_the_end_not_wait_for_what_is_below,
         swallow_a_failure,
+        trust_a_retained_state_after_a_restart,
+        trust_predicates_while_their_manager_is_down,
+        lose_the_timer_of_the_grace,
+        let_the_end_of_the_runtime_latch_nothing,
+        do_not_wait_for_threads,
     ],
 )
 def test_a_planted_fault_is_found(plant, monkeypatch):

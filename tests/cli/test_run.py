@@ -113,3 +113,38 @@ def test_a_failing_system_exits_with_1_after_the_safe_action(tmp_path):
     assert done.stdout == "safe\nsafe\n"
     assert done.stderr.splitlines()[-1].startswith("mdm run: task 'live' failed: ValueError: sensor unplugged (at ")
     assert "Traceback" not in done.stderr
+
+
+def test_the_emergency_of_a_file_is_called_while_an_action_holds_the_loop(tmp_path):
+    (tmp_path / "held_robot.py").write_text(
+        "import threading\ncut = threading.Event()\n"
+        "def hold():\n    print('held', cut.wait(60), flush=True)\n"
+        "def cut_motors():\n    print('cut', flush=True)\n    cut.set()\n"
+    )
+    (tmp_path / "robot.toml").write_text(
+        "emergency = 'held_robot:cut_motors'\n"
+        "[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\n"
+        "[ensembles.robot.states]\na = ['A']\n[ensembles.robot.actions]\nHold = 'held_robot:hold'\n"
+    )
+    command = [sys.executable, "-m", "mdm", "run", str(tmp_path / "robot.toml"), "--epochs", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=90)
+    assert (done.returncode, done.stdout) == (0, "cut\nheld True\n"), done.stderr
+
+
+def test_a_signal_releases_what_is_safe(tmp_path):
+    (tmp_path / "released_robot.py").write_text(
+        "tries = []\n"
+        "def drive():\n    tries.append(1)\n    if len(tries) == 1:\n        raise ValueError('stuck')\n"
+        "    print('drives', flush=True)\n"
+        "def stay():\n    print('safe', flush=True)\n"
+    )
+    (tmp_path / "robot.toml").write_text(
+        "[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\n"
+        "safe_action = 'released_robot:stay'\n[ensembles.robot.states]\na = ['A']\n"
+        "[ensembles.robot.actions]\nDrive = 'released_robot:drive'\n"
+    )
+    with python("-m", "mdm", "run", tmp_path / "robot.toml", "--epochs", "2") as process:
+        assert process.stdout.readline() == "safe\n"
+        process.send_signal(signal.SIGUSR1)
+        assert process.communicate(timeout=60)[0] == "drives\nsafe\n"
+    assert process.returncode == 0

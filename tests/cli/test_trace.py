@@ -142,6 +142,33 @@ def test_arguments_that_do_not_go_together_are_wrong_usage(mdm, arguments):
     assert errors.splitlines()[-1].startswith("mdm trace: error: ")
 
 
+def test_trace_releases_a_robot_that_is_safe(mdm, tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        f"""
+        [predicates]
+        Left = {{ max_age = 1.0 }}
+        [events]
+        L = "Left"
+        R = "not Left"
+        [ensembles.robot]
+        model = "{EXAMPLES / "tiger.pomdp"}"
+        policy = "{EXAMPLES / "tiger.vf"}"
+        observations.hear = ["L", "R"]
+        safe_action = "listen"
+        [ensembles.robot.actions]
+        listen = "robots:listen"
+        open-left = "robots:open"
+        open-right = "robots:open"
+        """
+    )
+    lines = ['{"predicates": {"Left": true}}', '{"time": 2}', '{"time": 3, "control": "release"}']
+    status, decisions, told = traced(mdm, path, stdin="\n".join(lines))
+    assert status == 0
+    assert [(d["time"], d["cause"]) for d in decisions] == [(0.0, "start"), (0.0, "observation"), (3.0, "release")]
+    assert "mdm trace: input is too old: Left" in told
+
+
 def test_trace_of_an_ensemble_below_names_each(mdm):
     stdin = '{"time": 1}\n{"time": 2, "ensemble": "patrol", "control": "reset"}\n'
     _, lines, _ = traced(mdm, EXAMPLES / "patrol" / "patrol.toml", stdin=stdin)

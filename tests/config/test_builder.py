@@ -114,3 +114,26 @@ def test_what_is_no_configuration(tmp_path, make, words):
     make(path)
     with pytest.raises(ConfigError, match=words):
         load_system(path)
+
+
+def test_the_options_of_safety_reach_their_ensemble(folder, monkeypatch):
+    options = {
+        "on_impossible": "safe_action",
+        "safe_timeout": 3.0,
+        "on_failed_action": "continue",
+        "on_lost_input": "continue",
+        "on_unknown": "continue",
+        "after_safe": "keep",
+        "deadline": 0.5,
+        "safe_action": "Rest",
+    }
+    lines = "\n".join(f"{name} = {value!r}" for name, value in options.items())
+    made = {}
+
+    def record(name, **given):
+        made[name] = given
+        return Ensemble(name, **given)
+
+    monkeypatch.setattr("mdm.config.ensembles.Ensemble", record)
+    load_system(written(folder, GOOD.replace("drive = 2.0", lines), "robot.toml"))
+    assert made["below"] | options == made["below"]

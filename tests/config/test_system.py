@@ -36,6 +36,19 @@ def test_a_task_that_returns_is_told(folder):
     assert run_virtual(main) == ["task 'sense' has returned: what it drove gets nothing more from it"]
 
 
+def test_the_emergency_of_a_file_is_called_besides_that_of_the_program(folder):
+    called = []
+
+    async def main(runtime):
+        system = load_system(written(folder, f'emergency = "robot_code:rest"\n{GOOD}', "robot.toml"))
+        await runtime.start(system)
+        runtime.emergency("the hand")
+        return system.tasks[0].__globals__["calls"]
+
+    assert "rest" in run_virtual(main, emergency=lambda: called.append("program"))
+    assert called == ["program"]
+
+
 def chain(levels):
     text = ""
     for level in range(levels):

@@ -76,10 +76,19 @@ WRONG = [
         "ensembles.top.actions.Below",
         "either a function",
     ),
-    ('Rest = "robot_code:rest"\n[ensembles.below]', 'Rest = { ensemble = "below" }\n[ensembles.below]', "", ""),
+    (
+        'Rest = "robot_code:rest"\n[ensembles.below]',
+        'Rest = { ensemble = "below" }\n[ensembles.below]',
+        "ensembles.top.safe_action",
+        "the safe action is a function",
+    ),
     ('tasks = ["robot_code:sense"]', 'tasks = ["robot_code:not_async"]', "tasks", "not an async function"),
     ('tasks = ["robot_code:sense"]', 'tasks = ["robot_code:no_argument"]', "tasks", "one argument, the System"),
     ('tasks = ["robot_code:sense"]', 'tasks = "robot_code:sense"', "tasks", "a list of functions"),
+    ("[predicates]", "emergency = 7\n[predicates]", "emergency", "must be a function, such as 'robot:cut_motors'"),
+    ("[predicates]", 'emergency = "robot_code:brake"\n[predicates]', "emergency", "has no 'brake'"),
+    ("[predicates]", 'emergency = "robot_code:work"\n[predicates]', "emergency", "must be a plain function"),
+    ("[predicates]", 'emergency = "robot_code:not_async"\n[predicates]', "emergency", "called without arguments"),
 ]
 
 

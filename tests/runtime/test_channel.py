@@ -8,9 +8,9 @@ from functools import partial
 import pytest
 from recorded import state
 
-from mdm import Actor, Error
+from mdm import Actor, Error, Restart
 from mdm.messages import State, Tick
-from mdm.testing import probe, run_virtual
+from mdm.testing import crash, probe, run_virtual
 
 
 def test_a_retained_message_reaches_late_subscribers():
@@ -24,6 +24,47 @@ def test_a_retained_message_reaches_late_subscribers():
         counted.retain_by(lambda: state(counted.published))
         counted.publish(state(7))
         assert [message.index for message in probe(counted)] == [1]
+
+    run_virtual(main)
+
+
+def test_the_channels_of_an_actor_that_has_ended_are_given_back_when_nobody_listens():
+    async def main(runtime):
+        before = runtime.channels
+        actor = Actor("actor")
+        await runtime.start(actor)
+        heard, kept, _ = (actor.channel(name, State, retain=True) for name in ("heard", "kept", "left"))
+        stream = heard.stream()
+        kept.publish(state(1))
+        await runtime.stop(actor)
+        assert runtime.channels == (*before, heard)
+        assert probe(kept) == []
+        stream.close()
+        assert runtime.channels == before
+        assert runtime.channel("actor/kept", State) is kept  # whoever has kept it publishes to those who come
+
+        another = Actor("actor")
+        await runtime.start(another)
+        assert another.channel("kept", State) is kept
+        subscription = kept.subscribe(str)
+        subscription.cancel()
+        assert kept in runtime.channels  # its actor lives
+
+    run_virtual(main)
+
+
+def test_an_actor_that_starts_anew_keeps_its_channels():
+    class Starter(Actor):
+        def on_start(self):
+            self.channel("x", State, retain=True)
+
+    async def main(runtime):
+        actor = Starter("actor", supervision=Restart())
+        await runtime.start(actor)
+        actor.channel("x", State).publish(state(1))
+        crash(actor)
+        await asyncio.sleep(1)
+        assert [message.index for message in probe(runtime.channel("actor/x", State))] == [1]
 
     run_virtual(main)
 
@@ -57,6 +98,11 @@ def test_a_channel_takes_one_type_only():
             runtime.channel("x", State).publish(Tick(0, 0, 0, 0))
         with pytest.raises(Error, match="'x' carries State messages, not Tick"):
             runtime.channel("x", Tick)
+        for name, kind in (("x", "State"), (1, State)):
+            with pytest.raises(Error, match="a channel has a name and carries messages of a class"):
+                runtime.channel(name, kind)
+        with pytest.raises(Error, match=r"are several texts, not one: \['Up'\]"):
+            runtime.channel("x", State).subscribe(str, topics="Up")
 
     run_virtual(main)
 

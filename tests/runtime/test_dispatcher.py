@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
+import sys
 import threading
 from collections import deque
 from pathlib import Path
@@ -10,11 +12,12 @@ from pathlib import Path
 import pytest
 from hypothesis import given, strategies as st
 from programs import python
-from recorded import state
+from recorded import state, tell
 
 from mdm import Actor, Error, Runtime, run
 from mdm.messages import State
 from mdm.runtime import Dispatcher, WallClock
+from mdm.runtime.channel import Subscription
 from mdm.testing import probe, run_virtual
 
 
@@ -35,6 +38,26 @@ class Echo(Actor):
         for target, index in self.table.get((self.name, message.index), ()):
             self.runtime.channel(target, State).publish(state(index))
         self.depth -= 1
+
+
+def test_what_is_delivered_behind_a_turn_comes_after_all_that_the_turn_brings_about():
+    table, log = {("a", 0): [("b", 1), ("b", 2)], ("b", 2): [("a", 3)]}, []
+
+    async def main(runtime):
+        class Eager(Echo):
+            def handle(self, message):
+                if message.index == 0:
+                    runtime.dispatcher.deliver_behind(Subscription(None, self, log.append), "behind")
+                super().handle(message)
+
+        for actor in (Eager("a", table, log), Echo("b", table, log)):
+            await runtime.start(actor)
+        runtime.channel("a", State).publish(state(0))
+        assert log == [("a", 0), ("b", 1), ("b", 2), ("a", 3), "behind"]
+        runtime.dispatcher.deliver_behind(Subscription(None, None, log.append), "at once")
+        assert log[-1] == "at once"
+
+    run_virtual(main)
 
 
 @given(st.data())
@@ -360,3 +383,36 @@ def test_a_forked_child_runs_nothing_of_its_parent():
     first, *rest = output.splitlines()
     assert "in a forked process" in first, errors
     assert rest == ["drives True"]
+
+
+@pytest.mark.parametrize("room", range(2, 40, 3))
+def test_a_turn_that_a_deep_stack_has_no_room_for_fails_from_the_event_loop(room):
+    def deep(levels, function):
+        if levels:
+            deep(levels - 1, function)
+        else:
+            function()
+
+    def handler(_):
+        deep(10, lambda: None)
+
+    async def main(runtime):
+        actor = Actor("actor", supervision="stop")
+        faults = probe(runtime.faults)
+        await runtime.start(actor)
+        channel = runtime.channel("numbers", State)
+        actor.subscribe(channel, handler)
+        limit, used = sys.getrecursionlimit(), len(inspect.stack())
+        try:
+            deep(limit - used - room, lambda: tell(runtime, 1))
+            raised = False
+        except RecursionError:
+            raised = True
+        tell(runtime, 2)
+        await asyncio.sleep(1)
+        assert sys.getrecursionlimit() == limit
+        assert raised or faults or room > 20
+        assert not runtime.dispatcher.active
+        assert not runtime.dispatcher.queue
+
+    run_virtual(main)

@@ -12,8 +12,9 @@ from mdm.runtime.inbox import Inbox
 class Lane:
     """As much of a channel as the inbox sees."""
 
-    def __init__(self, supersedes):
+    def __init__(self, supersedes, merge=lambda older, newer: newer):
         self.supersedes = supersedes
+        self.merge = merge
 
 
 VALUES = Lane(lambda message: message[0] if len(message) == 2 else None)
@@ -50,19 +51,48 @@ def test_a_late_reader_misses_values_that_changed_between_events_and_nothing_els
         assert before[0] != after[0] or len(before) == len(after) == 1
 
 
-@given(MESSAGES, st.integers(1, 5))
+BATCHES = Lane(
+    lambda message: tuple(message) if isinstance(message, dict) else None, lambda older, newer: {**older, **newer}
+)
+
+
+@given(
+    st.lists(st.dictionaries(st.sampled_from("ABC"), st.booleans(), min_size=1) | st.sampled_from(["x", "y", "take"])),
+    st.integers(1, 5),
+)
 def test_what_is_too_much_is_lost_but_the_latest_values_are_not(messages, bound):
     inbox = Inbox(bound)
+    late, all_values, events = [], {}, []
     for message in messages:
-        inbox.put(VALUES, message)
-        assert len(inbox) <= bound + 3  # one more for each of the three
-    late = list(taken(inbox))
-    (events, values), (all_events, all_values) = seen(late), seen(messages)
+        if message == "take":
+            late += [item[1]] if (item := inbox.take()) is not None else []
+            continue
+        lost = inbox.lost
+        inbox.put(BATCHES, message)
+        assert len(inbox) <= bound + 1
+        if isinstance(message, dict):
+            all_values |= message
+        elif inbox.lost == lost:
+            events.append(message)
+    late += taken(inbox)
+    values = {}
+    for message in late:
+        values |= message if isinstance(message, dict) else {}
     assert values == all_values
-    assert [name for name, _ in events] == [name for name, _ in all_events][: len(events)]
-    assert inbox.lost == len(all_events) - len(events)
-    assert inbox.losses() == ({VALUES: inbox.lost} if inbox.lost else {})
+    assert [message for message in late if isinstance(message, str)] == events
+    assert inbox.losses() == ({BATCHES: inbox.lost} if inbox.lost else {})
     assert not inbox.losses()
+
+
+def test_batches_of_ever_other_predicates_flood_nothing():
+    inbox = Inbox(8)
+    for number in range(1000):
+        inbox.put(BATCHES, {index: number for index in range(10) if number >> index & 1} or {"none": number})
+    assert len(inbox) == 9
+    values = {}
+    for message in taken(inbox):
+        values |= message
+    assert values == {"none": 0, **{index: max(n for n in range(1000) if n >> index & 1) for index in range(10)}}
 
 
 def test_one_channel_does_not_take_the_place_of_another():

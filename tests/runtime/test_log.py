@@ -7,6 +7,7 @@ import json
 import pytest
 from recorded import Fragile, tell
 
+from mdm import Error, Runtime
 from mdm.messages import Decision
 from mdm.testing import run_virtual
 
@@ -71,6 +72,7 @@ def test_the_console_gets_a_line_each(capsys):
     assert "\x1b" not in lines[2]  # colours are for terminals
 
 
-def test_another_target_is_refused():
-    with pytest.raises(ValueError, match="'console', 'json', a structlog logger or None, not 'file'"):
-        run_virtual(live, log="file")
+@pytest.mark.parametrize("target", ["file", 5, ["console"]])
+def test_another_target_is_refused(target):
+    with pytest.raises(Error, match="'console', 'json', a structlog logger or None, not "):
+        Runtime(log=target)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import signal
+import sys
 import threading
+from contextlib import nullcontext
 
 import pytest
 from programs import python
 
 from mdm import Actor, ActorFailure, DeadlockError, Ensemble, Error, FixedRate, Runtime, WallClock, load_system, run
+from mdm.messages import State
 from mdm.policies import DeterministicPolicy
 from mdm.runtime import VirtualClock
 
@@ -220,3 +224,103 @@ def test_run_works_in_another_thread():
 def test_a_class_is_no_program():
     with pytest.raises(Error, match=r"an actor itself, not its class: make one, Ensemble\(\.\.\.\)"):
         run(Ensemble)
+
+
+def test_what_a_task_that_is_left_fails_of_is_told(caplog):
+    kept = []
+
+    async def fail():
+        try:
+            await asyncio.sleep(3600)
+        finally:
+            raise ValueError("too late")
+
+    async def main():
+        kept.append(asyncio.create_task(fail()))
+        await asyncio.sleep(0)
+
+    run(main)
+    kept.clear()
+    gc.collect()
+    assert [record.message for record in caplog.records] == ["a task failed while the program ended"]
+    assert "ValueError: too late" in caplog.text
+
+
+@pytest.mark.parametrize("how", ["return", "raise", "exit", "stop", "cancelled", "exit beside"])
+def test_a_runtime_in_a_task_that_is_left_ends_within_its_limits(how):
+    log, kept = [], []
+
+    async def brake():
+        log.append("brake")
+        try:
+            await asyncio.sleep(2)
+            log.append("stands")
+        except asyncio.CancelledError:
+            log.append("broken off")
+            raise
+
+    async def live():
+        async with Runtime(log=None) as runtime:
+            await runtime.start(robot(log, safe_action=brake, drive=FixedRate(1.0)))
+            runtime.channel("robot/state", State).publish(State(0, 0, (0,)))
+            await runtime.wait()
+
+    async def drive_bus():
+        try:
+            await asyncio.sleep(3600)
+        finally:
+            log.append("bus closed")
+
+    async def leave():
+        await asyncio.sleep(0.5)
+        sys.exit(3)
+
+    async def main():
+        kept.append(asyncio.create_task(drive_bus()))
+        if how == "exit beside":
+            kept.append(asyncio.create_task(leave()))
+            await live()
+        kept.append(asyncio.create_task(live()))
+        await asyncio.sleep(0.5)
+        if how == "raise":
+            raise LookupError
+        if how == "exit":
+            sys.exit(3)
+        if how == "stop":
+            asyncio.get_running_loop().stop()
+            await asyncio.sleep(1)
+        if how == "cancelled":
+            kept[-1].cancel()
+            await asyncio.sleep(0.5)
+
+    raised = {"raise": LookupError, "stop": RuntimeError, "exit": SystemExit, "exit beside": SystemExit}.get(how)
+    with pytest.raises(raised) if raised else nullcontext():
+        run(main, virtual=True)
+    assert log[-3:] == ["brake", "stands", "bus closed"]
+    kept.clear()
+
+
+def test_what_ends_the_program_in_one_task_breaks_no_robot_off():
+    log = []
+
+    class Slow(Actor):
+        async def on_stopping(self):
+            await asyncio.sleep({"first": 0.25, "second": 0.75}[self.name])
+            log.append(self.name)
+
+    async def live(name):
+        async with Runtime(log=None) as runtime:
+            await runtime.start(Slow(name))
+            try:
+                await runtime.wait()
+            finally:
+                runtime.abort(SystemExit(name))
+
+    async def main():
+        kept.extend(asyncio.create_task(live(name)) for name in ("first", "second"))
+        await asyncio.sleep(1)
+
+    kept = []
+    with pytest.raises(SystemExit):
+        run(main, virtual=True)
+    assert log == ["first", "second"]

@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import pytest
 
-from mdm import Actor, Runtime, run
+from mdm import Actor, ConfigError, Runtime, run
 from mdm.runtime import Clock, Ticker
 from mdm.testing import run_virtual
 
@@ -89,3 +89,13 @@ def test_ticks_that_a_held_loop_skipped_are_in_the_statistics():
             assert actor.statistics().skipped_ticks >= counted > 0
 
     run(main)
+
+
+def test_a_word_that_is_no_treatment_of_overruns_is_refused():
+    async def main(runtime):
+        actor = Actor("actor")
+        await runtime.start(actor)
+        with pytest.raises(ConfigError, match="overrun is 'skip' or 'burst', not 'drop'"):
+            actor.every(1, str, overrun="drop")
+
+    run_virtual(main)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 from hypothesis import given, strategies as st
 
+from mdm import Ensemble
 from mdm.runtime import Latencies
+from mdm.testing import run_virtual
 
 
 @given(st.lists(st.integers(1, 10**10), min_size=1, max_size=200))
@@ -21,6 +24,26 @@ def test_latencies_are_exact_to_an_eighth_of_an_octave(values):
         rank = max(1, -(-fraction * len(values) // 1))
         exact = sorted(values)[int(rank) - 1] / 1e9
         assert exact <= histogram.quantile(fraction) * (1 + 1e-9) <= exact * 1.2 + 2e-9
+
+
+def test_statistics_print_what_is_not_zero():
+    async def main(runtime):
+        await runtime.start(Ensemble("robot", policy=[0], actions={"Wait": lambda: None}))
+        robot = runtime.root.children[0]
+        assert (
+            repr(robot.control.statistics()) == "ControlStatistics(path='robot/control', state='running', received=1)"
+        )
+        robot.publish_state(0)
+        text = repr(robot.control.statistics())
+        assert "decisions=1" in text
+        assert "latency=Histogram(count=1" in text
+        assert "impossible" not in text
+        whole = runtime.statistics()
+        assert "=0" not in repr(whole)
+        assert msgspec.json.decode(msgspec.json.encode(whole))["loop"] is None  # a record of it has them all
+        assert msgspec.to_builtins(whole)["actors"][0]["failures"] == 0
+
+    run_virtual(main)
 
 
 def test_a_histogram_prints_in_one_line():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from recorded import state
 
-from mdm import Runtime, VirtualClock, run
+from mdm import Error, Runtime, VirtualClock, run
 from mdm.messages import State
 from mdm.runtime import Overflow
 from mdm.testing import run_virtual
@@ -32,6 +32,22 @@ def test_streams_are_bounded(overflow, expected):
             assert got == expected
             assert stream.dropped == channel.statistics().dropped == (1 if overflow == "error" else 3)
         assert channel.statistics().streams == 0
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"capacity": 0}, "a capacity of at least 1, not 0"),
+        ({"capacity": "x"}, "a capacity of at least 1, not 'x'"),
+        ({"overflow": "drop"}, "is 'drop_oldest', 'drop_newest' or 'error', not 'drop'"),
+    ],
+)
+def test_what_no_stream_could_keep_is_refused(options, words):
+    async def main(runtime):
+        with pytest.raises(Error, match=words):
+            runtime.channel("x", State).stream(**options)
 
     run_virtual(main)
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import re
+from contextlib import nullcontext
 
 import pytest
 from hypothesis import given, strategies as st
 from recorded import Fragile, Recorded, tell
 
-from mdm import Actor, ActorFailure, Restart
+from mdm import Actor, ActorFailure, ConfigError, Restart
 from mdm.runtime.supervision import RestartBudget, describe
 from mdm.testing import crash, probe, run_virtual
 
@@ -143,6 +144,23 @@ def test_a_budget_is_that_of_a_sliding_window(limit, within, backoff, pauses):
             assert budget.delay(now) is None
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"limit": "x"}, "limit of Restart(...) is a whole number from 0 on, not 'x'"),
+        ({"limit": -1}, "from 0 on, not -1"),
+        ({"limit": 2.5}, "from 0 on, not 2.5"),
+        ({"within": 0}, "within of Restart(...) is a number of seconds above 0"),
+        ({"within": float("nan")}, "above 0 and at most 10^9, not nan"),
+        ({"backoff": -0.1}, "backoff of Restart(...) is a number of seconds from 0 to 10^9, not -0.1"),
+        ({"max_backoff": None}, "max_backoff of Restart(...) is a number of seconds from 0 to 10^9, not None"),
+    ],
+)
+def test_a_restart_that_counts_nothing_is_refused(options, words):
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        Restart(**options)
+
+
 def test_an_error_reads_with_its_place():
     try:
         raise LookupError("no device")
@@ -150,6 +168,29 @@ def test_an_error_reads_with_its_place():
         text = describe(error)
     assert re.fullmatch(r"LookupError: no device \(at .*test_supervision\.py:\d+\)", text)
     assert describe(LookupError("never raised")) == "LookupError: never raised"
+
+
+class Mute(Exception):
+    def __str__(self):
+        return self.args[7]
+
+
+def test_an_error_whose_text_cannot_be_had_is_a_failure_as_any_other():
+    faults = []
+
+    async def main(runtime):
+        runtime.faults.subscribe(faults.append)
+        parent, child = Actor("parent"), Actor("child")
+        parent.add(child)
+        await runtime.start(parent)
+        crash(child, Mute("lost"))
+        assert (child.failing, parent.failing, runtime.ending) == (True, True, True)
+        await asyncio.sleep(3600)
+
+    told = "its text cannot be had, for that raises IndexError"
+    with pytest.raises(ActorFailure, match=f"actor 'parent/child' failed: {told}"):
+        run_virtual(main)
+    assert faults[0].detail == f"Mute: {told}"
 
 
 def test_a_budget_of_thousands_of_restarts_goes_on():
@@ -188,3 +229,22 @@ def test_an_actor_that_raises_a_cancellation_has_failed_alone(hook):
         assert other.life == "running"
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize("kind", [ValueError, asyncio.CancelledError, GeneratorExit, SystemExit])
+def test_what_is_raised_where_a_failure_is_taken_in_is_told_and_changes_nothing_else(kind):
+    class Broken(Actor):
+        def on_failing(self, error):
+            raise kind("one more")
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        actor = Broken("actor", supervision=Restart(backoff=1.0))
+        await runtime.start(actor)
+        crash(actor)
+        assert [fault.detail.partition(" (")[0] for fault in faults[1:]] == [f"{kind.__name__}: one more"]
+        await asyncio.sleep(0.5)
+        assert actor.life == "restarting"
+
+    with pytest.raises(SystemExit, match="one more") if kind is SystemExit else nullcontext():
+        run_virtual(main)

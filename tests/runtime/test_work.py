@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
+import sys
+from contextlib import suppress
 
 import pytest
 
@@ -53,7 +56,30 @@ def test_work_that_ignores_its_end_is_abandoned_and_reported():
         assert "stubborn did not end within 2 s" in faults[0].detail
         assert len(runtime.abandoned) == 1
         free.set()
-        await asyncio.sleep(0)
+        await asyncio.sleep(0.1)
+        assert runtime.abandoned == []  # it has ended after all
+
+    run(main, virtual=True)
+
+
+def test_who_waits_for_what_was_abandoned_misses_nothing():
+    async def stubborn(seconds):
+        try:
+            await asyncio.sleep(1e6)
+        except asyncio.CancelledError:
+            await asyncio.sleep(seconds)
+
+    async def main():
+        async with Runtime(clock=VirtualClock(), log=None) as runtime:
+            actor = Actor("actor", grace=1)
+            await runtime.start(actor)
+            works = [actor.spawn(stubborn(seconds)) for seconds in (5, 7, 6)]
+            await asyncio.sleep(0)
+        assert runtime.abandoned == works
+        for work in runtime.abandoned:
+            await asyncio.wait([work.task])
+        assert [work.done for work in works] == [True] * 3
+        assert runtime.abandoned == []
 
     run(main, virtual=True)
 
@@ -116,3 +142,54 @@ def test_work_that_its_actor_cancels_is_no_failure_even_before_it_has_begun():
         assert actor.life == "running"
 
     run_virtual(main)
+
+
+def test_a_task_or_future_that_was_handed_in_ends_with_the_work_even_before_that_has_begun():
+    async def lingers():
+        try:
+            await asyncio.sleep(100)
+        finally:
+            await asyncio.sleep(1)
+
+    async def main(runtime):
+        actor = Actor("actor")
+        await runtime.start(actor)
+        task, future = asyncio.create_task(lingers()), asyncio.get_running_loop().create_future()
+        await asyncio.sleep(0)
+        ended = []
+        pieces = [actor.spawn(awaitable, ended.append) for awaitable in (task, future)]
+        for work in pieces:
+            work.cancel()
+        await asyncio.sleep(0.5)
+        assert ended == [pieces[1]]
+        await asyncio.sleep(1)
+        assert ended == pieces[::-1]
+        assert [(work.interrupted, work.cancelled) for work in pieces] == [(True, True)] * 2
+        assert task.cancelled()
+        assert future.cancelled()
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("room", range(1, 30))
+def test_a_cancellation_that_a_deep_stack_cuts_short_can_be_asked_for_again(room):
+    def deep(levels, function):
+        if levels:
+            deep(levels - 1, function)
+        else:
+            function()
+
+    async def main(runtime):
+        actor = Actor("actor")
+        await runtime.start(actor)
+        piece = actor.spawn(asyncio.sleep(3600), lambda _: None)
+        await asyncio.sleep(1)
+        with suppress(RecursionError):
+            deep(sys.getrecursionlimit() - len(inspect.stack()) - room, piece.cancel)
+        piece.cancel()
+        await asyncio.sleep(1)
+        return piece.done
+
+    limit = sys.getrecursionlimit()
+    assert run_virtual(main)
+    assert sys.getrecursionlimit() == limit

@@ -1,0 +1,150 @@
+"""Actions of every kind: plain, async, stubborn, deaf, failing, in threads, as futures."""
+
+from __future__ import annotations
+
+import asyncio
+
+from chaos.journal import Panic
+
+KINDS = ("plain", "quick", "long", "long", "stubborn", "deaf", "failing", "spiteful", "pooled", "future")
+"""Kinds of actions."""
+
+SAFE_KINDS = ("plain", "quick", "quick", "failing", "pooled")
+"""Kinds of safe actions."""
+
+HEEDING = ("long", "stubborn", "spiteful")
+"""Kinds that end soon when they are cancelled."""
+
+
+class Actions:
+    """Makes the functions.
+
+    Args:
+        random: Draws what they do.
+        journal: Is told of it.
+        pool: Takes what runs in threads.
+    """
+
+    def __init__(self, random, journal, pool):
+        self._random, self._journal, self._pool = random, journal, pool
+
+    def make(self, kind, robot, action, *, safe=False, both=False):
+        """Return a function.
+
+        Args:
+            kind: One of `KINDS`.
+            robot: Whose.
+            action: Its name.
+            safe: Whether it is the safe action.
+            both: Whether it may be that and another one: the message says which.
+        """
+        function = getattr(self, f"_{kind}")
+
+        def enter(safe):
+            return self._journal.enter(robot, action, safe=safe)
+
+        if both:
+            return lambda message: function(lambda: enter(message.epoch < 0), safe=True)
+        if kind in {"plain", "failing", "future"}:
+            return lambda: function(lambda: enter(safe), safe=safe)
+
+        async def run():
+            await function(lambda: enter(safe), safe=safe)
+
+        return run
+
+    def _plain(self, enter, *, safe):
+        self._journal.leave(enter())
+
+    def _failing(self, enter, *, safe):
+        run = enter()
+        try:
+            if self._random.random() < 0.5:
+                self._journal.throw([ValueError] if safe else (ValueError, asyncio.CancelledError, Panic, SystemExit))
+        finally:
+            self._journal.leave(run)
+
+    async def _sleep(self, enter, seconds, rest, *, spiteful=False):
+        run = enter()
+        try:
+            await asyncio.sleep(seconds)
+        except asyncio.CancelledError:
+            await linger(rest)
+            if spiteful:
+                self._journal.throw([ValueError, Panic, SystemExit])
+            raise
+        finally:
+            self._journal.leave(run)
+
+    def _quick(self, enter, *, safe):
+        return self._sleep(enter, 0.3, 0.0)
+
+    def _long(self, enter, *, safe):
+        return self._sleep(enter, 50.0, 0.0)
+
+    def _stubborn(self, enter, *, safe):
+        return self._sleep(enter, 50.0, 0.4)
+
+    def _spiteful(self, enter, *, safe):
+        return self._sleep(enter, 50.0, 0.2, spiteful=True)
+
+    def _deaf(self, enter, *, safe):
+        return self._sleep(enter, 50.0, 10.0)
+
+    def _future(self, enter, *, safe):
+        """Return a future, which somebody else ends."""
+        loop, run = asyncio.get_running_loop(), enter()
+        future = loop.create_future()
+        future.add_done_callback(lambda _: self._journal.leave(run))
+        loop.call_later(self._random.choice([0.3, 5.0]), lambda: future.done() or future.set_result(None))
+        return future
+
+    async def _pooled(self, enter, *, safe):
+        """Wait for a thread, which goes on where the action is cancelled."""
+        draw, loop, run = self._random, asyncio.get_running_loop(), enter()
+        fails, begins, rest = draw.random() < 0.1, draw.random() < 0.7, draw.choice([0.1, 0.4, 10.0])
+        heeded = False
+
+        def work():
+            if begins:
+                job.wait()
+            self._journal.leave(run)
+            if fails and heeded:
+                self._journal.throw([ValueError] if safe else (ValueError, Panic, SystemExit))
+
+        def step(rounds):
+            nonlocal heeded
+            if not answer.done():
+                if rounds:
+                    loop.call_soon(step, rounds - 1)
+                else:
+                    heeded = True
+                    job.release()
+
+        answer = loop.run_in_executor(draw.choice([None, self._pool]), work)
+        job = self._pool.last
+        if begins:
+            job.begin()
+        loop.call_soon(step, draw.randint(0, 5))
+        try:
+            await answer
+        except asyncio.CancelledError:
+            if heeded:
+                job.future.result()  # the cancellation has overtaken what it raised
+            elif begins:
+                loop.call_later(rest, job.release)
+            elif run.left is None:
+                self._journal.leave(run)  # nobody waits for it, so it never begins
+            raise
+
+
+async def linger(rest):
+    """Sleep on, whoever cancels it."""
+    while rest > 0:
+        began = asyncio.get_running_loop().time()
+        try:
+            await asyncio.sleep(rest)
+        except asyncio.CancelledError:
+            rest -= asyncio.get_running_loop().time() - began
+        else:
+            return

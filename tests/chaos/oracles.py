@@ -1,0 +1,140 @@
+"""Oracles: what must hold of every scenario, whatever has happened in it."""
+
+from __future__ import annotations
+
+SLACK = 3.0
+"""Seconds that the end may take beside the limits of the ensembles: faulty actors, and restarts under way."""
+
+
+class Oracles:
+    """Hold what has happened against what is promised.
+
+    Args:
+        journal: What has happened.
+        ended_by: What the block of the runtime has raised, or None.
+        broken_off: Whether the program did not wait for the end, so that safe actions may not have run.
+    """
+
+    def __init__(self, journal, ended_by, *, broken_off):
+        self._journal, self._ended_by, self._broken_off = journal, ended_by, broken_off
+
+    def judge(self):
+        """Yield what is wrong, each in a sentence."""
+        yield from self._journal.wrong
+        yield from self._one_life_each()
+        yield from self._one_at_a_time()
+        yield from self._nothing_left()
+        if not self._broken_off:
+            yield from self._all_told()
+            yield from self._ends_in_time()
+            yield from self._safe_in_the_end()
+            yield from self._outermost_last()
+
+    def _one_life_each(self):
+        ends = {}
+        for life in self._lives():
+            ends.setdefault((life.ensemble, life.life), []).append(life.status)
+        for key, statuses in ends.items():
+            if statuses[0] != "running" or len(statuses) > 2 or (len(statuses) < 2 and not self._broken_off):
+                yield f"life {key} goes {statuses}"
+
+    def _lives(self):
+        return [life for messages in self._journal.lives for life in messages]
+
+    def _ends_in_time(self):
+        """Hold that what is decided anew ends what lives, within the time that it has for it."""
+        journal = self._journal
+        failed = {name for fault in journal.faults if fault.kind == "exception" for name in fault.source.split("/")}
+        for name, robot in journal.robots.items():
+            bindings = dict(zip(robot.action.names, robot.action.bindings, strict=True))
+            path, begun = journal.path(name), {}
+            lives = [life for life in self._lives() if life.ensemble == path and life.action in bindings]
+            for life in () if name in failed else lives:
+                binding = bindings[life.action]
+                if life.status == "running" or binding.concurrent:
+                    begun[life.life] = life.time
+                    continue
+                patience = binding.grace if binding.ensemble is None else binding.ensemble.patience
+                latest = life.time - round((patience + 0.1) * 1e9)
+                for time, decision in journal.decisions:
+                    chosen = decision.action_name
+                    if decision.ensemble != path or chosen == life.action or bindings[chosen].concurrent:
+                        continue
+                    if begun[life.life] < time <= latest:
+                        yield f"{life.action} of {name} lived on after {chosen} was decided"
+
+    def _one_at_a_time(self):
+        abandoned = {life.ensemble.rpartition("/")[2] for life in self._lives() if life.status == "abandoned"}
+        for before, after in self._journal.overlaps:
+            if before.robot not in abandoned:
+                yield f"{before.robot}: {after.action} starts while {before.action} lives"
+
+    def _all_told(self):
+        journal = self._journal
+        answered = [word for error in journal.answers for word in causes(error)]
+        words = [fault.detail for fault in journal.faults] + answered + list(causes(self._ended_by))
+        for text in journal.raised:
+            if not any(text in word for word in words):
+                yield f"{text!r} was never told"
+        if not set(journal.exits).issubset(answered) and self._ended_by is None:
+            yield f"{journal.exits} did not end the runtime"
+
+    def _nothing_left(self):
+        journal = self._journal
+        if any(run.left is None for run in journal.runs):
+            yield "an action never ended"
+        if journal.runtime.abandoned:
+            yield f"work is left: {journal.runtime.abandoned}"
+        for robot in journal.robots.values():
+            for actor in (robot, *robot.children):
+                if actor.life not in {"created", "stopped", "failed"}:
+                    yield f"{actor.path} is {actor.life} in the end"
+
+    def _safe_in_the_end(self):
+        """Hold that whatever began to decide, and was not told to stop, has run its safe action since."""
+        journal = self._journal
+        for name, robot in journal.robots.items():
+            told = [mode for mode in journal.modes if mode.ensemble == journal.path(name)]
+            if not told or told[-1].mode == "stopped":
+                continue
+            if told[-1].mode == "deciding":
+                yield f"{name} was deciding in the end"
+                continue
+            began = max(mode.since for mode in told if mode.mode == "deciding")
+            if not any(run.robot == name and run.safe and run.time >= began for run in journal.runs):
+                yield f"{name} is {robot.mode} in the end, but has not run its safe action"
+                continue
+            last = [run for run in journal.runs if run.robot == name][-1]
+            if not last.safe:
+                yield f"{name} is {robot.mode} in the end, and its last action is {last.action}"
+
+    def _outermost_last(self):
+        """Hold that at each end what was deciding is made safe, what is above after what is below."""
+        journal = self._journal
+        for ending in journal.endings:
+            over, last = journal.order if ending.over is None else ending.over, {}
+            for name in ending.deciding:
+                runs = [run for run in journal.runs if run.robot == name and run.safe and run.entered > ending.began]
+                during = [run for run in runs if run.entered <= over]
+                if during:
+                    last[name] = during[-1]
+                elif not runs and not self._went_on(name, ending.began):
+                    yield f"{name} was deciding, and did not run its safe action at the end"
+            for name, above in journal.parents.items():
+                if name in last and above in last and last[above].entered < (last[name].left or 0):
+                    yield f"the safe action of {above} has not the last word over {name}"
+
+    def _went_on(self, name, order):
+        """Whether something above has chosen another action since, as at a tick of the same moment."""
+        above = self._journal.above(name)[1:]
+        return any(run.robot in above and not run.safe and run.entered > order for run in self._journal.runs)
+
+
+def causes(error):
+    """Yield the words of an error, and of those that led to it."""
+    while error is not None:
+        yield str(error)
+        if isinstance(error, BaseExceptionGroup):
+            for inner in error.exceptions:
+                yield from causes(inner)
+        error = error.__cause__ or error.__context__

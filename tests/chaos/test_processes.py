@@ -1,0 +1,16 @@
+"""Some robots as real processes that get signals; ``make chaos`` runs many more of them."""
+
+from __future__ import annotations
+
+import pytest
+from chaos.processes import FAULTS, PAIRS, judged, mixed, pair
+
+
+@pytest.mark.parametrize("seed", range(len(PAIRS)))
+def test_two_signals_end_a_robot_in_its_safe_action(seed):
+    assert judged(pair(seed)) == []
+
+
+@pytest.mark.parametrize("seed", range(len(FAULTS)))
+def test_a_robot_ends_in_its_safe_action_whatever_else_goes_wrong(seed):
+    assert judged(mixed(seed)) == []

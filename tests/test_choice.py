@@ -1,0 +1,27 @@
+"""Choices among words, and flags."""
+
+from __future__ import annotations
+
+import pytest
+
+from mdm import ConfigError
+from mdm.choice import check_choice, check_flag
+
+
+@pytest.mark.parametrize("given", ["blue", "Red", "", None, 1, ["red"], {}, b"red"])
+def test_what_is_none_of_the_words_is_refused_with_them(given):
+    with pytest.raises(ConfigError, match="colour is 'red', 'green' or 'grey', not ") as caught:
+        check_choice(given, ("red", "green", "grey"), "colour", key="paint")
+    assert caught.value.key == "paint"
+
+
+@pytest.mark.parametrize("given", ["no", 0, 1, None, [], 0.0])
+def test_what_is_neither_true_nor_false_is_refused(given):
+    with pytest.raises(ConfigError, match="debug is True or False, not "):
+        check_flag(given, "debug")
+
+
+def test_the_words_and_flags_pass():
+    check_choice("grey", ("red", "green", "grey"), "colour")
+    check_flag(True, "debug")
+    check_flag(False, "debug")

@@ -53,7 +53,7 @@ async def peers(program=PROGRAM):
 
     async def start(**options):
         process = await asyncio.create_subprocess_exec(
-            sys.executable, program, json.dumps({"team": "team", "lease": 0.5, **options}),
+            sys.executable, program, json.dumps({"team": "team", "lease": 2.0, **options}),
             stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
             env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"},
         )  # fmt: skip

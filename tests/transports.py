@@ -86,7 +86,7 @@ class Loopback:
 
     def transport(self, agent, **options):
         own = endpoint()
-        made = Session("team", agent, listen=own, connect=self.endpoints, **{"lease": 0.5, **self.options, **options})
+        made = Session("team", agent, listen=own, connect=self.endpoints, **{"lease": 2.0, **self.options, **options})
         self.endpoints = [*self.endpoints, own]
         self.made.append(made)
         return made

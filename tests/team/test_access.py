@@ -32,7 +32,7 @@ class Guarded:
     def session(self, agent, shown):
         own = f"tls/127.0.0.1:{free_port()}"
         configuration = access_settings(shown, "team", agent, AGENTS)
-        made = Session("team", agent, listen=own, connect=self.endpoints, configuration=configuration, lease=0.5)
+        made = Session("team", agent, listen=own, connect=self.endpoints, configuration=configuration, lease=2.0)
         self.endpoints = [*self.endpoints, own]
         self.made.append(made)
         return made

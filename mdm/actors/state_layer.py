@@ -181,15 +181,16 @@ class StateLayer(Layer):
         """Return the predicates that keep the state unknown, sorted: of derived ones, what they are unknown by."""
         values = self.predicates.values()
         names: set[str] = set()
+        others: set[str] = set()
         for factor, digit in zip(self.factors, self.joint or self._digits, strict=False):
             if digit is None and factor not in self.own:
-                names.add(factor.name if factor.owner is None else f"{factor.name} (of {factor.owner})")
+                others.add(factor.name if factor.owner is None else f"{factor.name} (of {factor.owner})")
             elif digit is None:
                 found = [name for name in factor.predicates if values.get(name) is None]
                 names.update(found or factor.predicates)
         inputs = {one for name in names for one in self.predicates.inputs_of(name) if values.get(one, False) is None}
         given = {name for name in inputs if not self.predicates.derived(name)}
-        return tuple(sorted(given or names))
+        return (*sorted(given or names), *sorted(others))
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield what is wrong with the factors: against the predicates declared and against the model."""

@@ -578,3 +578,51 @@ def test_an_action_is_told_of_the_abandoned_thread_that_it_runs_beside():
         free.set()
 
     run_virtual(main)
+
+
+def test_a_layer_that_is_barred_begins_nothing_and_lets_what_lives_go_on():
+    async def main(runtime):
+        did = []
+
+        async def walk():
+            did.append("walk begins")
+            await asyncio.sleep(10.0)
+            did.append("walk ends")
+
+        ensemble = robot({"walk": walk, "wave": lambda: did.append("wave")}, safe_action=lambda: did.append("SAFE"))
+        await runtime.start(ensemble)
+        ensemble.publish_state(0)
+        ensemble.action.bar(barred=True)
+        ensemble.publish_state(1)
+        await asyncio.sleep(11.0)
+        assert did == ["walk begins", "walk ends"]
+        assert ensemble.action.skipped == 1
+        ensemble.action.bar(barred=False)
+        ensemble.publish_state(1)
+        assert did[2:] == ["wave"]
+        ensemble.action.bar(barred=True)
+        ensemble.safety.endanger("mine", "why not", runtime.clock.now())
+        assert did[3:] == ["SAFE"]  # it runs all the same
+        ensemble.release()
+        ensemble.publish_state(1)
+        assert did[4:] == []  # still barred
+        ensemble.action.bar(barred=False)
+        ensemble.publish_state(1)
+        assert did[4:] == ["wave"]
+
+    run_virtual(main)
+
+
+def test_an_idle_layer_does_nothing_not_even_the_safe_action():
+    async def main(runtime):
+        did = []
+        ensemble = robot({"walk": lambda: did.append("walk")}, safe_action=lambda: did.append("SAFE"))
+        ensemble.action.idle = True
+        await runtime.start(ensemble)
+        ensemble.publish_state(0)
+        ensemble.safety.endanger("mine", "why not", runtime.clock.now())
+        assert ensemble.mode == "deciding"
+        await runtime.stop(ensemble)
+        assert did == []
+
+    run_virtual(main)

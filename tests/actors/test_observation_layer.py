@@ -119,3 +119,29 @@ def test_the_idle_symbol_is_an_index_where_the_others_are():
             ObservationFactor("d", {0: "Up", 1: "Down"}, idle=idle)
     with pytest.raises(ConfigError, match="indices 0 to 2"):
         ObservationFactor("d", {0: "Up", 1: "Down"}, idle=7)
+
+
+def test_a_layer_that_covers_some_factors_observes_these_alone(declared):
+    async def main(runtime):
+        factors = [
+            ObservationFactor("way", ["Up", "Down"]),
+            ObservationFactor("air", ["Hot", "Cold"], idle="Cold", owner="other"),
+        ]
+        layer = ObservationLayer(factors, declared, name="robot")
+        layer.cover(["way"])
+        whole = probe(runtime.channel("robot/observation", Observation))
+        part = probe(runtime.channel("robot/own_observation", Observation))
+        await runtime.start(declared)
+        await runtime.start(layer)
+        declared.occur("Hot")
+        declared.occur("Down")
+        assert whole == []
+        assert [(each.index, each.values, each.mask) for each in part] == [(None, (1, None), (True, False))]
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("owner", ["", 3])
+def test_an_owner_is_an_agent_s_name(owner):
+    with pytest.raises(ConfigError, match="the owner of observation factor 'way' is an agent's name"):
+        ObservationFactor("way", ["Up", "Down"], owner=owner)

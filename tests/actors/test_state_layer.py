@@ -200,3 +200,31 @@ def test_one_predicate_has_the_index_0_or_1():
         StateFactor("a", {7: "X"})
     with pytest.raises(ConfigError, match="by name or by index"):
         StateFactor("a", {True: "X"})
+
+
+def test_a_layer_that_covers_some_factors_tells_these_alone_whenever_they_change(declared):
+    async def main(runtime):
+        factors = [StateFactor("room", ["InA", "InB"]), StateFactor("person", ["Person"], owner="other")]
+        layer = StateLayer(factors, declared, name="robot")
+        layer.cover(["room"])
+        whole = probe(runtime.channel("robot/state", State, retain=True))
+        part = probe(runtime.channel("robot/own_state", State, retain=True))
+        await runtime.start(declared)
+        await runtime.start(layer)
+        declared.sense("Person", True)
+        declared.sense("InA", True)
+        declared.sense("InB", False)
+        with declared.batch():
+            declared.sense("InA", False)
+            declared.sense("InB", True)
+        declared.sense("InA", None)
+        declared.sense("InB", None)
+        assert whole == []
+        assert [(state.index, state.values) for state in part] == [
+            (None, (0, None)),
+            (None, (1, None)),
+            (None, (None, None)),
+        ]
+        assert layer.unknown() == ("InA", "InB", "person (of other)")
+
+    run_virtual(main)

@@ -9,6 +9,8 @@ PACKAGE, TESTS = ROOT / "mdm", ROOT / "tests"
 UNTESTED_ALONE = {
     "messages.py": "declares types alone",
     "actors/layer.py": "a base: its layers are tested",
+    "team/centre.py": "with its outposts: test_centralised",
+    "team/outpost.py": "with its centre: test_centralised",
     "team/layer.py": "a base: replicas and centralised teams are tested",
     "problems/agents.py": "a line that the problems of teams share",
     "policies/constant_policy.py": "with the random policy, which makes the same promises",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from mdm.errors import Error
 from mdm.runtime import Actor, Subscription
 from mdm.team.keys import join
 
@@ -62,6 +63,7 @@ class Link(Actor):
         self.left: dict[str, int] = {}
         self.opened = False
         self._leaving = False
+        self._refused: set[str] = set()
         self._seen: Mapping[str, int] = {}
         self._heard_at: dict[str, int] = {}
         self._beats: dict[str, tuple[int, bool]] = {}
@@ -117,8 +119,19 @@ class Link(Actor):
     # -- Messages ------------------------------------------------------------------------------------------------
 
     def put(self, key: str, body: bytes, *, priority: Priority = "value") -> bool:
-        """Send a message under a key of this agent; False where it was not sent."""
-        return self.opened and not self._leaving and self.transport.put(key, body, priority=priority)
+        """Send a message under a key of this agent; False where it was not sent.
+
+        One that is too large for every receiver is reported, once for each key.
+        """
+        if not self.opened or self._leaving:
+            return False
+        try:
+            return self.transport.put(key, body, priority=priority)
+        except Error as error:
+            if key not in self._refused:
+                self._refused.add(key)
+                self.report("oversize", str(error))
+            return False
 
     def listen(self, expression: str, handler: Callable[[Sample], None], actor: Actor) -> Subscription[Sample]:
         """Handle each message under the keys of an expression in a turn of an actor, until it is cancelled."""

@@ -11,10 +11,12 @@ from mdm.errors import ConfigError
 from mdm.messages import Message
 from mdm.runtime import Actor, ActorStatistics
 from mdm.team.calls import Answers
-from mdm.team.centralised import CentralisedStatistics, Centre, Outpost, controlling
+from mdm.team.centralised import CentralisedStatistics, controlling
+from mdm.team.centre import Centre
 from mdm.team.commits import Committed
 from mdm.team.decisions import Decisions
 from mdm.team.link import Link
+from mdm.team.outpost import Outpost
 from mdm.team.placement import Placement
 from mdm.team.predicates import Followed, Told, wanted
 from mdm.team.remote import Exports, Imports, typed

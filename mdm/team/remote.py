@@ -144,8 +144,8 @@ class Exports(Actor):
         def send(message: Any) -> None:
             try:
                 put(key, encode(message))
-            except (Error, NotImplementedError) as error:
-                if not refused:  # once: it will not get smaller
+            except NotImplementedError as error:
+                if not refused:
                     refused.append(str(error))
                     self.report("export", f"channel {name!r}: {error}")
 

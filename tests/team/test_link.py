@@ -11,7 +11,7 @@ from mdm.team.keys import join
 from mdm.team.link import Link
 from mdm.team.network import Network
 from mdm.team.team import Team
-from mdm.testing import run_virtual
+from mdm.testing import probe, run_virtual
 
 TEAM = Team("team", ["a", "b", "c"])
 
@@ -94,3 +94,20 @@ def test_a_transport_that_cannot_open_fails_the_program_in_words():
 
     with pytest.raises(mdm.ActorFailure, match="live already"):
         run_virtual(main)
+
+
+def test_what_is_too_large_is_told_and_harms_nothing():
+    async def main(runtime):
+        network = Network(runtime.clock)
+        link = Link(TEAM, network.transport("a", largest=1000))
+        await runtime.start(link)
+        link.connect()
+        await asyncio.sleep(0.1)
+        faults = probe(runtime.faults)
+        assert not link.put(link.key("news"), bytes(2000))
+        assert not link.put(link.key("news"), bytes(2000))
+        assert link.put(link.key("news"), b"short")
+        assert [fault.kind for fault in faults] == ["oversize"]
+        assert link.life == "running"
+
+    run_virtual(main)

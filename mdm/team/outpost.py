@@ -1,0 +1,203 @@
+"""The outpost of a centralised team: the layer at each agent for which another one decides."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from mdm.messages import Action, Fault
+from mdm.team import centralised
+from mdm.team.centralised import CentralisedStatistics, Decided, Said, controlling, encode
+from mdm.team.keys import join
+from mdm.team.layer import TeamLayer
+
+if TYPE_CHECKING:
+    from mdm.actors import Ensemble
+    from mdm.runtime import Timer
+    from mdm.team.link import Link
+    from mdm.team.placement import Placement
+    from mdm.team.team import Team
+    from mdm.team.transport import Sample
+
+__all__ = ["Outpost"]
+
+_RETRY = 0.05
+_PATIENCE = 1.0
+_MOST_WAITING = 64
+_CONTROLLER = frozenset({"lost_controller"})
+
+
+class Outpost(TeamLayer):
+    """The layer at an agent for which another one decides: it says what is seen here, and has its part carried out.
+
+    Where the controller is not there, the ensemble is safe, until it decides again.
+
+    Args:
+        team: The team.
+        ensemble: The ensemble, whose control layer it leads.
+        link: What connects this agent with the others.
+        placement: Where the ensemble's layers are.
+    """
+
+    def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
+        super().__init__("outpost", team, ensemble, link, placement)
+        self._key = link.key(ensemble.name, "part")
+        self._controller = controlling(team, ensemble, placement)
+        self._waiting: deque[Said] = deque()
+        self._number = 0
+        self._retry: Timer | None = None
+        self._life = 0
+        self._last: Decided | None = None
+        self._here = False
+        self._checked: int | None = None
+        self._refusal: str | None = None
+
+    def on_start(self) -> None:
+        """Listen to the own layers and to the controller."""
+        self._retry = None
+        self._last = None
+        super().on_start()
+        self.hear(join(self.team.name, self._controller, self.ensemble.name, "decision"), self._on_decided)
+        self.call_later(_PATIENCE, self._on_patience)
+
+    # -- What this agent says ------------------------------------------------------------------------------------
+
+    def ask_for(self, command: str) -> None:
+        """Ask the controller for it."""
+        self._queue(None, command)
+
+    def offer(self, part: bytes | None) -> None:
+        """Say what this agent has seen."""
+        if not self.team.event_driven:
+            self.link.put(self._key, encode(Said(0, self.tick, part, None)), priority="step")
+        elif part is not None:
+            self._queue(part, None)
+
+    def _queue(self, part: bytes | None, command: str | None) -> None:
+        """Say something until the controller says that it has it; of states what was not said yet gives way."""
+        waiting = self._waiting
+        if self.parts.takes == "state" and len(waiting) > 1 and waiting[-1].command is None and command is None:
+            waiting.pop()
+        elif len(waiting) == _MOST_WAITING:
+            del waiting[1]
+        self._number += 1
+        waiting.append(Said(self._number, 0, part, command))
+        if len(waiting) == 1:
+            self._say()
+
+    def _say(self) -> None:
+        if self._retry is not None:
+            self._retry.cancel()
+            self._retry = None
+        if self._waiting:
+            self.link.put(self._key, encode(self._waiting[0]), priority="step")
+            self._retry = self.call_later(_RETRY, self._say)
+
+    # -- What the controller says --------------------------------------------------------------------------------
+
+    def _on_decided(self, sample: Sample) -> None:
+        try:
+            decided = centralised.decided(sample.body)
+        except (msgspec.MsgspecError, ValueError):
+            self.malformed += 1
+            return
+        if sample.incarnation != self._life:
+            self._life = sample.incarnation
+            self._last = None
+            self.spawn(self._compare(sample.incarnation), name="compare")
+            if self.parts.takes == "state" and self.team.event_driven:
+                self.say(self.own)  # a controller that has just begun knows nothing
+        if self._waiting and decided.taken.get(self.agent, 0) >= self._waiting[0].number:
+            self._waiting.popleft()
+            self._say()
+        if self._checked == sample.incarnation and self._refusal is None:
+            self._obey(decided)
+
+    def _obey(self, decided: Decided) -> None:
+        """Carry out this agent's component of what was decided, once."""
+        now = self.runtime.clock.now()
+        last, self._last = self._last, decided
+        control, safety = self.ensemble.control, self.ensemble.safety
+        if last is not None and decided.step <= last.step:
+            safety.reopen(_CONTROLLER, now)
+            return
+        control.running = decided.running
+        if decided.command is not None:
+            self.forget()
+        if not decided.running:
+            safety.stop(now)
+        elif self.ensemble.mode == "stopped":
+            safety.start(now)
+        action = decided.action
+        if decided.running and action is not None and 0 <= action < control.controller.policy.num_actions:
+            if decided.impossible is not None:
+                safety.alarm(Fault(now, self.ensemble.path, "impossible_observation", decided.impossible))
+            control.carry_out(Action(now, decided.epoch, action))
+        elif decided.running and self.parts.takes == "state":
+            safety.blind(now)
+        safety.reopen(_CONTROLLER, now)
+        term = (1, self._controller, self._life)
+        self.tell(
+            *(term, decided.step, decided.inputs, decided.missing, decided.command),
+            action=decided.action,
+            digest=decided.digest,
+        )
+        self.assess(now)
+
+    async def _compare(self, life: int) -> None:
+        """Compare the controller's configuration with this agent's; carry out nothing before."""
+        key = join(self.team.name, self._controller, self.ensemble.name, "configuration")
+        while self._life == life:
+            answers = await self.link.ask(key)
+            try:
+                theirs = centralised.facts(answers[self._controller])
+            except (KeyError, msgspec.MsgspecError, ValueError):
+                await self.runtime.clock.sleep(_RETRY)
+                continue
+            self._refusal = self._difference(theirs)
+            self._checked = life
+            if self._refusal is not None:
+                self.report("refused", f"{self.agent} cannot take part in the team: {self._refusal}")
+            return
+
+    def _difference(self, theirs: dict[str, str]) -> str | None:
+        own = self.copy.facts
+        for fact in sorted(own.keys() | theirs.keys()):
+            here, there = own.get(fact), theirs.get(fact)
+            if here != there:
+                return f"{fact} is {here or 'nothing'} at {self.agent} and {there or 'nothing'} at {self._controller}"
+        return None
+
+    # -- Who is there --------------------------------------------------------------------------------------------
+
+    def take_live(self, link: Link) -> None:
+        """Take note of whether the controller is live."""
+        was, self._here = self._here, self._controller in link.live
+        if was and not self._here:
+            self.report("lost_controller", f"agent {self._controller!r}, which decides, is gone")
+        self.assess(self.runtime.clock.now())
+
+    def assess(self, now: int) -> None:
+        """Go safe, hold or go on, by who is there; the way back from a lost controller is its next decision."""
+        if not self._here:
+            self.ensemble.safety.endanger("lost_controller", f"agent {self._controller!r} is not there", now)
+        super().assess(now)
+
+    def _on_patience(self) -> None:
+        if self._last is None and self._refusal is None:
+            self.report("waiting", f"cannot act: agent {self._controller!r}, which decides, is not there")
+
+    def statistics(self) -> CentralisedStatistics:
+        """Return where it stands."""
+        role = "following" if self._last is not None else "joining"
+        return CentralisedStatistics(
+            **msgspec.structs.asdict(super().statistics()),
+            role="refused" if self._refusal is not None else role if self._here else "waiting",
+            leader=self._controller,
+            step=0 if self._last is None else self._last.step,
+            digest="" if self._last is None else self._last.digest,
+            late=0,
+            malformed=self.malformed,
+        )

@@ -46,6 +46,7 @@ class ReplicaStatistics(ActorStatistics, frozen=True):
         digest: Of the copy after it.
         members: Who takes part.
         commits: Steps applied in this process.
+        unsaid: What was seen while there was no majority, where events make steps; it counts no more.
         late: Messages that came too late for their step or term.
         malformed: Messages and parts that were none.
     """
@@ -57,6 +58,7 @@ class ReplicaStatistics(ActorStatistics, frozen=True):
     digest: str
     members: tuple[str, ...]
     commits: int
+    unsaid: int
     late: int
     malformed: int
 
@@ -85,6 +87,7 @@ class Replica(TeamLayer):
         self._agreement: Agreement | None = None
         self._key = link.key(ensemble.name, "agreement")
         self._applied = 0
+        self._unsaid = 0
         self._role: Role = "joining"
         self._term = 0
         self._behind = False
@@ -133,7 +136,10 @@ class Replica(TeamLayer):
     # -- What this agent says ------------------------------------------------------------------------------------
 
     def offer(self, part: bytes | None) -> None:
-        """Propose what this agent saw, for the next step."""
+        """Propose what this agent saw, for the next step; without a majority nobody would take it while it is new."""
+        if self._role in {"waiting", "refused"} and self.team.event_driven:
+            self._unsaid += 1
+            return
         self._send(self.agreement.propose(part, self.runtime.clock.now()))
 
     def ask_for(self, command: str) -> None:
@@ -284,6 +290,7 @@ class Replica(TeamLayer):
             digest=self.copy.digest(),
             members=agreement.members_now,
             commits=self._applied,
+            unsaid=self._unsaid,
             late=agreement.late,
             malformed=self.malformed + self.copy.malformed,
         )

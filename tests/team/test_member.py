@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 from hypothesis import given, settings, strategies as st
-from team_robots import Robot, over_beliefs, started
+from team_robots import Robot, over_beliefs, over_states, started
 from teams import team as random_team
 
 import mdm
@@ -141,5 +141,65 @@ def test_copies_are_the_same_again_whatever_has_happened(events, fixed, seed):
                 assert known.digest == commit.digest
         for robot in robots.values():
             assert robot.ensemble.mode == "deciding"
+
+    run_virtual(main)
+
+
+MOVES = st.sampled_from(["crash", "leave", "return", "partition", "heal", "move", "move", "release"])
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(st.tuples(MOVES, st.sampled_from("ab"), st.sampled_from([0.05, 0.3, 0.9])), max_size=14),
+    st.booleans(),
+    st.sampled_from(["continue", "hold", "safe_action"]),
+    st.integers(0, 100),
+)
+def test_two_robots_do_what_is_right_for_where_they_are_once_they_see_each_other(events, fixed, reaction, seed):
+    async def main(runtime):
+        network = Network(runtime.clock, team="rooms", lease=0.5, seed=seed, loss=0.1, delay=(0.001, 0.02))
+        team = Team("rooms", ["a", "b"], period=0.5) if fixed else Team("rooms", ["a", "b"])
+
+        def build(robot, agent):
+            return over_states(robot, agent, safe_action=robot.act("SAFE"), on_lost_teammate=reaction)
+
+        robots = {robot.name: robot for robot in await started(runtime, team, network, build)}
+        lab, out = {"a": False, "b": True}, set()
+        for name in "ab":
+            robots[name].lab.set(lab[name])
+
+        async def back(name):
+            if name in out:
+                out.discard(name)
+                robots[name] = await Robot(team, name, network, build).start(runtime)
+                robots[name].lab.set(lab[name])
+
+        for event, name, pause in events:
+            if event in {"crash", "leave"} and name not in out:
+                out.add(name)
+                if event == "crash":
+                    network.crash(name)
+                await runtime.stop(robots[name].member)
+            elif event == "return":
+                await back(name)
+            elif event == "partition":
+                network.partition({"a"}, {"b"})
+            elif event == "heal":
+                network.heal()
+            elif event == "move" and name not in out:
+                lab[name] = not lab[name]
+                robots[name].lab.set(lab[name])
+            elif event == "release" and name not in out:
+                robots[name].ensemble.release()
+            await asyncio.sleep(pause)
+        network.heal()
+        network.loss = 0.0
+        await back("a")
+        await back("b")
+        await asyncio.sleep(8.0)
+        assert len({robot.replica.statistics().digest for robot in robots.values()}) == 1
+        for name, robot in robots.items():
+            assert robot.ensemble.mode == "deciding"
+            assert robot.did[-1] == ("go" if lab[name] else "stay")
 
     run_virtual(main)

@@ -482,3 +482,25 @@ def test_stochastic_policies_need_the_same_seed():
     assert len(left.commits) > 8
     left, right = run_virtual(lambda runtime: main(runtime, (4, 5)))
     assert "refused" in right.kinds()
+
+
+def test_what_was_seen_without_a_majority_is_not_acted_on_when_there_is_one_again():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers", lease=0.5)
+        left, right = await started(runtime, tigers(quorum="majority"), network, over_beliefs(problems.dec_tiger()))
+        await asyncio.sleep(1.0)
+        network.partition({"left"}, {"right"})
+        await asyncio.sleep(2.0)
+        for _ in range(5):
+            left.observe("hear-left", None)
+        assert left.replica.statistics().unsaid == 5
+        network.heal()
+        await asyncio.sleep(2.0)
+        assert [commit.command for commit in left.commits] == ["begin"]
+        left.observe("hear-left", None)
+        await asyncio.sleep(1.0)
+        assert left.did == right.did
+        assert left.did[-1] == "open-right"
+        assert len(right.commits) == 2
+
+    run_virtual(main)

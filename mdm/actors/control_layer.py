@@ -298,13 +298,18 @@ class ControlLayer(Layer):
             self._begin_episode()
             if self.running:
                 self._begin(control.time, command)
-        elif command != "release" and not self.running and (self.guard is None or self.guard.deciding or self._held):
+        elif command != "release" and not self.running and self._may_begin:
             self._begin_episode(keep=command == "resume")
             if isinstance(self.drive, FixedRate) and self._ticker is None:
                 self._ticker = self.every(self.drive.rate, self._on_tick)
             if self.guard is None or self.guard.deciding or self.lead is not None:
                 self.running = True
                 self._begin(control.time, command)
+
+    @property
+    def _may_begin(self) -> bool:
+        """Whether an episode may begin; that of a team does, whatever the mode of this agent."""
+        return self.guard is None or self.guard.deciding or self._held or self.lead is not None
 
     def _begin(self, time: int, command: str) -> None:
         """Decide on a command, where that is possible now."""

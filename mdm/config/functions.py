@@ -40,7 +40,7 @@ class Functions:
 
 
 def find_function(reference: str, folder: Path) -> Callable[..., Any]:
-    """Return the function named ``module:name``; modules beside the file take precedence.
+    """Return the function ``module:name`` or ``module:object.name``; modules beside the file take precedence.
 
     Raises:
         ConfigError: If there is no such module or function, the module cannot be imported, or another module of that
@@ -60,10 +60,12 @@ def find_function(reference: str, folder: Path) -> Callable[..., Any]:
     except (Exception, SystemExit) as error:
         raise ConfigError(f"module {module_name!r} cannot be imported: {type(error).__name__}: {error}") from None
     _refuse_shadowed(module_name.partition(".")[0], folder.resolve())
-    function = getattr(module, attribute, None)
-    if function is None:
-        names = [name for name in dir(module) if not name.startswith("_")]
-        raise ConfigError(f"module {module_name!r} has no {attribute!r}{similar(attribute, names)}")
+    function: Any = module
+    for part in attribute.split("."):
+        names = [name for name in dir(function) if not name.startswith("_")]
+        function = getattr(function, part, None)
+        if function is None:
+            raise ConfigError(f"module {module_name!r} has no {attribute!r}{similar(part, names)}")
     if not callable(function):
         raise ConfigError(f"{reference!r} is a {type(function).__name__}, not a function")
     return cast("Callable[..., Any]", function)

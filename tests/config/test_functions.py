@@ -28,6 +28,7 @@ def test_a_module_of_the_same_name_from_another_folder_is_not_taken_for_this_one
 def test_functions_are_found_beside_the_file_and_anywhere_else(folder):
     assert find_function("robot_code:rest", folder).__name__ == "rest"
     assert find_function("os.path:join", folder) is os.path.join
+    assert find_function("os:path.join", folder) is os.path.join
     (folder / "package").mkdir()
     (folder / "package" / "__init__.py").write_text("def inside(): pass\n")
     assert find_function("package:inside", folder).__name__ == "inside"

@@ -19,7 +19,7 @@ from mdm.runtime.statistics import LogStatistics
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["StandardError", "Writer"]
+__all__ = ["StandardError", "Stream", "Writer"]
 
 _BOUND = 4096
 _LOOK = 0.05
@@ -84,18 +84,19 @@ class Writer:
         return LogStatistics(written=self._written, lost=self._failed + self._refused)
 
 
-class StandardError:
-    """Standard error as it is now, written to without a buffer.
+class Stream:
+    """A stream of text, written to without a buffer.
 
-    A thread that waits inside Python's buffer of standard error would end the interpreter with an error at its exit.
+    A thread that waits inside Python's buffer of a stream would end the interpreter with an error at its exit.
 
     Args:
+        stream: Standard error or output, or None where there is none.
         given_up: Tells whether to wait no longer for a reader.
     """
 
-    def __init__(self, given_up: Callable[[], bool]) -> None:
+    def __init__(self, stream: TextIO | None, given_up: Callable[[], bool]) -> None:
         self._given_up = given_up
-        self._stream: TextIO | None = sys.stderr
+        self._stream = stream
         self._descriptor: int | None = None
         if self._stream is not None and hasattr(select, "poll"):
             with suppress(OSError, ValueError):  # else it is none of the operating system's
@@ -113,7 +114,7 @@ class StandardError:
             OSError: If there is no standard error, nobody reads it, or it takes no more.
         """
         if self._stream is None:
-            raise BrokenPipeError("there is no standard error")
+            raise BrokenPipeError("there is nothing to write to")
         if self._descriptor is None:
             self._stream.write(line + "\n")
             self._stream.flush()
@@ -125,6 +126,17 @@ class StandardError:
             if ready.poll(1000 * _LOOK):
                 data = data[os.write(self._descriptor, data[:_PIPE]) :]  # a pipe that is ready takes so much at once
             elif self._given_up():
-                raise BrokenPipeError("nobody reads standard error")
+                raise BrokenPipeError("nobody reads what is written")
 
     debug = info = warning = error = write
+
+
+class StandardError(Stream):
+    """Standard error as it is now.
+
+    Args:
+        given_up: Tells whether to wait no longer for a reader.
+    """
+
+    def __init__(self, given_up: Callable[[], bool]) -> None:
+        super().__init__(sys.stderr, given_up)

@@ -20,6 +20,7 @@ __all__ = ["VERBS", "main"]
 
 VERBS = (
     "run",
+    "team",
     "check",
     "info",
     "show",
@@ -49,10 +50,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for verb in VERBS:
         module = importlib.import_module(f"mdm.cli.{verb}")
         verb_parser: argparse.ArgumentParser = module.add_parser(verbs)
-        verb_parser.add_argument(
-            "--debug", action="store_true", help="show the traceback of an error, and decisions in the log"
-        )
-        verb_parser.set_defaults(format_usage=verb_parser.format_usage)
+        if verb != "team":  # whose own verbs have it
+            verb_parser.add_argument(
+                "--debug", action="store_true", help="show the traceback of an error, and decisions in the log"
+            )
+            verb_parser.set_defaults(format_usage=verb_parser.format_usage, command=verb)
     try:
         parsed = parser.parse_args(arguments)
     except SystemExit as stop:
@@ -77,13 +79,13 @@ def _run(parsed: argparse.Namespace) -> int:
         _flush()
         return 1
     except UsageError as error:
-        print(f"{parsed.format_usage()}mdm {parsed.verb}: error: {error}", file=sys.stderr)
+        print(f"{parsed.format_usage()}mdm {parsed.command}: error: {error}", file=sys.stderr)
         return 2
     except Exception as error:
         if parsed.debug:
             raise
         _flush()
-        print(f"mdm {parsed.verb}: {_sentence(error)}", file=sys.stderr)
+        print(f"mdm {parsed.command}: {_sentence(error)}", file=sys.stderr)
         return 1
 
 

@@ -8,8 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Callable
 
-__all__ = ["add_parser", "run"]
+__all__ = ["Findings", "add_parser", "report", "run"]
+
+Findings = tuple[str | None, list[str], list[str]]
+"""The kind of a file's content, its problems, and notes on oddities."""
 
 
 def add_parser(verbs: Any) -> argparse.ArgumentParser:
@@ -35,37 +39,54 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the file; return the exit status."""
+    file = arguments.file
+    return report(file, lambda: _examine(file, arguments.model, arguments.normalize), json=arguments.json)
+
+
+def report(file: str, examine: Callable[[], Findings], *, json: bool, command: str = "mdm check") -> int:
+    """Print what is found in a file; return the exit status.
+
+    Args:
+        file: The file.
+        examine: Returns its kind of content, its problems, and notes on oddities; warnings are notes, too.
+        json: Whether to print one JSON object.
+        command: Whose problems are printed.
+    """
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        kind, problems, notes = _examine(arguments.file, arguments.model, arguments.normalize)
-    notes = [str(warning.message).removeprefix(f"{arguments.file}: ") for warning in caught] + notes
-    if arguments.json:
-        print(as_json({"file": arguments.file, "holds": kind, "problems": problems, "notes": notes}))
+        kind, problems, notes = examine()
+    notes = [str(warning.message).removeprefix(f"{file}: ") for warning in caught] + notes
+    if json:
+        print(as_json({"file": file, "holds": kind, "problems": problems, "notes": notes}))
     else:
         for problem in problems:
-            print(f"mdm check: {problem}", file=sys.stderr)
+            print(f"{command}: {problem}", file=sys.stderr)
         for note in notes:
-            print(f"{arguments.file}: note: {note}")
+            print(f"{file}: note: {note}")
         if not problems:
-            print(f"{arguments.file}: {kind}, no problems found")
+            print(f"{file}: {kind}, no problems found")
         elif len(problems) > 1:
-            print(f"mdm check: {arguments.file}: {len(problems)} problems found", file=sys.stderr)
+            print(f"{command}: {file}: {len(problems)} problems found", file=sys.stderr)
     return 1 if problems else 0
 
 
-def _examine(file: str, model: str | None, normalize: bool) -> tuple[str | None, list[str], list[str]]:
+def _examine(file: str, model: str | None, normalize: bool) -> Findings:
     """Return a file's kind of content, its problems, and notes on oddities."""
     from mdm.cli.document import Document  # noqa: PLC0415
+    from mdm.cli.team.check import examine  # noqa: PLC0415
     from mdm.cli.usage import UsageError  # noqa: PLC0415
-    from mdm.config import load_system  # noqa: PLC0415
+    from mdm.config import load_system, load_team  # noqa: PLC0415
     from mdm.errors import ConfigError, FormatError  # noqa: PLC0415
     from mdm.formats import load_model, load_policy  # noqa: PLC0415
     from mdm.formats.source import suffixes  # noqa: PLC0415
 
     try:
         if suffixes(file) == ".toml":
+            team = load_team(file)
+            if team is not None:
+                return examine(file, team)
             system = load_system(file)
             return "ensembles", [], [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
         if _holds_policy(file):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import count
+import anyio
+
+from mdm.cli.usage import UsageError, count, seconds
 
 if TYPE_CHECKING:
     import argparse
@@ -16,47 +19,60 @@ if TYPE_CHECKING:
 
     from mdm.config import System
     from mdm.messages import Decision
+    from mdm.runtime import Runtime
 
-__all__ = ["add_parser", "run"]
+__all__ = ["add_arguments", "add_parser", "run"]
 
 
 def add_parser(verbs: Any) -> argparse.ArgumentParser:
     """Add the verb and its arguments."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "run",
-        help="run the ensembles of a TOML file",
+        help="run the ensembles of a TOML file, or one agent of a team's",
         description=(
-            "Run the ensembles of a TOML file until Ctrl-C, SIGTERM, or --epochs decisions of the first one. SIGUSR1 "
-            "releases those that are safe: kill -USR1 PID."
+            "Run the ensembles of a TOML file, of a team's file those of one agent, until Ctrl-C, SIGTERM, --seconds, "
+            "or --epochs decisions of the first one. SIGUSR1 releases those that are safe: kill -USR1 PID."
         ),
         epilog="example: mdm run examples/patrol/patrol.toml --virtual --epochs 20",
     )
+    add_arguments(parser)
+    return parser
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument("file", metavar="FILE", help="the TOML file")
+    parser.add_argument("--agent", metavar="NAME", help="of a team's file, which agent this process is")
+    parser.add_argument(
+        "--decisions", metavar="PATH", help="of a team's file, add each joint step to this file, as a line of JSON"
+    )
     parser.add_argument(
         "--virtual", action="store_true", help="in virtual time: without waiting, until nothing is pending"
     )
     parser.add_argument("--epochs", metavar="N", type=count, help="stop after N decisions of the first ensemble")
+    parser.add_argument("--seconds", metavar="N", type=seconds, help="stop after N seconds")
+    parser.add_argument(
+        "--attached", action="store_true", help="stop when standard input ends, as agents do when `mdm team up` ends"
+    )
     parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
-    return parser
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the ensembles; return the exit status."""
-    from mdm.config import load_system  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.runtime import (  # noqa: PLC0415
+    from mdm.runtime import (  # noqa: PLC0415 - `mdm --help` needs no numpy
         DeadlockError,
         Runtime,
         run as run_program,
     )
 
-    system = load_system(arguments.file)
-    first = system.top[0].name
+    system = _load(arguments)
+    first = system.top[0]
 
     async def main() -> None:
         async with Runtime(log=arguments.log, debug=arguments.debug) as runtime:
 
             def tally(decision: Decision) -> None:
-                if decision.ensemble == first and decision.epoch >= 0:
+                if decision.ensemble == first.path and decision.epoch >= 0:
                     seen.append(decision.epoch)
                     if len(seen) >= arguments.epochs:
                         runtime.shut_down()
@@ -64,9 +80,12 @@ def run(arguments: argparse.Namespace) -> int:
             seen: list[int] = []
             if arguments.epochs is not None:
                 runtime.decisions.subscribe(tally)
+            if arguments.attached:
+                _end_with_input(runtime)
             with _releases(system, virtual=arguments.virtual):
                 await runtime.start(system)
-                await runtime.wait()
+                with anyio.move_on_after(arguments.seconds):
+                    await runtime.wait()
 
     try:
         run_program(main, virtual=arguments.virtual)
@@ -94,3 +113,36 @@ def _releases(system: System, *, virtual: bool) -> Iterator[None]:
         yield
     finally:
         loop.remove_signal_handler(number)
+
+
+def _load(arguments: argparse.Namespace) -> System:
+    from mdm.config import load_system, load_team  # noqa: PLC0415
+
+    team = load_team(arguments.file)
+    if team is None:
+        for option in ("agent", "decisions"):
+            if getattr(arguments, option) is not None:
+                raise UsageError(f"--{option} is for a team's file, and {arguments.file} has no table [team]")
+        return load_system(arguments.file)
+    if arguments.agent is None:
+        raise UsageError(
+            f"{arguments.file} describes the team {team.name!r}: say which agent this process is, such as "
+            f"--agent {team.names[0]} (there are {', '.join(team.names)}), or run all of them here: "
+            f"mdm team up {arguments.file}"
+        )
+    if arguments.virtual:
+        raise UsageError("--virtual is for a file without a team: processes have no virtual time in common")
+    team.check_agent(arguments.agent, key="--agent")
+    return load_system(arguments.file, agent=arguments.agent, decisions=arguments.decisions)
+
+
+def _end_with_input(runtime: Runtime) -> None:
+    """Shut the runtime down when nothing more can come on standard input, as when its other end is gone."""
+    loop, descriptor = asyncio.get_running_loop(), sys.stdin.fileno()
+
+    def look() -> None:
+        if not os.read(descriptor, 4096):
+            loop.remove_reader(descriptor)
+            runtime.shut_down()
+
+    loop.add_reader(descriptor, look)

@@ -6,7 +6,7 @@ import argparse
 
 from mdm.errors import Error
 
-__all__ = ["UsageError", "add_false_negative", "count", "limit", "seed"]
+__all__ = ["UsageError", "add_false_negative", "count", "limit", "seconds", "seed"]
 
 
 class UsageError(Error):
@@ -41,6 +41,17 @@ def seed(text: str) -> int:
         number = -1
     if number < 0:
         raise argparse.ArgumentTypeError(f"a whole number of 0 or more was expected, not {text!r}")
+    return number
+
+
+def seconds(text: str) -> float:
+    """Parse an argument as a number of seconds above 0."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0 < number < 1e9:
+        raise argparse.ArgumentTypeError(f"a number of seconds above 0 was expected, not {text!r}")
     return number
 
 

@@ -26,7 +26,12 @@ __all__ = ["load_system", "load_team"]
 
 
 def load_system(
-    path: str | Path, *, agent: str | None = None, callbacks: bool = True, transport: Transport | None = None
+    path: str | Path,
+    *,
+    agent: str | None = None,
+    callbacks: bool = True,
+    transport: Transport | None = None,
+    decisions: str | Path | None = None,
 ) -> System:
     """Build the system that a TOML file describes; of a team's file, that of one agent.
 
@@ -40,11 +45,12 @@ def load_system(
         agent: Of a team's file, which agent's system.
         callbacks: Import and bind the functions; otherwise actions do nothing and tasks are left out.
         transport: Of a team's file, what carries the agent's messages; by default a session of Zenoh at its endpoint.
+        decisions: Of a team's file, a file to which each joint step is added as a line of JSON.
 
     Raises:
         ConfigError: With all problems, one per line and each in its ``problems``.
     """
-    return _Builder(Path(path), callbacks=callbacks).system(agent, transport)
+    return _Builder(Path(path), callbacks=callbacks).system(agent, transport=transport, decisions=decisions)
 
 
 def load_team(path: str | Path) -> Team | None:
@@ -74,7 +80,7 @@ class _Builder:
         self._problems.raise_all()
         return team
 
-    def system(self, agent: str | None, transport: Transport | None) -> System:
+    def system(self, agent: str | None, **options: Any) -> System:
         """Return the system, or raise all problems."""
         document = self._read()
         known = ("team", "predicates", "events", "ensembles", "tasks", "emergency")
@@ -93,7 +99,7 @@ class _Builder:
         if share is not None and builder.complete:
             with self._problems.collecting("team"):
                 joint = [ensembles[name] for name in builder.joint]
-                member = share.team.member(share.agent, *joint, transport=transport, placement=builder.joint)
+                member = share.team.member(share.agent, *joint, placement=builder.joint, **options)
         declarations.check()
         if share is None or member is not None:  # else nothing leads what the team decides
             builder.check(ensembles)

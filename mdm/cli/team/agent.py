@@ -1,0 +1,24 @@
+"""``mdm team run``: run one agent of a team, as ``mdm run FILE --agent NAME`` does."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mdm.cli.run import add_arguments, run
+
+if TYPE_CHECKING:
+    import argparse
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help="run one agent in this process",
+        description="Run one agent of a team until Ctrl-C, SIGTERM, --seconds, or --epochs of its decisions.",
+        epilog="example: mdm team run examples/team/meeting/meeting.toml --agent ada",
+    )
+    add_arguments(parser)
+    return parser

@@ -1,0 +1,64 @@
+"""``mdm team check``: everything that ``mdm team run`` would refuse, at every agent."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import argparse
+
+    from mdm.cli.check import Findings
+    from mdm.team import Team
+
+__all__ = ["add_parser", "examine", "run"]
+
+
+def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help="list everything that keeps an agent from running",
+        description="List everything that `mdm team run` would refuse, at every agent, without running anything.",
+        epilog="example: mdm team check examples/team/meeting/meeting.toml",
+    )
+    parser.add_argument("file", metavar="FILE", help="the TOML file")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check the file; return the exit status."""
+    from mdm.cli.check import report  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.team.file import team_of  # noqa: PLC0415
+    from mdm.errors import ConfigError  # noqa: PLC0415
+
+    def examined() -> Findings:
+        try:
+            return examine(arguments.file, team_of(arguments.file))
+        except ConfigError as error:
+            return None, [str(problem) for problem in error.problems], []
+
+    return report(arguments.file, examined, json=arguments.json, command="mdm team check")
+
+
+def examine(file: str, team: Team) -> Findings:
+    """Return what a team's file holds in words, its problems, and notes on oddities."""
+    from mdm.cli.team.file import systems_of  # noqa: PLC0415
+
+    systems, problems = systems_of(file, team, callbacks=True)
+    notes = dict.fromkeys(
+        note for system in systems.values() for ensemble in system.ensembles.values() for note in ensemble.notes()
+    )
+    told = [*notes]
+    try:
+        import zenoh  # noqa: F401, PLC0415 - an extra
+    except ImportError:
+        problems.append("processes of a team talk through Zenoh, which is not installed: pip install 'mdm[team]'")
+    ends = {agent.name: agent.endpoint or "" for agent in team.agents}
+    here = [name for name, endpoint in ends.items() if "/127.0.0.1:" in endpoint or "/localhost:" in endpoint]
+    if 0 < len(here) < len(ends):
+        told.append(
+            f"{', '.join(here)} can be reached from {'its' if len(here) == 1 else 'their'} own machine alone, and the "
+            "other agents have endpoints elsewhere"
+        )
+    return f"team {team.name!r} of {len(team.names)} agents ({', '.join(team.names)})", problems, told

@@ -1,0 +1,178 @@
+"""The crew: a process for each agent of a team on this machine, started, watched, started again and ended in order."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from mdm.cli.team.console import Console
+
+__all__ = ["Crew"]
+
+_FIRST_WAIT = 0.5
+_LONGEST_WAIT = 10.0
+_PATIENCE = 20.0
+_LAST_WORDS = 1.0
+_LONGEST_LINE = 1 << 16
+
+
+class Crew:
+    """The processes of a team's agents.
+
+    One that fails, or is killed, is started again, after 0.5 s at first and twice as long each time it fails within
+    10 s. One that fails before it was up for the first time ends all. They are ended in order by the end of their
+    standard input; what has not ended 20 s later is killed.
+
+    Args:
+        commands: The command of each agent's process; it logs JSON lines on standard error.
+        console: Where their lines are printed.
+
+    Attributes:
+        failures: How often each agent's process failed.
+    """
+
+    def __init__(self, commands: Mapping[str, Sequence[str]], console: Console) -> None:
+        self.failures = dict.fromkeys(commands, 0)
+        self._commands = commands
+        self._console = console
+        self._processes: dict[str, asyncio.subprocess.Process] = {}
+        self._ending = asyncio.Event()
+        self._up: set[str] = set()
+
+    async def run(self, seconds: float | None = None) -> None:
+        """Run all agents until they have ended, `end` is called, or so many seconds have passed."""
+        lives = [asyncio.create_task(self._live(agent)) for agent in self._commands]
+        try:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(seconds):
+                    await self._ended(lives)
+            self.end()
+            _, late = await asyncio.wait(lives, timeout=_PATIENCE)
+            if late:
+                self.kill()
+            await asyncio.gather(*lives)
+        finally:
+            self.kill()
+
+    async def _ended(self, lives: Sequence[asyncio.Task[None]]) -> None:
+        """Wait until all have ended, or are to end."""
+        ending = asyncio.create_task(self._ending.wait())
+        left: set[asyncio.Task[Any]] = {ending, *lives}
+        try:
+            while ending in left and len(left) > 1:
+                _, left = await asyncio.wait(left, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            ending.cancel()
+
+    def end(self) -> None:
+        """Have all agents end in order."""
+        self._ending.set()
+        for process in self._processes.values():
+            if process.stdin is not None:
+                process.stdin.close()
+
+    def kill(self) -> None:
+        """End all agents that are still there at once."""
+        for agent, process in self._processes.items():
+            if process.returncode is None:
+                self._console.tell(agent, "killed", "has not ended in order, and is killed")
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+
+    # -- One agent -----------------------------------------------------------------------------------------------
+
+    async def _live(self, agent: str) -> None:
+        """Run an agent's process, again and again."""
+        wait, loop = _FIRST_WAIT, asyncio.get_running_loop()
+        while not self._ending.is_set():
+            began = loop.time()
+            status = await self._run(agent)
+            if status == 0:
+                if not self._ending.is_set():
+                    self._console.tell(agent, "ended", "has ended")
+                return
+            self.failures[agent] += 1
+            how = _how(status)
+            if self._ending.is_set():
+                self._console.tell(agent, "failed", f"{how} when it was to end", status=status)
+                return
+            if agent not in self._up:
+                self._console.tell(agent, "failed", f"{how} before it was up: all end", status=status)
+                self.end()
+                return
+            if loop.time() - began > _LONGEST_WAIT:
+                wait = _FIRST_WAIT
+            self._console.tell(agent, "failed", f"{how}, and is started again in {wait:g} s", status=status)
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._ending.wait(), wait)
+            wait = min(2 * wait, _LONGEST_WAIT)
+
+    async def _run(self, agent: str) -> int:
+        """Run an agent's process once; return its status."""
+        process = self._processes[agent] = await asyncio.create_subprocess_exec(
+            *self._commands[agent],
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            start_new_session=True,
+        )
+        if self._ending.is_set():
+            self.end()
+        readers = [
+            asyncio.create_task(self._read(agent, process.stdout, "output")),
+            asyncio.create_task(self._read(agent, process.stderr, "log")),
+        ]
+        status = await process.wait()
+        _, late = await asyncio.wait(readers, timeout=_LAST_WORDS)
+        for reader in late:  # a process of its own has the pipe still
+            reader.cancel()
+        return status
+
+    async def _read(self, agent: str, stream: asyncio.StreamReader | None, kind: Literal["output", "log"]) -> None:
+        assert stream is not None
+        rest = b""
+        while data := await stream.read(_LONGEST_LINE):
+            *lines, rest = (rest + data).split(b"\n")
+            if len(rest) > _LONGEST_LINE:
+                lines, rest = [*lines, rest], b""
+            for line in lines:
+                self._take(agent, kind, line)
+        if rest:
+            self._take(agent, kind, rest)
+
+    def _take(self, agent: str, kind: Literal["output", "log"], line: bytes) -> None:
+        record = _record(line) if kind == "log" else None
+        if record is None:
+            self._console.line(agent, kind, line.decode(errors="replace"))
+            return
+        if record.get("event") == "running" and record.get("actor") == agent:
+            self._up.add(agent)
+        self._console.record(agent, record)
+
+
+def _record(line: bytes) -> dict[str, object] | None:
+    """Return a line of a log as the record that it is, if it is one."""
+    try:
+        found = msgspec.json.decode(line)
+    except (msgspec.MsgspecError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def _how(status: int) -> str:
+    """Return how a process has ended, in words."""
+    if status > 0:
+        return f"has failed with status {status}"
+    try:
+        name = signal.Signals(-status).name
+    except ValueError:
+        name = f"signal {-status}"
+    return f"was ended by {name}"

@@ -1,0 +1,70 @@
+"""The team of a file, and its ensembles, as the verbs of ``mdm team`` need them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mdm.cli.usage import UsageError
+
+if TYPE_CHECKING:
+    from mdm.config import System
+    from mdm.team import Team
+
+__all__ = ["ensembles_of", "systems_of", "team_of"]
+
+
+def team_of(file: str) -> Team:
+    """Return the team that a file describes.
+
+    Raises:
+        UsageError: If it describes none.
+        ConfigError: If its table ``team`` has problems.
+    """
+    from mdm.config import load_team  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+    team = load_team(file)
+    if team is None:
+        raise UsageError(f"{file} describes no team: a table [team] is missing; `mdm run {file}` runs it alone")
+    return team
+
+
+def systems_of(file: str, team: Team, *, callbacks: bool) -> tuple[dict[str, System], list[str]]:
+    """Return the system of each agent that can be built, and the problems of all, each told once.
+
+    Args:
+        file: The file.
+        team: Its team.
+        callbacks: Whether functions are imported.
+    """
+    from mdm.config import load_system  # noqa: PLC0415
+    from mdm.errors import ConfigError  # noqa: PLC0415
+
+    systems: dict[str, System] = {}
+    at: dict[str, list[str]] = {}
+    for agent in team.names:
+        try:
+            systems[agent] = load_system(file, agent=agent, callbacks=callbacks)
+        except ConfigError as error:
+            for problem in error.problems:
+                at.setdefault(str(problem), []).append(agent)
+    everywhere = len(team.names)
+    told = [text if len(agents) == everywhere else f"{text} (at {', '.join(agents)})" for text, agents in at.items()]
+    return systems, told
+
+
+def ensembles_of(file: str, team: Team) -> dict[str, list[str]]:
+    """Return the agents that run each ensemble of the team, by its name.
+
+    Raises:
+        ConfigError: With all problems of the file.
+    """
+    from mdm.errors import ConfigError  # noqa: PLC0415
+
+    systems, problems = systems_of(file, team, callbacks=False)
+    if problems:
+        raise ConfigError("\n".join(problems))
+    found: dict[str, list[str]] = {}
+    for agent, system in systems.items():
+        for name in system.member.ensembles if system.member is not None else ():
+            found.setdefault(name, []).append(agent)
+    return found

@@ -1,0 +1,127 @@
+"""``mdm team status``: how every agent of a team is."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from typing import TYPE_CHECKING, Any
+
+from mdm.errors import Error
+
+if TYPE_CHECKING:
+    import argparse
+
+    from mdm.team import Team
+
+__all__ = ["add_parser", "run"]
+
+_COLUMNS = ("agent", "ensemble", "mode", "role", "term", "step", "digest", "late (ms)", "dropped", "sees", "action")
+
+
+def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help="how every agent is",
+        description=(
+            "Ask every agent of a running team for its mode, where it stands in the agreement, how late messages reach "
+            "it (the median, and the worst), how many it dropped, and whom it sees. The exit status is 1 if an agent "
+            "does not answer."
+        ),
+        epilog="example: mdm team status examples/team/meeting.toml",
+    )
+    parser.add_argument("file", metavar="FILE", help="the TOML file")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Ask all agents; return the exit status."""
+    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.team.file import ensembles_of, team_of  # noqa: PLC0415
+
+    team = team_of(arguments.file)
+    found = asyncio.run(_ask(team, ensembles_of(arguments.file, team)))
+    silent = [agent for agent in team.names if agent not in found]
+    if arguments.json:
+        print(as_json({"team": team.name, "agents": found, "silent": silent}))
+    elif found:
+        print("\n".join(_table([row for agent, ensembles in found.items() for row in _rows(agent, ensembles)])))
+    if len(silent) == len(team.names):
+        print(f"mdm team status: nobody runs the team {team.name!r}: no agent answers", file=sys.stderr)
+    elif silent:
+        print(f"mdm team status: no answer from {', '.join(silent)}", file=sys.stderr)
+    return 1 if silent else 0
+
+
+async def _ask(team: Team, ensembles: dict[str, list[str]]) -> dict[str, dict[str, Any]]:
+    """Return what each agent says of each of its ensembles."""
+    from mdm.cli.team.asker import asking  # noqa: PLC0415
+    from mdm.team.calls import ask  # noqa: PLC0415
+
+    found: dict[str, dict[str, Any]] = {}
+    async with asking(team) as (session, live):
+        if not live:
+            return {}
+        for name in ensembles:
+            states, figures = await asyncio.gather(
+                ask(session, team, "status", ensemble=name), ask(session, team, "statistics", ensemble=name)
+            )
+            for agent, status in states.items():
+                figure = figures.get(agent)
+                if isinstance(status, Error) or isinstance(figure, Error):
+                    status = {"error": str(status if isinstance(status, Error) else figure)}  # noqa: PLW2901
+                elif figure is not None:
+                    status |= _carried(figure["transport"])  # noqa: PLW2901
+                found.setdefault(agent, {})[name] = status
+    return {agent: found[agent] for agent in team.names if agent in found}
+
+
+def _carried(transport: dict[str, Any]) -> dict[str, Any]:
+    """Return what an agent's transport carried, in few numbers; times in seconds."""
+    import msgspec  # noqa: PLC0415
+
+    from mdm.runtime.statistics import Histogram  # noqa: PLC0415
+
+    lateness = msgspec.convert(transport["lateness"], Histogram)
+    carried = {
+        way: {what: sum(traffic[what] for traffic in transport[way].values()) for what in ("messages", "bytes")}
+        for way in ("sent", "received")
+    }
+    return {
+        "late": {"median": lateness.quantile(0.5), "worst": lateness.maximum},
+        "dropped": transport["dropped"],
+        **carried,
+    }
+
+
+def _rows(agent: str, ensembles: dict[str, Any]) -> list[list[str]]:
+    return [_row(agent, name, status) for name, status in ensembles.items()]
+
+
+def _row(agent: str, name: str, status: dict[str, Any]) -> list[str]:
+    if "error" in status:
+        return [agent, name, "error", status["error"]]
+    causes = ", ".join(cause.partition(":")[0] for cause in status["causes"])
+    late = status.get("late")
+    return [
+        *(agent, name),
+        f"{status['mode']} ({causes})" if causes else status["mode"],
+        *(_text(status.get(key)) for key in ("role", "term", "step")),
+        _text(status.get("digest"))[:8],
+        "-" if late is None else f"{1e3 * late['median']:.1f}, {1e3 * late['worst']:.1f}",
+        str(sum(status.get("dropped", {}).values())),
+        ", ".join(other for other in status["live"] if other != agent) or "-",
+        _text(status.get("action")),
+    ]
+
+
+def _text(value: object) -> str:
+    return "-" if value is None else str(value)
+
+
+def _table(rows: list[list[str]]) -> list[str]:
+    """Return rows as lines of aligned columns, below the columns' names."""
+    wide = [list(_COLUMNS), *rows]
+    widths = [max((len(row[place]) for row in wide if place < len(row)), default=0) for place in range(len(_COLUMNS))]
+    return ["  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=False)).rstrip() for row in wide]

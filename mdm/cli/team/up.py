@@ -1,0 +1,133 @@
+"""``mdm team up``: run all agents of a team on this machine, a process each."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import socket
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mdm.cli.usage import seconds
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Mapping, Sequence
+
+    from mdm.team import Team
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help="run all agents on this machine",
+        description=(
+            "Run all agents of a team on this machine, a process each, until Ctrl-C, SIGTERM or --seconds. A process "
+            "that fails is started again. The exit status is 1 if any agent has failed."
+        ),
+        epilog="example: mdm team up examples/team/meeting/meeting.toml --seconds 20 --decisions decided",
+    )
+    parser.add_argument("file", metavar="FILE", help="the TOML file")
+    parser.add_argument("--seconds", metavar="N", type=seconds, help="end in order after N seconds")
+    parser.add_argument(
+        "--decisions", metavar="FOLDER", help="write each agent's joint steps to a file of its own in this folder"
+    )
+    parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the agents; return the exit status."""
+    from mdm.cli.team.file import ensembles_of, team_of  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+    team = team_of(arguments.file)
+    ensembles_of(arguments.file, team)  # whatever is wrong is told once, and not by each agent
+    _check_ports(team)
+    folder = None if arguments.decisions is None else _folder(arguments.decisions, team.names)
+    commands = {agent: _command(arguments, agent, folder) for agent in team.names}
+    return asyncio.run(_run(commands, arguments))
+
+
+def _folder(name: str, agents: Sequence[str]) -> Path:
+    """Return the folder of decisions, made where there is none.
+
+    Raises:
+        Error: If an agent's file is in it already, or it is none.
+    """
+    from mdm.errors import Error  # noqa: PLC0415
+
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise Error(f"decisions cannot be written to {folder}: {error.strerror}") from None
+    for agent in agents:
+        if (folder / f"{agent}.jsonl").exists():
+            raise Error(f"{folder / agent}.jsonl is there already: name another folder, or remove it first")
+    return folder
+
+
+def _command(arguments: argparse.Namespace, agent: str, folder: Path | None) -> list[str]:
+    options = [] if folder is None else ["--decisions", str(folder / f"{agent}.jsonl")]
+    options += ["--debug"] if arguments.debug else []
+    command = [sys.executable, "-u", "-m", "mdm", "run", arguments.file]
+    return [*command, "--agent", agent, "--attached", "--log", "json", *options]
+
+
+def _check_ports(team: Team) -> None:
+    """Refuse to start where somebody listens already, such as the team itself.
+
+    Raises:
+        Error: If an agent's port is taken.
+    """
+    from mdm.errors import Error  # noqa: PLC0415
+
+    for agent in team.agents:
+        host, _, port = (agent.endpoint or "").partition("/")[2].rpartition(":")
+        if host not in {"127.0.0.1", "localhost"} or not port.isdigit():
+            continue
+        with socket.socket() as one:
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                one.bind((host, int(port)))
+            except OSError as error:
+                raise Error(
+                    f"agent {agent.name!r} cannot listen at {agent.endpoint}: {error.strerror}; perhaps the team runs "
+                    "already (`mdm team status` says so), or another `port` in [team] is free"
+                ) from None
+
+
+async def _run(commands: Mapping[str, Sequence[str]], arguments: argparse.Namespace) -> int:
+    from mdm.cli.team.console import Console  # noqa: PLC0415
+    from mdm.cli.team.crew import Crew  # noqa: PLC0415
+
+    console = Console(list(commands), json=arguments.log == "json")
+    crew = Crew(commands, console)
+    asked: list[tuple[int, float]] = []
+    loop = asyncio.get_running_loop()
+
+    def end(number: int) -> None:
+        """End in order; a second signal, unless it is one with the first, ends at once."""
+        if asked and loop.time() - asked[-1][1] > 1.0:
+            crew.kill()
+        asked.append((number, loop.time()))
+        crew.end()
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            loop.add_signal_handler(number, end, number)
+    console.open()
+    try:
+        await crew.run(arguments.seconds)
+    finally:
+        lost = console.close()
+    if lost:
+        print(f"mdm team up: {lost} lines were lost, because nobody read them", file=sys.stderr)
+    failed = {agent: count for agent, count in crew.failures.items() if count}
+    for agent, count in failed.items():
+        print(f"mdm team up: agent {agent!r} failed {count} {'time' if count == 1 else 'times'}", file=sys.stderr)
+    return 1 if failed else 128 + asked[0][0] if asked else 0

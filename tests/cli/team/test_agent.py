@@ -1,0 +1,54 @@
+"""`mdm run --agent` and `mdm team run`: one agent of a team."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from places import EXAMPLES
+from programs import python
+
+
+@pytest.mark.parametrize("verb", [("run",), ("team", "run")])
+def test_an_agent_runs_alone_for_some_seconds(free, tmp_path, verb):
+    team, decided = free(), tmp_path / "a.jsonl"
+    with python("-m", "mdm", *verb, team, "--agent", "a", "--seconds", 1.5, "--decisions", decided) as process:
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    assert [json.loads(line)["command"] for line in decided.read_text().splitlines()] == ["begin"]
+
+
+def test_it_ends_with_its_input(free):
+    import subprocess
+    import sys
+
+    command = [sys.executable, "-m", "mdm", "run", free(), "--agent", "a", "--attached", "--log", "json"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while json.loads(process.stderr.readline()).get("event") != "running":
+            pass
+        process.communicate(timeout=60)
+    assert process.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (
+            ["FILE"],
+            2,
+            "the team 'rooms': say which agent this process is, such as --agent a (there are a, b)",
+        ),
+        (["FILE", "--agent", "c"], 1, "team 'rooms' has no agent 'c'; the agents are a, b"),
+        (["FILE", "--agent", "a", "--virtual"], 2, "--virtual is for a file without a team"),
+        (["FILE", "--agent", "a", "--decisions", "/nowhere/a.jsonl", "--seconds", "5"], 1, "cannot be written to"),
+        (["TIGER", "--agent", "a"], 2, "--agent is for a team's file"),
+        (["TIGER", "--decisions", "a"], 2, "--decisions is for a team's file"),
+        (["FILE", "--agent"], 2, "expected one argument"),
+    ],
+)
+def test_wrong_usage(mdm, free, arguments, status, words):
+    files = {"FILE": free(), "TIGER": EXAMPLES / "tiger.toml"}
+    found, _, errors = mdm("run", *(files.get(argument, argument) for argument in arguments))
+    assert found == status
+    assert words in errors
+    assert "Traceback" not in errors

@@ -1,0 +1,22 @@
+"""`mdm team certificates`: files to try a team with."""
+
+from __future__ import annotations
+
+import pytest
+
+
+def test_each_agent_has_a_certificate(mdm, free, tmp_path):
+    pytest.importorskip("cryptography", reason="the extra mdm[certificates]")
+    team = free()
+    folder = tmp_path / "keys"
+    status, output, _ = mdm("team", "certificates", team, "-o", folder, "--days", "3")
+    assert (status, output) == (0, [f"{folder}: certificates of an authority and a, b, valid for 3 days"])
+    names = {"a.key.pem", "a.pem", "authority.pem", "b.key.pem", "b.pem"}
+    assert {path.name for path in folder.iterdir()} >= names
+    status, _, errors = mdm("team", "certificates", team, "-o", folder)
+    assert status == 1
+    assert "is there already" in errors
+
+
+def test_days_are_a_number(mdm, free):
+    assert mdm("team", "certificates", free(), "--days", "0")[0] == 2

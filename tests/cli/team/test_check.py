@@ -1,0 +1,50 @@
+"""`mdm team check`: what `run` would refuse, at every agent."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+
+@pytest.mark.parametrize("verb", [("team", "check"), ("check",)])
+def test_a_file_without_problems(mdm, free, verb):
+    team = free()
+    assert mdm(*verb, team) == (0, [f"{team}: team 'rooms' of 2 agents (a, b), no problems found"], "")
+
+
+def test_problems_are_told_with_the_agents_that_have_them(mdm, free):
+    team = free(('stay = "team_code:stay"\n', ""), ('go = "team_code:go"\n', ""), ("[ensembles.joint.actions]\n", ""))
+    with team.open("a") as file:
+        file.write('[ensembles.joint.actions.a]\nstay = "team_code:stay"\ngo = "team_code:goo"\n')
+        file.write('[ensembles.joint.actions.b]\nstay = "team_code:stay"\n')
+    status, _, errors = mdm("team", "check", team)
+    assert status == 1
+    first, second, last = errors.splitlines()
+    assert first.endswith("module 'team_code' has no 'goo'; did you mean 'go'? (at a)")
+    assert "ensembles.joint.a" in second
+    assert second.endswith("(at b)")
+    assert last == f"mdm team check: {team}: 2 problems found"
+
+
+def test_problems_of_the_team_itself(mdm, free):
+    team = free(('name = "rooms"', 'name = "ro/oms"'))
+    status, _, errors = mdm("team", "check", team)
+    assert status == 1
+    assert "team.name: " in errors
+
+
+def test_without_zenoh_there_is_a_sentence(mdm, free, monkeypatch):
+    monkeypatch.setitem(sys.modules, "zenoh", None)
+    status, _, errors = mdm("team", "check", free())
+    assert status == 1
+    assert "Zenoh, which is not installed: pip install 'mdm[team]'" in errors
+
+
+def test_one_that_others_cannot_reach_is_noted(mdm, free):
+    team = free()
+    here = team.read_text().partition('endpoint = "')[2].partition('"')[0]
+    team.write_text(team.read_text().replace(here, "tcp/192.168.0.7:7447"))
+    status, output, _ = mdm("team", "check", team)
+    assert status == 0
+    assert any("b can be reached from its own machine alone" in line for line in output)

@@ -1,0 +1,166 @@
+"""Processes of a crew: how they fail, and how they end."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+
+import pytest
+
+from mdm.cli.team import crew as module
+from mdm.cli.team.crew import Crew
+
+
+class Told:
+    """A console that keeps what it is told."""
+
+    def __init__(self):
+        self.lines = []
+        self.events = []
+        self.came = asyncio.Event()
+
+    def line(self, agent, stream, text):
+        self.lines.append((agent, stream, text))
+        self.came.set()
+
+    def record(self, agent, record):
+        self.lines.append((agent, "record", record))
+        self.came.set()
+
+    def tell(self, agent, event, text, **_):
+        self.events.append((agent, event, text))
+        self.came.set()
+
+    async def until(self, condition):
+        async with asyncio.timeout(60):
+            while not condition():
+                self.came.clear()
+                await self.came.wait()
+
+
+def program(code):
+    return [sys.executable, "-u", "-c", code]
+
+
+UP = 'import sys; print(\'{"event": "running", "actor": "a"}\', file=sys.stderr, flush=True)\n'
+OBEDIENT = program("import sys; print('here'); sys.stdin.read()")
+STUBBORN = program("import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('here'); time.sleep(600)")
+
+
+def run(main):
+    async def timed():
+        async with asyncio.timeout(60):
+            await main()
+
+    asyncio.run(timed())
+
+
+def test_processes_end_with_their_input():
+    async def main():
+        told = Told()
+        crew = Crew({"a": OBEDIENT, "b": OBEDIENT}, told)
+        running = asyncio.create_task(crew.run())
+        await told.until(lambda: len(told.lines) == 2)
+        crew.end()
+        await running
+        assert sorted(told.lines) == [("a", "output", "here"), ("b", "output", "here")]
+        assert crew.failures == {"a": 0, "b": 0}
+        assert told.events == []
+
+    run(main)
+
+
+def test_what_does_not_end_is_killed(monkeypatch):
+    monkeypatch.setattr(module, "_PATIENCE", 0.1)
+
+    async def main():
+        told = Told()
+        crew = Crew({"a": OBEDIENT, "b": STUBBORN}, told)
+        running = asyncio.create_task(crew.run())
+        await told.until(lambda: len(told.lines) == 2)
+        crew.end()
+        await running
+        assert ("b", "killed", "has not ended in order, and is killed") in told.events
+        assert crew.failures == {"a": 0, "b": 1}
+
+    run(main)
+
+
+def test_a_stopped_process_is_killed_too(monkeypatch):
+    monkeypatch.setattr(module, "_PATIENCE", 0.1)
+
+    async def main():
+        told = Told()
+        crew = Crew({"a": OBEDIENT}, told)
+        running = asyncio.create_task(crew.run())
+        await told.until(lambda: len(told.lines) == 1)
+        crew._processes["a"].send_signal(signal.SIGSTOP)
+        crew.end()
+        await running
+        assert crew._processes["a"].returncode == -signal.SIGKILL
+
+    run(main)
+
+
+def test_failures_are_waited_for_longer_and_longer(monkeypatch):
+    monkeypatch.setattr(module, "_FIRST_WAIT", 0.01)
+
+    async def main():
+        told = Told()
+        crew = Crew({"a": program(UP + "raise SystemExit(3)"), "b": OBEDIENT}, told)
+        running = asyncio.create_task(crew.run())
+        await told.until(lambda: crew.failures["a"] == 3)
+        crew.end()
+        await running
+        waits = [text for agent, event, text in told.events if event == "failed"]
+        assert waits[:3] == [
+            f"has failed with status 3, and is started again in {wait:g} s" for wait in (0.01, 0.02, 0.04)
+        ]
+
+    run(main)
+
+
+def test_it_ends_when_all_have_ended():
+    async def main():
+        told = Told()
+        await Crew({"a": program("print('x' * 200000)"), "b": program("")}, told).run()
+        assert {(agent, event) for agent, event, _ in told.events} == {("a", "ended"), ("b", "ended")}
+        assert sum(len(text) for _, _, text in told.lines) == 200000
+
+    run(main)
+
+
+@pytest.mark.parametrize("seconds", [0.5])
+def test_it_ends_after_some_seconds(seconds):
+    async def main():
+        crew = Crew({"a": OBEDIENT}, Told())
+        await crew.run(seconds)
+        assert crew._processes["a"].returncode == 0
+
+    run(main)
+
+
+def test_what_a_cancelled_crew_had_is_killed():
+    async def main():
+        told = Told()
+        crew = Crew({"a": STUBBORN}, told)
+        running = asyncio.create_task(crew.run())
+        await told.until(lambda: len(told.lines) == 1)
+        running.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await running
+        assert await crew._processes["a"].wait() == -signal.SIGKILL
+
+    run(main)
+
+
+def test_one_that_was_never_up_ends_all():
+    async def main():
+        told = Told()
+        crew = Crew({"a": program("raise SystemExit(3)"), "b": OBEDIENT}, told)
+        await crew.run()
+        assert told.events == [("a", "failed", "has failed with status 3 before it was up: all end")]
+        assert crew.failures == {"a": 1, "b": 0}
+
+    run(main)

@@ -1,0 +1,65 @@
+"""`mdm team status`, `stop`, `reset` and `start` of a team that runs, and of one that does not."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import pytest
+
+
+def asked(mdm, team, *, agents=2, mode="deciding"):
+    """Ask until so many agents have this mode, a minute at most."""
+    until = time.monotonic() + 60
+    while time.monotonic() < until:
+        status, output, errors = mdm("team", "status", team, "--json")
+        found = json.loads(output[0])
+        there = [one["joint"] for one in found["agents"].values()]
+        if len(there) == agents and all(one["mode"] == mode and one.get("step") for one in there):
+            return status, found, errors
+    raise AssertionError((found, errors))
+
+
+def test_a_team_that_runs_tells_how_it_is_and_is_told_what_to_do(mdm, free, up):
+    team = free()
+    with up(team) as running:
+        for agent in "ab":
+            running.hear(agent=agent, event="running", actor=agent)
+        status, found, errors = asked(mdm, team)
+        assert (status, errors, found["silent"]) == (0, "", [])
+        a, b = (found["agents"][agent]["joint"] for agent in "ab")
+        assert (a["role"], b["role"]) == ("leading", "following")
+        assert (a["digest"], a["live"]) == (b["digest"], ["a", "b"])
+        assert a["late"]["worst"] >= a["late"]["median"] > 0
+        assert a["sent"]["messages"] > 0
+        status, output, _ = mdm("team", "status", team)
+        assert output[0].split()[:6] == ["agent", "ensemble", "mode", "role", "term", "step"]
+        assert output[1].split()[:4] == ["a", "joint", "deciding", "leading"]
+        assert mdm("team", "stop", team)[:2] == (0, ["joint: stop, said to a"])
+        asked(mdm, team, mode="stopped")
+        assert mdm("team", "start", team, "--ensemble", "joint")[0] == 0
+        assert mdm("team", "reset", team)[0] == 0
+        asked(mdm, team)
+        status, _, errors = mdm("team", "start", team, "--ensemble", "jont")
+        assert status == 1
+        assert "no ensemble 'jont'; did you mean 'joint'" in errors
+
+
+@pytest.mark.parametrize("verb", ["status", "start"])
+def test_nobody_runs_it(mdm, free, verb):
+    team = free()
+    status, _, errors = mdm("team", verb, team)
+    assert status == 1
+    assert errors == f"mdm team {verb}: nobody runs the team 'rooms': no agent answers\n"
+
+
+def test_one_that_does_not_answer_is_told(mdm, free, up, tmp_path):
+    team = free()
+    from programs import python
+
+    with python("-m", "mdm", "team", "run", team, "--agent", "a", "--log", "json") as alone:
+        while json.loads(alone.stderr.readline()).get("event") != "running":
+            pass
+        status, _, errors = asked(mdm, team, agents=1)
+        assert status == 1
+        assert errors == "mdm team status: no answer from b\n"

@@ -1,0 +1,157 @@
+"""`mdm team up`: a process for each agent, and its end, however it comes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+
+import pytest
+
+PRINTING = (
+    ("[predicates]\n", "[predicates]\n"),
+    ('stay = "team_code:stay"\ngo = "team_code:go"', 'stay = "printing_code:stay"\ngo = "printing_code:go"'),
+    ('tasks = ["team_code:sense"]', 'tasks = ["printing_code:sense"]'),
+)
+
+CODE = """
+import asyncio, os
+
+def stay():
+    print("stay", flush=True)
+
+def go():
+    print("go", flush=True)
+
+async def sense(system):
+    print(f"pid {os.getpid()}", flush=True)
+    for number in range(10**9):
+        system.predicates.sense("InLab", number % 2 == (system.agent == "a"))
+        await asyncio.sleep(0.2)
+"""
+
+
+@pytest.fixture
+def team(free, tmp_path):
+    (tmp_path / "printing_code.py").write_text(CODE)
+    return free(*PRINTING)
+
+
+def pid(record):
+    return int(record["text"].split()[1])
+
+
+def histories(folder):
+    """The steps of each agent that it shares with the others, and how many these are."""
+    steps = {}
+    for path in folder.iterdir():
+        told = [json.loads(line) for line in path.read_text().splitlines()]
+        steps[path.stem] = {
+            (tuple(one["term"]), one["step"]): (one["input"], one["action"], one["digest"]) for one in told
+        }
+    return steps
+
+
+def test_agents_decide_together_and_end_in_order(team, up, tmp_path):
+    with up(team, "--decisions", tmp_path / "decided") as running:
+        for agent in "ab":
+            running.hear(agent=agent, event="output", text="go", times=3)
+        running.process.send_signal(signal.SIGINT)
+        status, records = running.end()
+    assert status == 130
+    stopped = {record["actor"] for record in records if record["event"] == "stopped" and "actor" in record}
+    assert stopped >= {"a", "b"}
+    steps = histories(tmp_path / "decided")
+    shared = steps["a"].keys() & steps["b"].keys()
+    assert len(shared) >= 5
+    assert all(steps["a"][step] == steps["b"][step] for step in shared)
+
+
+def test_an_agent_that_is_killed_is_started_again(team, up):
+    with up(team) as running:
+        first = running.hear(agent="b", event="output", text="go") and next(
+            record for record in running.records if record["agent"] == "b" and record.get("text", "").startswith("pid")
+        )
+        os.kill(pid(first), signal.SIGKILL)
+        told = running.hear(agent="b", event="failed")
+        assert told["text"] == "was ended by SIGKILL, and is started again in 0.5 s"
+        running.hear(agent="b", event="running", actor="b", times=2)
+        running.hear(agent="a", event="fault", kind="lost_teammate")
+        before = len([record for record in running.records if record.get("text") == "go" and record["agent"] == "b"])
+        running.hear(agent="b", event="output", text="go", times=before + 3)
+        running.process.send_signal(signal.SIGTERM)
+        status, records = running.end()
+    assert status == 1
+    assert records[-1]["text"] == "mdm team up: agent 'b' failed 1 time\n"
+
+
+def test_seconds_end_it(team, up):
+    with up(team, "--seconds", "1.5") as running:
+        status, records = running.end()
+    assert status == 0
+    assert not [record for record in records if record["event"] == "failed"]
+
+
+def test_an_agent_that_cannot_start_ends_all(team, up):
+    team.write_text(team.read_text().replace('tasks = ["printing_code:sense"]', 'tasks.b = ["nowhere:sense"]'))
+    with up(team) as running:
+        status, records = running.end()
+    assert status == 1
+    texts = [record.get("text", "") for record in records]
+    assert "has failed with status 1 before it was up: all end" in texts
+    assert any("there is no module 'nowhere'" in text for text in texts)
+
+
+def test_a_port_that_somebody_has_is_told_in_a_sentence(mdm, team):
+    import socket
+
+    from mdm.config import load_team
+
+    ours = load_team(team).agents[1].endpoint
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", int(ours.rpartition(":")[2])))
+        taken.listen()
+        status, _, errors = mdm("team", "up", team)
+    assert status == 1
+    assert f"agent 'b' cannot listen at {ours}: Address already in use; perhaps the team runs already" in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["up"], 2, "usage: mdm team up"),
+        (["up", "nowhere.toml"], 1, "mdm team up: nowhere.toml: there is no such file"),
+        (["up", "FILE", "--seconds", "0"], 2, "a number of seconds above 0 was expected, not '0'"),
+        (["up", "FILE", "--log", "xml"], 2, "invalid choice"),
+        (["up", "FILE", "--decisions", "FILE"], 1, "decisions cannot be written to"),
+        (["upp", "FILE"], 2, "invalid choice: 'upp'"),
+        ([], 2, "usage: mdm team"),
+    ],
+)
+def test_wrong_usage(mdm, team, arguments, status, words):
+    given = [str(team) if argument == "FILE" else argument for argument in arguments]
+    found, _, errors = mdm("team", *given)
+    assert found == status
+    assert words in errors
+    assert "Traceback" not in errors
+
+
+def test_decisions_of_another_run_are_not_written_over(mdm, team, tmp_path):
+    (tmp_path / "b.jsonl").write_text("")
+    status, _, errors = mdm("team", "up", team, "--decisions", tmp_path)
+    assert (status, "b.jsonl is there already" in errors) == (1, True)
+
+
+def test_problems_are_told_once_and_not_by_each_agent(mdm, team):
+    team.write_text(team.read_text().replace('owner = "b"', 'owner = "c"'))
+    status, _, errors = mdm("team", "up", team)
+    assert status == 1
+    assert errors.count("has no agent 'c'") == 1
+
+
+def test_a_file_without_a_team(mdm):
+    from places import EXAMPLES
+
+    status, _, errors = mdm("team", "up", EXAMPLES / "tiger.toml")
+    assert status == 2
+    assert "describes no team: a table [team] is missing" in errors

@@ -10,7 +10,9 @@ from mdm.actors import Ensemble
 from mdm.errors import ConfigError
 from mdm.messages import Message
 from mdm.runtime import Actor, ActorStatistics
+from mdm.team.access import access_settings
 from mdm.team.calls import Answers
+from mdm.team.ceilings import ceiling_settings
 from mdm.team.centralised import CentralisedStatistics, controlling
 from mdm.team.centre import Centre
 from mdm.team.commits import Committed
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 
     from mdm.actors import PredicateManager
     from mdm.runtime import Channel, Runtime
+    from mdm.team.access import Access
     from mdm.team.allowance import Allowance
     from mdm.team.team import Team
     from mdm.team.transport import Transport, TransportStatistics
@@ -79,6 +82,7 @@ class Member(Actor):
             their messages where they are none of an ensemble's own.
         imports: Channels of others, such as ``robot2/patrol/belief``; the same.
         allowance: How much the session may send.
+        access: The certificates by which the agents know each other; endpoints are then those of ``tls``.
         decisions: A file to which each joint step that this agent applies is added as a line of JSON.
 
     Raises:
@@ -100,6 +104,7 @@ class Member(Actor):
         exports: Iterable[str] | Mapping[str, type[Any]] = (),
         imports: Iterable[str] | Mapping[str, type[Any]] = (),
         allowance: Allowance | None = None,
+        access: Access | None = None,
         decisions: str | Path | None = None,
     ) -> None:
         super().__init__(team.check_agent(agent))
@@ -107,9 +112,12 @@ class Member(Actor):
         self.agent = agent
         self.ensembles = _by_name(ensembles)
         if transport is None:
-            transport = _session(team, agent, allowance)
-        elif allowance is not None:
-            raise ConfigError("an allowance is for the session that a member makes; give it to the transport")
+            transport = _session(team, agent, allowance, access)
+        elif allowance is not None or access is not None:
+            raise ConfigError(
+                "an allowance and access are for the session that a member makes: give them to the transport",
+                key="transport",
+            )
         if transport.agent != agent:
             raise ConfigError(f"the transport is that of agent {transport.agent!r}, not of {agent!r}", key="transport")
         self.link = Link(team, transport)
@@ -206,11 +214,24 @@ def _layer(team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> 
     return Replica(team, ensemble, link, placement)
 
 
-def _session(team: Team, agent: str, allowance: Allowance | None) -> Transport:
+def _session(team: Team, agent: str, allowance: Allowance | None, access: Access | None) -> Transport:
     """Return a session of Zenoh, which connects to the agents that were declared before this one."""
     from mdm.team.session import Session  # noqa: PLC0415 - the one that needs Zenoh
 
-    endpoints = {other.name: other.endpoint or f"tcp/127.0.0.1:{FIRST_PORT + n}" for n, other in enumerate(team.agents)}
+    protocol = "tcp" if access is None else "tls"
+    endpoints = {
+        other.name: other.endpoint or f"{protocol}/127.0.0.1:{FIRST_PORT + number}"
+        for number, other in enumerate(team.agents)
+    }
+    configuration = ceiling_settings(team.ceilings)
+    if access is not None:
+        plain = [name for name, endpoint in endpoints.items() if not endpoint.startswith(("tls/", "quic/"))]
+        if plain:
+            raise ConfigError(
+                f"access needs endpoints that begin with tls/, but agent {plain[0]!r} has {endpoints[plain[0]]}",
+                key="team.agents",
+            )
+        configuration |= access_settings(access, team.name, agent, team.names)
     before = team.names[: team.names.index(agent)]
     return Session(
         *(team.name, agent),
@@ -218,6 +239,7 @@ def _session(team: Team, agent: str, allowance: Allowance | None) -> Transport:
         connect=[endpoints[other] for other in before],
         lease=team.lease,
         allowance=allowance,
+        configuration=configuration,
     )
 
 

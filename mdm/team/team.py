@@ -12,7 +12,9 @@ from mdm.actors.drive import drive_of
 from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.runtime.clock import check_seconds
+from mdm.team.ceilings import Ceiling, ceiling_settings
 from mdm.team.keys import check_name
+from mdm.team.settings import check_endpoint
 
 if TYPE_CHECKING:
     from mdm.actors import Drive, Ensemble
@@ -59,6 +61,7 @@ class Team:
         lease: Seconds after which an agent that says nothing is taken as lost.
         max_age: Seconds for which the last word of an agent counts that is lost, or late: its state factors, its
             predicates.
+        ceilings: What Zenoh lets through at most, by key.
 
     Raises:
         ConfigError: If a name cannot be part of a key, two agents have one name, or a setting means nothing.
@@ -83,6 +86,7 @@ class Team:
         controller: str | None = None,
         lease: float = 1.0,
         max_age: float = 1.0,
+        ceilings: Iterable[Ceiling] = (),
     ) -> None:
         self.name = check_name(name, "a team", key="team.name")
         self.agents = _agents(agents)
@@ -111,6 +115,8 @@ class Team:
         self.controller = self.names[0] if controller is None else self.check_agent(controller, key="team.controller")
         self.lease = lease
         self.max_age = max_age
+        self.ceilings = tuple(ceilings)
+        ceiling_settings(self.ceilings)  # which refuses what is none
 
     def __repr__(self) -> str:
         """Return its name, mode and agents."""
@@ -154,10 +160,8 @@ def _agents(given: Iterable[Given]) -> tuple[Agent, ...]:
         key = f"team.agents.{place}"
         name, endpoint = (one, None) if not isinstance(one, tuple) or len(one) != 2 else one
         check_name(name, "an agent", key=key)
-        if endpoint is not None and (not isinstance(endpoint, str) or "/" not in endpoint):
-            raise ConfigError(
-                f"the endpoint of agent {name!r} is a text such as tcp/192.168.0.7:7450, not {endpoint!r}", key=key
-            )
+        if endpoint is not None:
+            check_endpoint(endpoint, key=key)
         if any(name == other.name for other in agents):
             raise ConfigError(f"two agents are called {name!r}: each has a name of its own", key=key)
         agents.append(Agent(name, endpoint))

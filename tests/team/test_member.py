@@ -11,9 +11,11 @@ from teams import team as random_team
 
 import mdm
 from mdm import problems
+from mdm.team.ceilings import Ceiling
 from mdm.team.member import Teammates
 from mdm.team.network import Network
 from mdm.team.placement import Placement
+from mdm.team.session import Session
 from mdm.team.team import Team
 from mdm.testing import probe, run_virtual
 
@@ -65,6 +67,27 @@ def test_what_does_not_fit_is_refused():
             tigers().member("left", build, transport=transport, placement={"other": Placement()})
 
     run_virtual(main)
+
+
+def test_a_member_without_a_transport_makes_a_session_with_the_team_s_settings(tmp_path):
+    class Nobody:
+        act = staticmethod(lambda name: lambda: None)
+
+    certificates = pytest.importorskip("mdm.team.certificates")
+    pytest.importorskip("cryptography", reason="makes the certificates")
+    files = certificates.make_certificates(tmp_path, {"left": ["127.0.0.1"], "right": ["127.0.0.1"]})
+    team = tigers(ceilings=[Ceiling("mdm/tigers/*/joint/belief", rate=5.0)], lease=2.0)
+    plain = team.member("right", over_beliefs(MODEL)(Nobody(), 1)).link.transport
+    assert isinstance(plain, Session)
+    assert plain._settings["listen"]["endpoints"] == ["tcp/127.0.0.1:7448"]
+    assert plain._settings["connect"]["endpoints"] == ["tcp/127.0.0.1:7447"]
+    assert plain._settings["downsampling"][0]["rules"][0]["freq"] == 5.0
+    guarded = team.member("left", over_beliefs(MODEL)(Nobody(), 0), access=files["left"]).link.transport
+    assert guarded._settings["listen"]["endpoints"] == ["tls/127.0.0.1:7447"]
+    assert guarded._settings["access_control"]["enabled"]
+    open_team = Team("tigers", [("left", "tcp/127.0.0.1:7001"), "right"])
+    with pytest.raises(mdm.ConfigError, match="access needs endpoints that begin with tls/, but agent 'left'"):
+        open_team.member("left", over_beliefs(MODEL)(Nobody(), 0), access=files["left"])
 
 
 def test_an_ensemble_of_no_team_has_no_lost_teammates():

@@ -504,3 +504,35 @@ def test_what_was_seen_without_a_majority_is_not_acted_on_when_there_is_one_agai
         assert len(right.commits) == 2
 
     run_virtual(main)
+
+
+def test_copies_stay_the_same_where_the_team_stops_and_starts_while_an_agent_is_safe():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+
+        def build(robot, agent):
+            async def safe():
+                robot.did.append("SAFE")
+                await asyncio.sleep(5.0)
+
+            return over_beliefs(problems.dec_tiger())(robot, agent, safe_action=safe)
+
+        left, right = await started(runtime, tigers(), network, build)
+        await asyncio.sleep(0.5)
+        left.ensemble.safety.endanger("mine", "why not", runtime.clock.now())
+        await asyncio.sleep(0.5)
+        assert left.ensemble.mode == "safe"
+        right.ensemble.stop()
+        await asyncio.sleep(0.5)
+        right.ensemble.start()
+        await asyncio.sleep(0.5)
+        right.observe(None, "hear-left")
+        await asyncio.sleep(6.0)
+        assert history(left) == history(right)
+        assert right.did[-1] == "open-right"
+        left.ensemble.release()
+        await asyncio.sleep(1.0)
+        assert left.ensemble.mode == right.ensemble.mode == "deciding"
+        assert left.did == ["listen", "SAFE", "open-right"]
+
+    run_virtual(main)

@@ -8,6 +8,7 @@ import sys
 import pytest
 
 import mdm
+from mdm.team.ceilings import Ceiling
 from mdm.team.team import Agent, Team
 
 
@@ -42,7 +43,7 @@ def test_drives():
         ({"agents": ["a", "a"]}, "two agents are called 'a'"),
         ({"agents": ["a", "b*"]}, "the name of an agent has"),
         ({"agents": [("a", "tcp/h:1"), ("b", "tcp/h:1")]}, "two agents listen at 'tcp/h:1'"),
-        ({"agents": [("a", "nowhere")]}, "an endpoint is|the endpoint of agent 'a'"),
+        ({"agents": [("a", "nowhere")]}, "an endpoint is a protocol, a host and a port"),
         ({"mode": "anarchy"}, "mode is 'replicated' or"),
         ({"quorum": "all"}, "quorum is 'majority' or 'continue'"),
         ({"period": 0}, "period is a number of seconds"),
@@ -51,6 +52,7 @@ def test_drives():
         ({"period": 1.0, "deadline": 2.0}, "the next begins after 1 s"),
         ({"lease": -1}, "lease is a number of seconds"),
         ({"max_age": "long"}, "max_age is a number of seconds"),
+        ({"ceilings": [Ceiling("mdm/**", rate=-1.0)]}, "ceilings"),
         ({"controller": "a"}, "a controller is for centralised teams"),
         ({"controller": "c", "mode": "centralised"}, "has no agent 'c'"),
     ],

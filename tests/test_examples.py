@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
+import shutil
+import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 from places import EXAMPLES
+from team_file import running
+from team_processes import histories, on_free_ports, up
+
+import mdm
+from mdm.team import Committed
 
 
 def run(name, *arguments):
@@ -100,3 +109,95 @@ def test_the_patrol_s_policies_can_be_made_again(tmp_path):
     assert (folder / "rooms.vf").read_text().count("-1\n") == (EXAMPLES / "patrol" / "rooms.vf").read_text().count(
         "-1\n"
     )
+
+
+@contextmanager
+def modules(*names):
+    """Import modules of examples anew, and forget them."""
+    before = list(sys.path)
+    try:
+        yield
+    finally:
+        sys.path[:] = before
+        for name in names:
+            sys.modules.pop(name, None)
+
+
+def decided(name, seconds, look=lambda systems: None):
+    """Run a team's example in virtual time; return what each agent's copy went through, by agent and step."""
+
+    async def main():
+        steps = {}
+        async with running(EXAMPLES / "team" / name, delay=0.01) as (systems, _):
+            for agent, system in systems.items():
+                own = steps[agent] = {}
+
+                def keep(commit, own=own):
+                    own[commit.step] = (commit.input, commit.action, commit.digest)
+
+                system.runtime.channel(f"{agent}/commits", Committed).subscribe(keep)
+            for _ in range(10 * seconds):
+                await asyncio.sleep(0.1)
+                look(systems)
+        return steps
+
+    return mdm.run(main, virtual=True)
+
+
+def test_two_robots_patrol_and_meet():
+    seen = set()
+
+    def look(systems):
+        module = sys.modules["robots"]
+        ada, bob = (module.ROOMS[robot.room] for robot in (module.ada, module.bob))
+        seen.add((ada, bob, module.ada.news))
+
+    with modules("robots", "make_models"):
+        steps = decided("meeting.toml", 60, look)
+    assert len(steps["ada"]) >= 110
+    shared = steps["ada"].keys() & steps["bob"].keys()
+    assert len(shared) >= 110
+    assert all(steps["ada"][step] == steps["bob"][step] for step in shared)
+    assert ("West", "East", False) in seen  # they patrol,
+    assert ("Hall", "Hall", False) in seen  # and meet
+
+
+def test_carriers_unload_one_at_a_time(capsys):
+    with modules("carriers"):
+        steps = decided("carriers.toml", 60)
+    assert len(steps["a"]) >= 20
+    assert steps["a"] == steps["d"]
+    lines = capsys.readouterr().out.splitlines()
+    assert lines.count("unloaded") >= 10
+    assert lines.count("at the dock") >= lines.count("unloaded")
+    for joint in {action for _, action, _ in steps["a"].values() if action is not None}:
+        assert joint.split().count("Unload") <= 1
+
+
+def test_a_robot_is_controlled_from_off_board(capsys):
+    with modules("doors"):
+        steps = decided("offboard.toml", 30)
+    assert len(steps["base"]) >= 50
+    lines = capsys.readouterr().out.splitlines()
+    assert sum("listens" in line for line in lines) >= 20
+    assert sum("opens" in line for line in lines) >= 3
+
+
+@pytest.mark.parametrize(("name", "agent"), [("meeting", "bob"), ("carriers", "d"), ("offboard", "robot")])
+def test_teams_run_in_processes_of_their_own(tmp_path, name, agent):
+    shutil.copytree(EXAMPLES / "team", tmp_path / "team")
+    for file in ("tiger.pomdp", "tiger.vf"):
+        shutil.copy(EXAMPLES / file, tmp_path / file)
+    path = tmp_path / "team" / f"{name}.toml"
+    path.write_text(on_free_ports(path.read_text()))
+    with up(path, "--decisions", tmp_path / "decided") as team:
+        team.hear(agent=agent, event="output", times=5)
+        team.process.send_signal(signal.SIGTERM)
+        status, records = team.end()
+    assert status == 128 + signal.SIGTERM
+    assert not [record for record in records if record["event"] == "failed"]
+    first, *others = histories(tmp_path / "decided").values()
+    for other in others:
+        shared = first.keys() & other.keys()
+        assert len(shared) >= 2
+        assert all(first[step] == other[step] for step in shared)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import argparse
 
+    from mdm.team import Team
+
 __all__ = ["add_parser", "run"]
 
 
@@ -31,8 +33,12 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.cli.document import load  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.cli.report import as_json  # noqa: PLC0415
     from mdm.cli.wiring import lines  # noqa: PLC0415
-    from mdm.config import System  # noqa: PLC0415
+    from mdm.config import System, load_team  # noqa: PLC0415
+    from mdm.formats.source import suffixes  # noqa: PLC0415
 
+    team = load_team(arguments.file) if suffixes(arguments.file) == ".toml" else None
+    if team is not None:
+        return _tell_team(arguments, team)
     document = load(arguments.file)
     if arguments.json:
         print(as_json(document.facts()))
@@ -43,6 +49,38 @@ def run(arguments: argparse.Namespace) -> int:
             if value is None or value == []:
                 continue
             print(f"{key.replace('_', ' '):24}{_text(value)}")
+    return 0
+
+
+def _tell_team(arguments: argparse.Namespace, team: Team) -> int:
+    """Describe a team's file: the team, and what each agent runs of it."""
+    from mdm.cli.document import Document  # noqa: PLC0415
+    from mdm.cli.report import as_json  # noqa: PLC0415
+    from mdm.cli.wiring import lines  # noqa: PLC0415
+    from mdm.config import load_system  # noqa: PLC0415
+
+    systems = {agent.name: load_system(arguments.file, agent=agent.name) for agent in team.agents}
+    facts: dict[str, Any] = {
+        "kind": "team",
+        "name": team.name,
+        "mode": team.mode,
+        "steps": "at each event" if team.period is None else f"every {team.period:g} s",
+        "deadline": team.deadline,
+        "quorum": team.quorum,
+        "lease": team.lease,
+        "max_age": team.max_age,
+    }
+    if arguments.json:
+        agents = {
+            agent.name: {"endpoint": agent.endpoint, **Document(systems[agent.name]).facts()} for agent in team.agents
+        }
+        print(as_json({**facts, "agents": agents}))
+        return 0
+    for key, value in facts.items():
+        print(f"{key.replace('_', ' '):24}{_text(value)}")
+    for agent in team.agents:
+        system = systems[agent.name]
+        print("\n".join(["", f"{agent.name} at {agent.endpoint}", "", system.tree(), *lines(system)]))
     return 0
 
 

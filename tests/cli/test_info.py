@@ -39,3 +39,15 @@ def test_info_tells_the_false_negative(mdm, tmp_path):
     status, _, errors = mdm("convert", tmp_path / "tiger.npz", tmp_path / "tiger.pomdp")
     assert (status, len(errors.splitlines())) == (1, 1)
     assert ".pomdp files cannot mark an observation as a false negative" in errors
+
+
+def test_a_team_is_told_agent_by_agent(mdm, facts):
+    path = EXAMPLES / "team" / "offboard.toml"
+    status, output, errors = mdm("info", path)
+    assert (status, errors) == (0, "")
+    assert ["name", "offboard"] in [line.split() for line in output]
+    at = output.index("base at tcp/127.0.0.1:7471")
+    assert any("doors:Robot.listen" in line for line in output[:at])
+    assert not any("doors:Robot.listen" in line for line in output[at:])
+    told = facts("info", path)
+    assert (told["kind"], told["steps"], list(told["agents"])) == ("team", "every 0.5 s", ["robot", "base"])

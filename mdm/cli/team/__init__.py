@@ -28,7 +28,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         "team",
         help="run a team, and ask it how it is",
         description="Run the agents of a team's TOML file, one process per agent, and ask them how they are.",
-        epilog="example: mdm team up examples/team/meeting/meeting.toml --seconds 20",
+        epilog="example: mdm team up examples/team/meeting.toml --seconds 20",
     )
     kinds = parser.add_subparsers(dest="team_verb", metavar="VERB", required=True)
     for name, module in VERBS.items():

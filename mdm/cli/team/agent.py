@@ -18,7 +18,7 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
         name,
         help="run one agent in this process",
         description="Run one agent of a team until Ctrl-C, SIGTERM, --seconds, or --epochs of its decisions.",
-        epilog="example: mdm team run examples/team/meeting/meeting.toml --agent ada",
+        epilog="example: mdm team run examples/team/meeting.toml --agent ada",
     )
     add_arguments(parser)
     return parser

@@ -19,7 +19,7 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
         name,
         help="list everything that keeps an agent from running",
         description="List everything that `mdm team run` would refuse, at every agent, without running anything.",
-        epilog="example: mdm team check examples/team/meeting/meeting.toml",
+        epilog="example: mdm team check examples/team/meeting.toml",
     )
     parser.add_argument("file", metavar="FILE", help="the TOML file")
     parser.add_argument("--json", action="store_true", help="one JSON object")

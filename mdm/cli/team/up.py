@@ -29,7 +29,7 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
             "Run all agents of a team on this machine, a process each, until Ctrl-C, SIGTERM or --seconds. A process "
             "that fails is started again. The exit status is 1 if any agent has failed."
         ),
-        epilog="example: mdm team up examples/team/meeting/meeting.toml --seconds 20 --decisions decided",
+        epilog="example: mdm team up examples/team/meeting.toml --seconds 20 --decisions decided",
     )
     parser.add_argument("file", metavar="FILE", help="the TOML file")
     parser.add_argument("--seconds", metavar="N", type=seconds, help="end in order after N seconds")

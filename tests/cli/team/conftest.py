@@ -1,78 +1,29 @@
-"""Teams in processes of their own, on ports that nobody has."""
+"""Teams of rooms, in processes of their own."""
 
 from __future__ import annotations
 
-import json
 import sys
-import threading
-from contextlib import contextmanager
 
 import pytest
-from programs import python
+import team_processes
 from team_file import write
-from transports import endpoint
-
-
-def on_free_ports(folder, *changes):
-    """Write the file of the team of rooms, whose agents listen where nobody else does."""
-    agents = ", ".join(f'{{ name = "{name}", endpoint = "{endpoint()}" }}' for name in "ab")
-    return write(folder, ('["a", "b"]\nport = 7600', f"[{agents}]"), *changes)
-
-
-class Up:
-    """A running `mdm team up`, and what it says."""
-
-    def __init__(self, process):
-        self.process = process
-        self.records = []
-        self._came = threading.Condition()
-        self._readers = [threading.Thread(target=self._read, args=(pipe,)) for pipe in (process.stdout, process.stderr)]
-        for reader in self._readers:
-            reader.start()
-
-    def _read(self, pipe):
-        for line in pipe:
-            with self._came:
-                self.records.append(json.loads(line) if line.startswith("{") else {"event": "line", "text": line})
-                self._came.notify_all()
-
-    def hear(self, times=1, **wanted):
-        """Wait until something was said so many times; return the last record of it."""
-
-        def heard():
-            return [record for record in self.records if all(record.get(key) == value for key, value in wanted.items())]
-
-        with self._came:
-            assert self._came.wait_for(lambda: len(heard()) >= times, 60), (wanted, self.records)
-            return heard()[times - 1]
-
-    def end(self):
-        """Wait for its end; return its status, and what it said."""
-        status = self.process.wait(60)
-        for reader in self._readers:
-            reader.join()
-        return status, self.records
 
 
 @pytest.fixture
 def up():
-    """Start `mdm team up` on a file, and yield what it says."""
-
-    @contextmanager
-    def start(path, *options):
-        with python("-m", "mdm", "team", "up", path, "--log", "json", *options) as process:
-            try:
-                yield Up(process)
-            finally:
-                process.terminate()
-                process.wait(60)
-
-    return start
+    return team_processes.up
 
 
 @pytest.fixture
 def free(tmp_path):
-    return lambda *changes: on_free_ports(tmp_path, *changes)
+    """Write the file of the team of rooms, with replacements, whose agents listen where nobody else does."""
+
+    def make(*changes):
+        path = write(tmp_path, *changes)
+        path.write_text(team_processes.on_free_ports(path.read_text().replace("port = 7600\n", "")))
+        return path
+
+    return make
 
 
 @pytest.fixture(autouse=True)

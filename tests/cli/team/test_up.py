@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 
 import pytest
+from team_processes import histories
 
 PRINTING = (
     ("[predicates]\n", "[predicates]\n"),
@@ -39,17 +39,6 @@ def team(free, tmp_path):
 
 def pid(record):
     return int(record["text"].split()[1])
-
-
-def histories(folder):
-    """The steps of each agent that it shares with the others, and how many these are."""
-    steps = {}
-    for path in folder.iterdir():
-        told = [json.loads(line) for line in path.read_text().splitlines()]
-        steps[path.stem] = {
-            (tuple(one["term"]), one["step"]): (one["input"], one["action"], one["digest"]) for one in told
-        }
-    return steps
 
 
 def test_agents_decide_together_and_end_in_order(team, up, tmp_path):

@@ -11,8 +11,9 @@ from mdm.config.declarations import Declarations
 from mdm.config.ensembles import Ensembles
 from mdm.config.functions import Functions
 from mdm.config.problems import Problems
-from mdm.config.share import Share, read_team
+from mdm.config.share import Share
 from mdm.config.system import System
+from mdm.config.team_file import TeamFile, read_team
 from mdm.errors import ConfigError
 from mdm.runtime.emergency import check_emergency
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from mdm.team import Team
     from mdm.team.transport import Transport
 
-__all__ = ["load_system", "load_team"]
+__all__ = ["load_system", "load_team", "load_team_file"]
 
 
 def load_system(
@@ -59,6 +60,16 @@ def load_team(path: str | Path) -> Team | None:
     Raises:
         ConfigError: If the file cannot be read, or with all problems of its table ``team``.
     """
+    described = load_team_file(path)
+    return None if described is None else described.team
+
+
+def load_team_file(path: str | Path) -> TeamFile | None:
+    """Return the team that a TOML file describes, with where its certificates are; None where it describes none.
+
+    Raises:
+        ConfigError: If the file cannot be read, or with all problems of its table ``team``.
+    """
     return _Builder(Path(path), callbacks=False).team()
 
 
@@ -71,14 +82,14 @@ class _Builder:
         self._problems = Problems(path)
         self._functions = Functions(path.parent, self._problems, callbacks=callbacks)
 
-    def team(self) -> Team | None:
+    def team(self) -> TeamFile | None:
         """Return the team, or raise its problems."""
         document = self._read()
         if "team" not in document:
             return None
-        team = read_team(document["team"], self._problems)
+        described = read_team(document["team"], self._path.parent, self._problems)
         self._problems.raise_all()
-        return team
+        return described
 
     def system(self, agent: str | None, **options: Any) -> System:
         """Return the system, or raise all problems."""
@@ -87,7 +98,7 @@ class _Builder:
         for key in document:
             if key not in known:
                 self._problems.add(f"there is no key {key!r} here; the keys are {', '.join(known)}", key)
-        share = self._share(document, agent)
+        described, share = self._share(document, agent)
         declarations = Declarations(self._problems, share)
         declarations.declare(document)
         declarations.declare_others(document.get("ensembles"))
@@ -96,8 +107,10 @@ class _Builder:
         tasks = self._tasks(self._own_tasks(document, share))
         emergency = self._emergency(document.get("emergency"))
         member = None
-        if share is not None and builder.complete:
+        if described is not None and share is not None and builder.complete:
             with self._problems.collecting("team"):
+                if options.get("transport") is None:
+                    options |= described.options(share.agent)
                 joint = [ensembles[name] for name in builder.joint]
                 member = share.team.member(share.agent, *joint, placement=builder.joint, **options)
         declarations.check()
@@ -108,19 +121,20 @@ class _Builder:
         self._problems.raise_all()
         return System(declarations.manager, ensembles, tasks, member=member, emergency=emergency)
 
-    def _share(self, document: dict[str, Any], agent: str | None) -> Share | None:
-        """Return what of a team's file is the agent's."""
+    def _share(self, document: dict[str, Any], agent: str | None) -> tuple[TeamFile, Share] | tuple[None, None]:
+        """Return the team, and what of its file is the agent's."""
         if "team" not in document:
             if agent is not None:
                 self._problems.add(f"there is no table [team] in this file, and so no agent {agent!r}", "team")
                 self._problems.raise_all()
-            return None
-        team = read_team(document["team"], self._problems)
-        if team is not None:
+            return None, None
+        described = read_team(document["team"], self._path.parent, self._problems)
+        if described is not None:
             with self._problems.collecting("team.agents"):
                 if agent is None:
-                    raise ConfigError(f"this file describes a team: say which agent's part: {', '.join(team.names)}")
-                return Share(team, agent)
+                    names = ", ".join(described.team.names)
+                    raise ConfigError(f"this file describes a team: say which agent's part: {names}")
+                return described, Share(described.team, agent)
         self._problems.raise_all()
         raise AssertionError
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from mdm.config.tables import AgentTable, PlacementTable, TeamTable
+from mdm.config.tables import PlacementTable
 from mdm.errors import ConfigError
 from mdm.logic import Formula, P, similar
-from mdm.team import Placement, Team
+from mdm.team import Placement
 from mdm.team.ownership import matched
 
 if TYPE_CHECKING:
@@ -15,36 +15,11 @@ if TYPE_CHECKING:
 
     from mdm.config.problems import Problems
     from mdm.config.tables import EnsembleTable
+    from mdm.team import Team
 
-__all__ = ["Seat", "Share", "read_team"]
+__all__ = ["Seat", "Share"]
 
 _BINDING = ("call", "ensemble")
-
-
-def read_team(given: object, problems: Problems) -> Team | None:
-    """Return the team that a file's table ``team`` describes; None where it has problems, which are noted.
-
-    Agents without an endpoint listen on this machine's loopback, at the table's ``port`` and those that follow: the
-    first agent at ``port``, the second at ``port`` + 1.
-    """
-    table: TeamTable | None = problems.convert(given, TeamTable, "team")
-    if table is None:
-        return None
-    agents: list[tuple[str, str]] = []
-    for place, given_agent in enumerate(table.agents):
-        written = {"name": given_agent} if isinstance(given_agent, str) else given_agent
-        agent: AgentTable | None = problems.convert(written, AgentTable, f"team.agents.{place}")
-        if agent is None:
-            return None
-        port = table.port + place
-        if agent.endpoint is None and port > 65535:
-            problems.add(f"agent {agent.name!r} would listen at port {port}, and 65535 is the last", "team.port")
-            return None
-        agents.append((agent.name, agent.endpoint or f"tcp/127.0.0.1:{port}"))
-    options = {key: getattr(table, key) for key in table.__struct_fields__ if key not in {"name", "agents", "port"}}
-    with problems.collecting("team"):
-        return Team(table.name, agents, **options)
-    return None
 
 
 class Seat(NamedTuple):

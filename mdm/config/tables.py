@@ -10,6 +10,8 @@ from msgspec import Meta
 __all__ = [
     "ActionTable",
     "AgentTable",
+    "AllowanceTable",
+    "CeilingTable",
     "EnsembleTable",
     "EventTable",
     "ObservationTable",
@@ -156,3 +158,23 @@ class TeamTable(_Table, frozen=True):
     controller: str | None = None
     lease: Seconds = 1.0
     max_age: Seconds = 1.0
+    access: str | None = None
+    allowance: Any = None
+    ceilings: list[Any] = []
+
+
+class AllowanceTable(_Table, frozen=True):
+    """What an agent may send; see `mdm.team.allowance.Allowance`."""
+
+    messages: float | None = None
+    bytes: float | None = None
+    burst: float = 1.0
+
+
+class CeilingTable(_Table, frozen=True):
+    """What Zenoh lets through at most; see `mdm.team.ceilings.Ceiling`."""
+
+    keys: str
+    rate: float | None = None
+    size: int | None = None
+    priority: Literal["step", "value", "bulk"] | None = None

@@ -18,7 +18,10 @@ from mdm.team.keys import ROOT, check_name, join
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Access", "access_settings"]
+__all__ = ["OPERATOR", "Access", "access_settings"]
+
+OPERATOR = "operator"
+"""Whose certificate somebody shows who is none of the agents: it lets them ask and call, and put nothing."""
 
 _OWN = ("put", "delete", "reply", "declare_queryable", "liveliness_token")
 _ANY = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
@@ -71,6 +74,9 @@ def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]
         rules.append(_rule(f"own {name}", ["ingress"], _OWN, _whole(team, name)))
         subjects.append({"id": name, "cert_common_names": [name]})
         policies.append({"rules": ["all", "ask", f"own {name}"], "subjects": [name]})
+    if OPERATOR not in agents:
+        subjects.append({"id": OPERATOR, "cert_common_names": [OPERATOR]})
+        policies.append({"rules": ["all", "ask"], "subjects": [OPERATOR]})
     return {
         "transport": {
             "link": {

@@ -161,4 +161,8 @@ def test_zenoh_takes_the_settings(files):
     zenoh = pytest.importorskip("zenoh")
     made = access_settings(files["a"], "team", "a", AGENTS)
     zenoh.Config.from_json5(json.dumps(made))
-    assert [subject["cert_common_names"] for subject in made["access_control"]["subjects"]] == [["b"], ["c"]]
+    assert [subject["cert_common_names"] for subject in made["access_control"]["subjects"]] == [
+        ["b"],
+        ["c"],
+        ["operator"],
+    ]

@@ -19,16 +19,24 @@ _PATIENCE = 1.0
 
 
 @asynccontextmanager
-async def asking(team: Team) -> AsyncIterator[tuple[Session, Mapping[str, int]]]:
-    """Yield a session that asks, and the agents that were there within a second, by incarnation."""
-    from mdm.team.session import Session  # noqa: PLC0415 - `mdm --help` needs no numpy
+async def asking(file: str, team: Team) -> AsyncIterator[tuple[Session, Mapping[str, int]]]:
+    """Yield a session that asks, and the agents that were there within a second, by incarnation.
 
+    Where the file has certificates, it shows that of the operator.
+    """
+    from mdm.config import load_team_file  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.team.access import OPERATOR, access_settings  # noqa: PLC0415
+    from mdm.team.session import Session  # noqa: PLC0415
+
+    described = load_team_file(file)
+    access = None if described is None else described.access(OPERATOR)
     session = Session(
         team.name,
         f"asker-{os.getpid()}",
         listen=[],
         connect=[agent.endpoint for agent in team.agents if agent.endpoint is not None],
         lease=team.lease,
+        configuration=None if access is None else access_settings(access, team.name, OPERATOR, team.names),
     )
     live: dict[str, int] = {}
     complete = asyncio.Event()

@@ -18,8 +18,8 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
         name,
         help="make certificates to try a team with",
         description=(
-            "Write the certificate of an authority, and a certificate and key for each agent of a team. They are for "
-            "trying; needs mdm[certificates]."
+            "Write the certificate of an authority, and a certificate and key for each agent of a team, and for the "
+            "operator, as whom `mdm team status` asks. They are for trying; needs mdm[certificates]."
         ),
         epilog="example: mdm team certificates examples/team/meeting.toml -o certificates",
     )
@@ -32,10 +32,12 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
 def run(arguments: argparse.Namespace) -> int:
     """Write the certificates; return the exit status."""
     from mdm.cli.team.file import team_of  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.team.access import OPERATOR  # noqa: PLC0415
     from mdm.team.certificates import make_certificates  # noqa: PLC0415
 
     team = team_of(arguments.file)
     hosts = {agent.name: [_host(agent.endpoint or "")] for agent in team.agents}
+    hosts.setdefault(OPERATOR, [])
     made = make_certificates(arguments.output, hosts, days=arguments.days)
     print(f"{arguments.output}: certificates of an authority and {', '.join(made)}, valid for {arguments.days} days")
     return 0

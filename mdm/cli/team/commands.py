@@ -47,12 +47,12 @@ def run(arguments: argparse.Namespace) -> int:
         hint = similar(wanted, ensembles) or f"; there are {', '.join(ensembles)}"
         raise Error(f"team {team.name!r} has no ensemble {wanted!r}{hint}")
     chosen = ensembles if wanted is None else {wanted: ensembles[wanted]}
-    for ensemble, agent in asyncio.run(_tell(team, arguments.team_verb, chosen)).items():
+    for ensemble, agent in asyncio.run(_tell(arguments.file, team, arguments.team_verb, chosen)).items():
         print(f"{ensemble}: {arguments.team_verb}, said to {agent}")
     return 0
 
 
-async def _tell(team: Team, call: str, ensembles: dict[str, list[str]]) -> dict[str, str]:
+async def _tell(file: str, team: Team, call: str, ensembles: dict[str, list[str]]) -> dict[str, str]:
     """Tell one agent of each ensemble, which tells the others; return who was told.
 
     Raises:
@@ -62,7 +62,7 @@ async def _tell(team: Team, call: str, ensembles: dict[str, list[str]]) -> dict[
     from mdm.team.calls import ask  # noqa: PLC0415
 
     told: dict[str, str] = {}
-    async with asking(team) as (session, live):
+    async with asking(file, team) as (session, live):
         for name, agents in ensembles.items():
             for agent in agents:
                 answer = (

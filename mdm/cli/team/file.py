@@ -34,16 +34,21 @@ def systems_of(file: str, team: Team, *, callbacks: bool) -> tuple[dict[str, Sys
     Args:
         file: The file.
         team: Its team.
-        callbacks: Whether functions are imported.
+        callbacks: Whether functions are imported, and certificates read.
     """
     from mdm.config import load_system  # noqa: PLC0415
     from mdm.errors import ConfigError  # noqa: PLC0415
+    from mdm.runtime import VirtualClock  # noqa: PLC0415
+    from mdm.team import Network  # noqa: PLC0415
+
+    nobody = Network(VirtualClock(), team=team.name)
 
     systems: dict[str, System] = {}
     at: dict[str, list[str]] = {}
     for agent in team.names:
         try:
-            systems[agent] = load_system(file, agent=agent, callbacks=callbacks)
+            transport = None if callbacks else nobody.transport(agent)
+            systems[agent] = load_system(file, agent=agent, callbacks=callbacks, transport=transport)
         except ConfigError as error:
             for problem in error.problems:
                 at.setdefault(str(problem), []).append(agent)

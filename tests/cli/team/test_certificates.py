@@ -10,7 +10,7 @@ def test_each_agent_has_a_certificate(mdm, free, tmp_path):
     team = free()
     folder = tmp_path / "keys"
     status, output, _ = mdm("team", "certificates", team, "-o", folder, "--days", "3")
-    assert (status, output) == (0, [f"{folder}: certificates of an authority and a, b, valid for 3 days"])
+    assert (status, output) == (0, [f"{folder}: certificates of an authority and a, b, operator, valid for 3 days"])
     names = {"a.key.pem", "a.pem", "authority.pem", "b.key.pem", "b.pem"}
     assert {path.name for path in folder.iterdir()} >= names
     status, _, errors = mdm("team", "certificates", team, "-o", folder)

@@ -63,3 +63,20 @@ def test_one_that_does_not_answer_is_told(mdm, free, up, tmp_path):
         status, _, errors = asked(mdm, team, agents=1)
         assert status == 1
         assert errors == "mdm team status: no answer from b\n"
+
+
+def test_the_operator_of_a_team_with_certificates_may_ask(mdm, free, up, tmp_path):
+    pytest.importorskip("cryptography", reason="the extra mdm[certificates]")
+    team = free(('name = "rooms"', 'name = "rooms"\naccess = "keys"'))
+    team.write_text(team.read_text().replace("tcp/", "tls/"))
+    assert mdm("team", "certificates", team, "-o", tmp_path / "keys")[0] == 0
+    with up(team) as running:
+        for agent in "ab":
+            running.hear(agent=agent, event="running", actor=agent)
+        assert asked(mdm, team)[0] == 0
+        assert mdm("team", "stop", team)[0] == 0
+        asked(mdm, team, mode="stopped")
+        (tmp_path / "keys" / "operator.pem").unlink()
+        status, _, errors = mdm("team", "status", team)
+        assert status == 1
+        assert "operator.pem" in errors

@@ -1,0 +1,98 @@
+"""The team of a file: what its table ``team`` says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from mdm.config.tables import AgentTable, AllowanceTable, CeilingTable, TeamTable
+from mdm.team import Team
+from mdm.team.access import Access
+from mdm.team.allowance import Allowance
+from mdm.team.ceilings import Ceiling
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from mdm.config.problems import Problems
+
+__all__ = ["TeamFile", "read_team"]
+
+
+class TeamFile:
+    """A team as a file describes it.
+
+    Args:
+        team: The team.
+        certificates: The folder of certificates, None where anybody may talk to the team.
+        allowance: What each agent may send; anything where there is none.
+    """
+
+    def __init__(self, team: Team, certificates: Path | None, allowance: AllowanceTable | None) -> None:
+        self.team = team
+        self._certificates = certificates
+        self._allowance = allowance
+
+    def access(self, name: str) -> Access | None:
+        """Return where the certificates are of an agent, or of whoever else has some, by name."""
+        if self._certificates is None:
+            return None
+        files = (self._certificates / file for file in ("authority.pem", f"{name}.pem", f"{name}.key.pem"))
+        return Access(*map(str, files))
+
+    def options(self, agent: str) -> dict[str, Any]:
+        """Return what a member of the team takes besides.
+
+        Raises:
+            ConfigError: If the allowance is none.
+        """
+        allowance = None if self._allowance is None else Allowance(**msgspec.structs.asdict(self._allowance))
+        return {"access": self.access(agent), "allowance": allowance}
+
+
+def read_team(given: object, folder: Path, problems: Problems) -> TeamFile | None:
+    """Return the team that a file's table ``team`` describes; None where it has problems, which are noted.
+
+    Agents without an endpoint listen on this machine's loopback, at the table's ``port`` and those that follow: the
+    first agent at ``port``, the second at ``port`` + 1.
+
+    Args:
+        given: The table.
+        folder: The file's folder, to which that of certificates is relative.
+        problems: Where problems are noted.
+    """
+    table: TeamTable | None = problems.convert(given, TeamTable, "team")
+    if table is None:
+        return None
+    agents = _agents(table, problems)
+    allowance = None if table.allowance is None else problems.convert(table.allowance, AllowanceTable, "team.allowance")
+    ceilings = [
+        problems.convert(ceiling, CeilingTable, f"team.ceilings.{place}")
+        for place, ceiling in enumerate(table.ceilings)
+    ]
+    if agents is None or None in ceilings or (allowance is None and table.allowance is not None):
+        return None
+    apart = {"name", "agents", "port", "access", "allowance", "ceilings"}
+    options: dict[str, Any] = {key: getattr(table, key) for key in table.__struct_fields__ if key not in apart}
+    options["ceilings"] = [Ceiling(**msgspec.structs.asdict(ceiling)) for ceiling in ceilings]
+    with problems.collecting("team"):
+        team = Team(table.name, agents, **options)
+        return TeamFile(team, None if table.access is None else folder / table.access, allowance)
+    return None
+
+
+def _agents(table: TeamTable, problems: Problems) -> list[tuple[str, str]] | None:
+    protocol = "tcp" if table.access is None else "tls"
+    agents: list[tuple[str, str]] = []
+    for place, given in enumerate(table.agents):
+        written = {"name": given} if isinstance(given, str) else given
+        agent: AgentTable | None = problems.convert(written, AgentTable, f"team.agents.{place}")
+        if agent is None:
+            return None
+        port = table.port + place
+        if agent.endpoint is None and port > 65535:
+            problems.add(f"agent {agent.name!r} would listen at port {port}, and 65535 is the last", "team.port")
+            return None
+        agents.append((agent.name, agent.endpoint or f"{protocol}/127.0.0.1:{port}"))
+    return agents

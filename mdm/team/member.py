@@ -16,6 +16,7 @@ from mdm.team.ceilings import ceiling_settings
 from mdm.team.centralised import CentralisedStatistics, controlling
 from mdm.team.centre import Centre
 from mdm.team.commits import Committed
+from mdm.team.correspondent import Correspondent, CorrespondentStatistics
 from mdm.team.decisions import Decisions
 from mdm.team.link import Link
 from mdm.team.outpost import Outpost
@@ -61,7 +62,7 @@ class MemberStatistics(ActorStatistics, frozen=True):
 
     live: tuple[str, ...]
     lost: tuple[str, ...]
-    layers: dict[str, ReplicaStatistics | CentralisedStatistics]
+    layers: dict[str, ReplicaStatistics | CentralisedStatistics | CorrespondentStatistics]
     transport: TransportStatistics
 
 
@@ -122,7 +123,7 @@ class Member(Actor):
             raise ConfigError(f"the transport is that of agent {transport.agent!r}, not of {agent!r}", key="transport")
         self.link = Link(team, transport)
         given = dict(placement or {})
-        self.layers: dict[str, Replica | Centre | Outpost] = {}
+        self.layers: dict[str, Replica | Centre | Outpost | Correspondent] = {}
         self.lost: tuple[str, ...] = ()
         self._live: tuple[str, ...] = ()
         self.managers = _managers(self.ensembles.values())
@@ -206,12 +207,14 @@ class Member(Actor):
         )
 
 
-def _layer(team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> Replica | Centre | Outpost:
+def _layer(
+    team: Team, ensemble: Ensemble, link: Link, placement: Placement
+) -> Replica | Centre | Outpost | Correspondent:
     """Return what connects an ensemble with those of its name at the other agents."""
     if team.mode == "centralised" or placement.control is not None:
         decides = controlling(team, ensemble, placement) == link.agent
         return (Centre if decides else Outpost)(team, ensemble, link, placement)
-    return Replica(team, ensemble, link, placement)
+    return (Correspondent if team.mode == "communicating" else Replica)(team, ensemble, link, placement)
 
 
 def _session(team: Team, agent: str, allowance: Allowance | None, access: Access | None) -> Transport:

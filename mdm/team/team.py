@@ -18,6 +18,7 @@ from mdm.team.settings import check_endpoint
 
 if TYPE_CHECKING:
     from mdm.actors import Drive, Ensemble
+    from mdm.team.communication import CommunicationPolicy
     from mdm.team.member import Member
     from mdm.team.transport import Transport
 
@@ -62,6 +63,7 @@ class Team:
         max_age: Seconds for which the last word of an agent counts that is lost, or late: its state factors, its
             predicates.
         ceilings: What Zenoh lets through at most, by key.
+        communication: Of a communicating team, what its agents share when; each has a copy. By default `Always`.
 
     Raises:
         ConfigError: If a name cannot be part of a key, two agents have one name, or a setting means nothing.
@@ -87,6 +89,7 @@ class Team:
         lease: float = 1.0,
         max_age: float = 1.0,
         ceilings: Iterable[Ceiling] = (),
+        communication: CommunicationPolicy | None = None,
     ) -> None:
         self.name = check_name(name, "a team", key="team.name")
         self.agents = _agents(agents)
@@ -115,6 +118,12 @@ class Team:
         self.controller = self.names[0] if controller is None else self.check_agent(controller, key="team.controller")
         self.lease = lease
         self.max_age = max_age
+        if communication is not None and self.mode != "communicating":
+            raise ConfigError(
+                f"a communication policy is for communicating teams, but {name!r} is {self.mode}",
+                key="team.communication",
+            )
+        self.communication = communication
         self.ceilings = tuple(ceilings)
         ceiling_settings(self.ceilings)  # which refuses what is none
 

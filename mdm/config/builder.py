@@ -87,7 +87,7 @@ class _Builder:
         document = self._read()
         if "team" not in document:
             return None
-        described = read_team(document["team"], self._path.parent, self._problems)
+        described = read_team(document["team"], self._path.parent, self._functions, self._problems)
         self._problems.raise_all()
         return described
 
@@ -128,7 +128,7 @@ class _Builder:
                 self._problems.add(f"there is no table [team] in this file, and so no agent {agent!r}", "team")
                 self._problems.raise_all()
             return None, None
-        described = read_team(document["team"], self._path.parent, self._problems)
+        described = read_team(document["team"], self._path.parent, self._functions, self._problems)
         if described is not None:
             with self._problems.collecting("team.agents"):
                 if agent is None:

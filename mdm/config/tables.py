@@ -12,6 +12,7 @@ __all__ = [
     "AgentTable",
     "AllowanceTable",
     "CeilingTable",
+    "CommunicationTable",
     "EnsembleTable",
     "EventTable",
     "ObservationTable",
@@ -158,6 +159,7 @@ class TeamTable(_Table, frozen=True):
     controller: str | None = None
     lease: Seconds = 1.0
     max_age: Seconds = 1.0
+    communication: Any = None
     access: str | None = None
     allowance: Any = None
     ceilings: list[Any] = []
@@ -178,3 +180,13 @@ class CeilingTable(_Table, frozen=True):
     rate: float | None = None
     size: int | None = None
     priority: Literal["step", "value", "bulk"] | None = None
+
+
+class CommunicationTable(_Table, frozen=True):
+    """A communication policy; short form: its name."""
+
+    policy: str
+    messages_per_second: float | None = None
+    burst: int | None = None
+    of: str | None = None
+    threshold: float | None = None

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from mdm.config.communication import read_communication
 from mdm.config.tables import AgentTable, AllowanceTable, CeilingTable, TeamTable
 from mdm.team import Team
 from mdm.team.access import Access
@@ -15,6 +16,7 @@ from mdm.team.ceilings import Ceiling
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from mdm.config.functions import Functions
     from mdm.config.problems import Problems
 
 __all__ = ["TeamFile", "read_team"]
@@ -51,7 +53,7 @@ class TeamFile:
         return {"access": self.access(agent), "allowance": allowance}
 
 
-def read_team(given: object, folder: Path, problems: Problems) -> TeamFile | None:
+def read_team(given: object, folder: Path, functions: Functions, problems: Problems) -> TeamFile | None:
     """Return the team that a file's table ``team`` describes; None where it has problems, which are noted.
 
     Agents without an endpoint listen on this machine's loopback, at the table's ``port`` and those that follow: the
@@ -60,6 +62,7 @@ def read_team(given: object, folder: Path, problems: Problems) -> TeamFile | Non
     Args:
         given: The table.
         folder: The file's folder, to which that of certificates is relative.
+        functions: Finds the functions that are named.
         problems: Where problems are noted.
     """
     table: TeamTable | None = problems.convert(given, TeamTable, "team")
@@ -73,9 +76,10 @@ def read_team(given: object, folder: Path, problems: Problems) -> TeamFile | Non
     ]
     if agents is None or None in ceilings or (allowance is None and table.allowance is not None):
         return None
-    apart = {"name", "agents", "port", "access", "allowance", "ceilings"}
+    apart = {"name", "agents", "port", "access", "allowance", "ceilings", "communication"}
     options: dict[str, Any] = {key: getattr(table, key) for key in table.__struct_fields__ if key not in apart}
     options["ceilings"] = [Ceiling(**msgspec.structs.asdict(ceiling)) for ceiling in ceilings]
+    options["communication"] = read_communication(table.communication, functions, problems)
     with problems.collecting("team"):
         team = Team(table.name, agents, **options)
         return TeamFile(team, None if table.access is None else folder / table.access, allowance)

@@ -9,6 +9,7 @@ from team_file import write
 
 from mdm import ConfigError
 from mdm.config import load_system, load_team, load_team_file
+from mdm.config.functions import Functions
 from mdm.config.problems import Problems
 from mdm.config.team_file import read_team
 
@@ -53,7 +54,12 @@ def test_limits_are_those_of_the_file(tmp_path):
 )
 def test_wrong_limits_are_told(given, key, words):
     problems = Problems(Path("team.toml"))
-    assert read_team({"name": "t", "agents": ["a"], **given}, Path(), problems) is None
+    assert (
+        read_team(
+            {"name": "t", "agents": ["a"], **given}, Path(), Functions(Path(), problems, callbacks=False), problems
+        )
+        is None
+    )
     with pytest.raises(ConfigError) as caught:
         problems.raise_all()
     assert key in {problem.key for problem in caught.value.problems}

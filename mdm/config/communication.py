@@ -1,0 +1,73 @@
+"""The communication policy of a file: one of the library's by its name, or a function that makes one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from mdm.config.tables import CommunicationTable
+from mdm.errors import ConfigError
+from mdm.logic import similar
+from mdm.team import Always, Budget, Never, OnChange, ValueOfCommunication
+
+if TYPE_CHECKING:
+    from mdm.config.functions import Functions
+    from mdm.config.problems import Problems
+    from mdm.team import CommunicationPolicy
+
+__all__ = ["read_communication"]
+
+_KINDS: dict[str, tuple[Any, tuple[str, ...], tuple[str, ...]]] = {
+    "always": (Always, (), ()),
+    "never": (Never, (), ()),
+    "on_change": (OnChange, (), ()),
+    "budget": (Budget, ("messages_per_second",), ("of", "burst")),
+    "value_of_communication": (ValueOfCommunication, ("threshold",), ()),
+}
+"""What makes each of them, and the keys that it needs and takes."""
+
+
+def read_communication(
+    given: object, functions: Functions, problems: Problems, *, key: str = "team.communication"
+) -> CommunicationPolicy | None:
+    """Return a communication policy; None where there is none, or it has problems, which are noted.
+
+    Args:
+        given: A name, a function ``module:name`` that returns a policy, or a table of a name and its settings.
+        functions: Finds the function.
+        problems: Where problems are noted.
+        key: Where it stands in the file.
+    """
+    if given is None:
+        return None
+    if isinstance(given, str) and ":" in given:
+        make = functions.find(given, key)
+        return None if make is None else make()
+    written = {"policy": given} if isinstance(given, str) else given
+    table: CommunicationTable | None = problems.convert(written, CommunicationTable, key)
+    if table is not None:
+        with problems.collecting(key):
+            return _policy(table, functions, problems, key)
+    return None
+
+
+def _policy(table: CommunicationTable, functions: Functions, problems: Problems, key: str) -> CommunicationPolicy:
+    if table.policy not in _KINDS:
+        hint = (
+            similar(table.policy, _KINDS) or f"; there are {', '.join(_KINDS)}, and 'module:name' for one of your own"
+        )
+        raise ConfigError(f"there is no communication policy {table.policy!r}{hint}")
+    kind, needed, taken = _KINDS[table.policy]
+    settings = {name: value for name, value in msgspec.structs.asdict(table).items() if value is not None}
+    del settings["policy"]
+    for name in settings:
+        if name not in {*needed, *taken}:
+            raise ConfigError(f"{name!r} means nothing for the communication policy {table.policy!r}")
+    for name in needed:
+        if name not in settings:
+            raise ConfigError(f"the communication policy {table.policy!r} needs {name!r}")
+    if "of" in settings:
+        settings["of"] = read_communication(settings["of"], functions, problems, key=f"{key}.of")
+    policy: CommunicationPolicy = kind(**settings)
+    return policy

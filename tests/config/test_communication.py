@@ -1,0 +1,54 @@
+"""Communication policies by their names in a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mdm import ConfigError
+from mdm.config.communication import read_communication
+from mdm.config.functions import Functions
+from mdm.config.problems import Problems
+from mdm.team import Always, Budget, Never, OnChange, ValueOfCommunication
+
+
+def read(given, folder="."):
+    problems = Problems(Path("team.toml"))
+    policy = read_communication(given, Functions(Path(folder), problems, callbacks=True), problems)
+    problems.raise_all()
+    return policy
+
+
+def test_each_has_a_name(tmp_path, monkeypatch):
+    assert read(None) is None
+    for name, kind in (("always", Always), ("never", Never), ("on_change", OnChange)):
+        assert type(read(name)) is kind
+    budget = read({"policy": "budget", "messages_per_second": 2.0, "of": "on_change"})
+    assert (type(budget), type(budget.of)) == (Budget, OnChange)
+    assert read({"policy": "value_of_communication", "threshold": 0.5}).threshold == 0.5
+    (tmp_path / "talking_code.py").write_text("from mdm.team import Never\ndef make():\n    return Never()\n")
+    import sys
+
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    assert type(read("talking_code:make", tmp_path)) is Never
+    assert ValueOfCommunication
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("alway", "did you mean 'always'"),
+        ("budget", "the communication policy 'budget' needs 'messages_per_second'"),
+        ({"policy": "never", "threshold": 1.0}, "'threshold' means nothing for the communication policy 'never'"),
+        ({"policy": "value_of_communication", "threshold": -1.0}, "threshold"),
+        ({"polic": "never"}, "did you mean 'policy'"),
+        (7, "Expected"),
+        ("nowhere:make", "there is no module 'nowhere'"),
+    ],
+)
+def test_what_is_none_is_told_with_its_key(given, words):
+    with pytest.raises(ConfigError) as caught:
+        read(given)
+    assert words in str(caught.value)
+    assert all(problem.key.startswith("team.communication") for problem in caught.value.problems)

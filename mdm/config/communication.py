@@ -12,6 +12,8 @@ from mdm.logic import similar
 from mdm.team import Always, Budget, Never, OnChange, ValueOfCommunication
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mdm.config.functions import Functions
     from mdm.config.problems import Problems
     from mdm.team import CommunicationPolicy
@@ -43,13 +45,22 @@ def read_communication(
         return None
     if isinstance(given, str) and ":" in given:
         make = functions.find(given, key)
-        return None if make is None else make()
+        with problems.collecting(key):
+            return None if make is None else _made(make, given)
+        return None
     written = {"policy": given} if isinstance(given, str) else given
     table: CommunicationTable | None = problems.convert(written, CommunicationTable, key)
     if table is not None:
         with problems.collecting(key):
             return _policy(table, functions, problems, key)
     return None
+
+
+def _made(make: Callable[[], Any], name: str) -> CommunicationPolicy | None:
+    try:
+        return make()  # type: ignore[no-any-return]
+    except Exception as error:
+        raise ConfigError(f"{name!r} makes no communication policy: {type(error).__name__}: {error}") from None
 
 
 def _policy(table: CommunicationTable, functions: Functions, problems: Problems, key: str) -> CommunicationPolicy:

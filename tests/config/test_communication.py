@@ -10,7 +10,7 @@ from mdm import ConfigError
 from mdm.config.communication import read_communication
 from mdm.config.functions import Functions
 from mdm.config.problems import Problems
-from mdm.team import Always, Budget, Never, OnChange, ValueOfCommunication
+from mdm.team import Always, Budget, Never, OnChange
 
 
 def read(given, folder="."):
@@ -32,7 +32,6 @@ def test_each_has_a_name(tmp_path, monkeypatch):
 
     monkeypatch.setattr(sys, "path", list(sys.path))
     assert type(read("talking_code:make", tmp_path)) is Never
-    assert ValueOfCommunication
 
 
 @pytest.mark.parametrize(
@@ -44,6 +43,7 @@ def test_each_has_a_name(tmp_path, monkeypatch):
         ({"policy": "value_of_communication", "threshold": -1.0}, "threshold"),
         ({"polic": "never"}, "did you mean 'policy'"),
         (7, "Expected"),
+        ("os:kill", "'os:kill' makes no communication policy: TypeError"),
         ("nowhere:make", "there is no module 'nowhere'"),
     ],
 )

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["asking"]
 
-_PATIENCE = 1.0
+_FIRST, _REST = 0.4, 0.6
 
 
 @asynccontextmanager
@@ -50,8 +50,11 @@ async def asking(file: str, team: Team) -> AsyncIterator[tuple[Session, Mapping[
     session.watch(see)
     try:
         await session.open()
-        with suppress(TimeoutError):
-            await asyncio.wait_for(complete.wait(), _PATIENCE)
+        for seconds in (_FIRST, _REST):
+            with suppress(TimeoutError):
+                await asyncio.wait_for(complete.wait(), seconds)
+            if not live:
+                break
         yield session, live
     finally:
         await session.close()

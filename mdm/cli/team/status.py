@@ -38,10 +38,10 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
 def run(arguments: argparse.Namespace) -> int:
     """Ask all agents; return the exit status."""
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.cli.team.file import ensembles_of, team_of  # noqa: PLC0415
+    from mdm.cli.team.file import team_of  # noqa: PLC0415
 
     team = team_of(arguments.file)
-    found = asyncio.run(_ask(arguments.file, team, ensembles_of(arguments.file, team)))
+    found = asyncio.run(_ask(arguments.file, team))
     silent = [agent for agent in team.names if agent not in found]
     if arguments.json:
         print(as_json({"team": team.name, "agents": found, "silent": silent}))
@@ -54,16 +54,17 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if silent else 0
 
 
-async def _ask(file: str, team: Team, ensembles: dict[str, list[str]]) -> dict[str, dict[str, Any]]:
+async def _ask(file: str, team: Team) -> dict[str, dict[str, Any]]:
     """Return what each agent says of each of its ensembles."""
     from mdm.cli.team.asker import asking  # noqa: PLC0415
+    from mdm.cli.team.file import ensembles_of  # noqa: PLC0415
     from mdm.team.calls import ask  # noqa: PLC0415
 
     found: dict[str, dict[str, Any]] = {}
     async with asking(file, team) as (session, live):
         if not live:
             return {}
-        for name in ensembles:
+        for name in ensembles_of(file, team):
             states, figures = await asyncio.gather(
                 ask(session, team, "status", ensemble=name), ask(session, team, "statistics", ensemble=name)
             )

@@ -50,6 +50,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/tree_search.py
 	$(BIN)/python benchmarks/communication.py
 	$(BIN)/python benchmarks/team_bridge.py
+	$(BIN)/python benchmarks/team_latency.py
 
 clean:
 	rm -rf .venv build dist docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis

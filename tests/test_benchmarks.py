@@ -27,12 +27,13 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
         "tree_search",
         "communication",
         "team_bridge",
+        "team_latency",
     ],
 )
 def test_benchmark(tmp_path, name):
     if name == "decision_latency":
         pytest.importorskip("pykka")
-    if name == "team_bridge":
+    if name in {"team_bridge", "team_latency"}:
         pytest.importorskip("zenoh")
     output = tmp_path / "out.json"
     done = subprocess.run(
@@ -57,6 +58,9 @@ def test_benchmark(tmp_path, name):
         assert all(float(row["error"]) <= 1e-3 for row in results["mdps"])
     elif name == "team_bridge":
         assert len(results["bridge"]) == 6
+    elif name == "team_latency":
+        assert len(results["ways"]) == 10
+        assert all(row["steps a second"] > 0 for row in results["steps"])
     elif name == "ticks":
         assert {row["way"] for row in results["ticks"]} == {"mdm", "loop.call_at", "asyncio.sleep"}
     elif name == "tree_search":

@@ -1,0 +1,276 @@
+"""How soon an agent's observation is a callback at another one, and how many joint steps a second a team makes.
+
+Agents are processes. The bare ways are measured in the same processes, in blocks by turns with the team's, so that the
+machine's moods hit all alike; everything is measured pinned to one core, and not.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import os
+import socket
+import statistics
+import time
+from collections import defaultdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from bare import Bare, Tcp
+from measurement import parser, report, table
+
+import mdm
+from mdm.models import POMDP, Factor, Space
+from mdm.policies import AlphaVectors
+from mdm.team import Team
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+LEASE = 10.0  # seconds, so that few beats come between
+FLOOR = "Zenoh, asyncio with eventfd"
+PATHS = ("asyncio TCP", "Zenoh, callback", FLOOR, "centralised", "replicated")
+now = time.monotonic  # one clock for all processes of a machine
+
+
+def doors(agents: int) -> POMDP:
+    """Return a task of so many agents that hear, each for itself, which of two states it is."""
+    hears = np.array([[0.85, 0.15], [0.15, 0.85]])
+    joint = np.ones((2, 1))
+    for _ in range(agents):
+        joint = np.einsum("so,sp->sop", joint, hears).reshape(2, -1)
+    actions = 2**agents
+    return POMDP(
+        [np.full((2, 2), 0.5)] * actions,
+        np.broadcast_to(joint, (actions, 2, joint.shape[1])),
+        np.zeros((2, actions)),
+        discount=0.9,
+        actions=Space([Factor(f"agent{agent}", ["wait", "go"]) for agent in range(agents)]),
+        observation_names=Space([Factor(f"agent{agent}", ["left", "right"]) for agent in range(agents)]),
+    )
+
+
+class Robot:
+    """One agent of a team: observes, and knows when its callback was called."""
+
+    def __init__(self, team: Team, number: int) -> None:
+        model = doors(len(team.names))
+        self.calls: list[float] = []
+        self.left = 0
+        self.done = asyncio.Event()
+        self.ensemble = mdm.Ensemble(
+            "joint",
+            policy=AlphaVectors([[1.0, 0.0], [0.0, 1.0]], [0, len(model.action_space) - 1]),
+            model=model,
+            actions=dict.fromkeys(("wait", "go"), self.act),
+            agent=number,
+        )
+        self.member = team.member(team.names[number], self.ensemble)
+        self._seen = [None if other != number else number % 2 for other in range(len(team.names))]
+        self._size = len(team.names)
+        self._lock_step = False
+
+    def act(self) -> None:
+        """Be the callback."""
+        self.calls.append(now())
+        self.left -= 1
+        if self.left == 0:
+            self.done.set()
+        elif self.left > 0 and self._lock_step:
+            self.observe()
+
+    def observe(self) -> None:
+        """Observe something."""
+        self.ensemble.publish_observation(tuple(self._seen))
+
+    async def ready(self) -> None:
+        """Wait until the whole team decides."""
+        layer = self.member.layers["joint"]
+        while True:
+            members = getattr(layer.statistics(), "members", None)
+            together = members is None or len(members) == self._size
+            if self.calls and together and len(self.member.link.live) == self._size:
+                return
+            await asyncio.sleep(0.02)
+
+    async def paths(self, count: int) -> list[float]:
+        """Observe so many times, each after the callback here of the last; return when."""
+        self._lock_step, began = False, []
+        for _ in range(count):
+            self.left = 1
+            self.done.clear()
+            began.append(now())
+            self.observe()
+            await self.done.wait()
+        return began
+
+    async def steps(self, count: int) -> list[float]:
+        """Observe at each step; return the time between the steps."""
+        self.calls.clear()
+        self.left, self._lock_step = count, True
+        self.done.clear()
+        self.observe()
+        await self.done.wait()
+        self._lock_step = False
+        return list(np.diff(self.calls[:count]))
+
+
+async def work(number: int, ports: dict[str, list[int]], orders: Connection) -> None:
+    """Be one agent, in all ways of it, and do what is ordered."""
+
+    def team(mode: Any) -> Team:
+        agents = [(f"{mode}{place}", f"tcp/127.0.0.1:{port}") for place, port in enumerate(ports[mode])]
+        return Team(mode, agents, mode=mode, lease=LEASE)
+
+    modes = [mode for mode in ("centralised", "replicated") if mode in ports]
+    robots = {mode: Robot(team(mode), number) for mode in modes}
+    bare = Bare(number, ports["bare"], lease=LEASE)
+    tcp = Tcp(number, ports["tcp"][0])
+    async with mdm.Runtime(log=None) as runtime:
+        await bare.open()
+        await tcp.open()
+        for robot in robots.values():
+            await runtime.start(robot.member)
+        for robot in robots.values():
+            await robot.ready()
+        orders.send("ready")
+        while (order := await asyncio.to_thread(orders.recv)) is not None:
+            what, way, count = order
+            if what == "listen":
+                if way in robots:
+                    robots[way].calls.clear()
+                orders.send(None)
+            elif what == "tell":
+                orders.send(robots[way].calls[:count])
+            elif what == "steps":
+                orders.send(await (bare if way == "bare" else robots[way]).steps(count))
+            elif way in robots:
+                orders.send(await robots[way].paths(count))
+            else:
+                orders.send(await (tcp.round_trips(count) if "TCP" in way else bare.round_trips(count, way)))
+        tcp.close()
+        await bare.close()
+
+
+def agent(number: int, ports: dict[str, list[int]], orders: Connection) -> None:
+    """Run one agent."""
+    asyncio.run(work(number, ports, orders))
+
+
+class Agents:
+    """Processes, one for each agent."""
+
+    def __init__(self, count: int, *, centralised: bool) -> None:
+        context = multiprocessing.get_context("spawn")
+        ways = ["bare", "tcp", "replicated", *(["centralised"] if centralised else [])]
+        ports = {way: free(count) for way in ways}
+        self.pipes: list[Connection] = []
+        self.processes = []
+        for number in range(count):
+            pipe, theirs = context.Pipe()
+            self.pipes.append(pipe)
+            self.processes.append(context.Process(target=agent, args=(number, ports, theirs), daemon=True))
+            self.processes[-1].start()
+            theirs.close()
+        for pipe in self.pipes:
+            pipe.recv()
+
+    def path(self, way: str, count: int) -> list[float]:
+        """Return the seconds of so many ways from the second agent to the first."""
+        first, second = self.pipes[:2]
+        first.send(("listen", way, count))
+        first.recv()
+        second.send(("path", way, count))
+        found: list[float] = second.recv()
+        if way not in ("centralised", "replicated"):
+            return [seconds / 2 for seconds in found]  # of a round trip
+        first.send(("tell", way, count))
+        return [there - here for here, there in zip(found, first.recv(), strict=True)]
+
+    def steps(self, way: str, count: int) -> list[float]:
+        """Return the seconds between so many joint steps, at the first agent."""
+        for pipe in self.pipes:
+            pipe.send(("steps", way, count))
+        first: list[float]
+        first, *_ = [pipe.recv() for pipe in self.pipes]
+        return first
+
+    def end(self) -> None:
+        """End them all."""
+        for pipe in self.pipes:
+            pipe.send(None)
+        for process in self.processes:
+            process.join()
+
+
+def free(count: int) -> list[int]:
+    """Return ports that nobody has."""
+    held = [socket.socket() for _ in range(count)]
+    for one in held:
+        one.bind(("127.0.0.1", 0))
+    found = [one.getsockname()[1] for one in held]
+    for one in held:
+        one.close()
+    return found
+
+
+def measure(pinned: str, *, blocks: int, count: int, sizes: tuple[int, ...]) -> tuple[list[Any], list[Any]]:
+    """Return the rows of ways, and of joint steps."""
+    paths: dict[str, list[float]] = defaultdict(list)
+    rows = []
+    for size in sizes:
+        agents = Agents(size, centralised=size == 2)
+        steps: dict[str, list[float]] = defaultdict(list)
+        for block in range(blocks + 1):  # the first warms up
+            for way in PATHS if size == 2 else ():
+                found = agents.path(way, count)
+                paths[way] += found if block else []
+            for way in ("bare", "replicated"):
+                found = agents.steps(way, count)
+                steps[way] += found if block else []
+        agents.end()
+        ours, bare = (statistics.median(steps[way]) for way in ("replicated", "bare"))
+        rows.append(
+            {
+                "processes": pinned,
+                "agents": size,
+                "wait for all, ms": bare * 1e3,
+                "replicated, ms": ours * 1e3,
+                "mean, ms": statistics.mean(steps["replicated"]) * 1e3,
+                "steps a second": round(1 / statistics.mean(steps["replicated"])),
+                "of wait for all": ours / bare,
+            }
+        )
+    floor = statistics.median(paths[FLOOR])
+    return [
+        {
+            "processes": pinned,
+            "way": way,
+            "median, us": statistics.median(found) * 1e6,
+            "90 %, us": float(np.quantile(found, 0.9)) * 1e6,
+            "of eventfd": statistics.median(found) / floor,
+        }
+        for way, found in paths.items()
+    ], rows
+
+
+def main() -> None:
+    """Measure, print and write."""
+    options = parser(__doc__ or "").parse_args()
+    blocks, count = (1, 20) if options.quick else (10, 200)
+    sizes = (2,) if options.quick else (2, 3, 4, 8)
+    ways: list[Any] = []
+    steps: list[Any] = []
+    cores = os.sched_getaffinity(0)
+    for pinned, chosen in (("on one core", {max(cores)}), ("free", cores)):
+        os.sched_setaffinity(0, chosen)  # and with it, of all processes that this one starts
+        of_ways, of_steps = measure(pinned, blocks=blocks, count=count, sizes=sizes)
+        ways += of_ways
+        steps += of_steps
+    table("One way: from an agent's observation to the other's callback, or half a round trip", ways)
+    table("Joint steps: all agents observe at each (medians)", steps)
+    report("team_latency", {"ways": ways, "steps": steps}, options.output)
+
+
+if __name__ == "__main__":
+    main()

@@ -6,7 +6,9 @@ import asyncio
 import os
 import signal
 import sys
-from contextlib import contextmanager
+import threading
+import time
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 import anyio
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
     from mdm.config import System
     from mdm.messages import Decision
     from mdm.runtime import Runtime
+
+_PATIENCE = 30.0
 
 __all__ = ["add_arguments", "add_parser", "run"]
 
@@ -137,12 +141,19 @@ def _load(arguments: argparse.Namespace) -> System:
 
 
 def _end_with_input(runtime: Runtime) -> None:
-    """Shut the runtime down when nothing more can come on standard input, as when its other end is gone."""
+    """Shut the runtime down when standard input ends; what holds the event loop then has half a minute left.
+
+    A thread waits for it, which a callback that holds the loop does not keep from seeing it.
+    """
     loop, descriptor = asyncio.get_running_loop(), sys.stdin.fileno()
 
-    def look() -> None:
-        if not os.read(descriptor, 4096):
-            loop.remove_reader(descriptor)
-            runtime.shut_down()
+    def watch() -> None:
+        with suppress(OSError):
+            while os.read(descriptor, 4096):
+                pass
+        with suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(runtime.shut_down)
+        time.sleep(_PATIENCE)
+        os.kill(os.getpid(), signal.SIGKILL)
 
-    loop.add_reader(descriptor, look)
+    threading.Thread(target=watch, name="mdm:attached", daemon=True).start()

@@ -72,6 +72,7 @@ class Copy:
         self._gone: dict[str, int] = {}
         self._silent: tuple[str, ...] = ()
         self._now = 0
+        self._ahead: dict[str, int] = {}
         self._last: tuple[int | None, ...] | None = None
         self._digest: str | None = None
         if parts.takes != "state":
@@ -171,7 +172,7 @@ class Copy:
 
     def _see(self, said: Mapping[str, Part], silent: set[str], time: int) -> None:
         parts = self.parts
-        self._now = max(self._now, *(part.time for part in said.values())) if said else self._now
+        self._take_times(said)
         for agent, part in said.items():
             for place, value in zip(parts.of[agent], part.values, strict=True):
                 self._kept[place] = value
@@ -188,6 +189,17 @@ class Copy:
         same, self._last = values == self._last, values
         if not (same and self._event_driven):
             self._tell(State(time, parts.index(values), values))
+
+    def _take_times(self, said: Mapping[str, Part]) -> None:
+        """Move the time of this process on by the agents' clocks, which may differ: each counts from its first word.
+
+        One that comes back counts anew, since its clock may have been set.
+        """
+        before = self._now
+        for agent, part in said.items():
+            if agent in self._gone or agent not in self._ahead:
+                self._ahead[agent] = part.time - before
+            self._now = max(self._now, part.time - self._ahead[agent])
 
     def _tell(self, message: State | Observation) -> None:
         """Decide."""
@@ -224,6 +236,7 @@ class Copy:
             sorted(self._gone.items()),
             self._silent,
             self._now,
+            sorted(self._ahead.items()),
             self._last,
         ]
         return _encode(held)
@@ -235,13 +248,14 @@ class Copy:
             ModelError: If it is no snapshot of this process; the copy is unchanged.
         """
         try:
-            control, begun, kept, gone, silent, now, last = msgspec.msgpack.decode(snapshot)
+            control, begun, kept, gone, silent, now, ahead, last = msgspec.msgpack.decode(snapshot)
         except (msgspec.MsgspecError, TypeError, ValueError) as error:
             raise ModelError(f"this is not a copy of an ensemble: {error}") from None
         self._control.restore(control)
         self._digest = None
         self.begun, self._kept, self._gone = begun, kept, dict(gone)
-        self._silent, self._now, self._last = tuple(silent), now, None if last is None else tuple(last)
+        self._silent, self._now, self._ahead = tuple(silent), now, dict(ahead)
+        self._last = None if last is None else tuple(last)
 
     def _facts(self, team: Team) -> dict[str, str]:
         """Return what must be the same at every agent, by what it is."""

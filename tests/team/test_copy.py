@@ -159,3 +159,19 @@ def test_the_last_state_of_who_is_missing_counts_for_a_while():
         assert [state.values for state in heard] == [(0, 1), (1, 1), (0, 1), (0, None), (0, 1)]
 
     run_virtual(main)
+
+
+def test_how_long_a_last_state_counts_does_not_hang_on_clocks_that_differ():
+    async def main(runtime):
+        copy, ensemble = await copied(runtime, Team("rooms", ["a", "b"], period=0.5, max_age=2.0), over_states)
+        states = probe(ensemble.channel("state", State, retain=True))
+        await in_turn(ensemble, copy.command, BEGIN, 0)
+        second, hour = 10**9, 3600 * 10**9
+        await in_turn(ensemble, copy.step, {"a": copy.part(0, [0]), "b": copy.part(hour, [1])}, (), 0)
+        for time in range(1, 4):
+            await in_turn(ensemble, copy.step, {"a": copy.part(time * second, [0])}, ("b",), 0)
+        assert states[-1].values == (0, 1)
+        await in_turn(ensemble, copy.step, {"a": copy.part(4 * second, [0])}, ("b",), 0)
+        assert states[-1].values == (0, None)
+
+    run_virtual(main)

@@ -176,8 +176,16 @@ def matched(team: Team, ensemble: str, names: Sequence[str], placement: Placemen
                 key=f"{key}.placement",
             )
         return tuple(team.check_agent(given[name], key=f"{key}.placement") for name in names)
-    if set(names) <= set(team.names):
+    known = [name for name in names if name in team.names]
+    if len(known) == len(names):
         return tuple(names)
+    if known:
+        other = next(name for name in names if name not in known)
+        raise ConfigError(
+            f"the model of ensemble {ensemble!r} has an agent {known[0]!r}, as team {team.name!r} has, and {other!r}, "
+            f"which the team has not ({', '.join(team.names)}): say in its placement who acts for each",
+            key=f"{key}.placement",
+        )
     if len(names) == len(team.names):
         return team.names
     raise ConfigError(

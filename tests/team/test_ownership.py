@@ -70,3 +70,10 @@ def test_components_are_carried_out_by_name_or_in_order():
         acting(Team("t", ["a", "b", "c"]), joint())
     with pytest.raises(mdm.ConfigError, match="placement of actions names 'agent0'"):
         acting(tigers(), joint(), Placement(actions="left"))
+
+
+def test_agents_that_the_model_and_the_team_have_only_in_part_in_common_are_refused():
+    with pytest.raises(mdm.ConfigError, match="has an agent 'agent1', as team 'tigers' has, and 'agent0', which"):
+        acting(Team("tigers", ["left", "agent1"]), joint())
+    placement = Placement(actions={"agent0": "left", "agent1": "agent1"})
+    assert acting(Team("tigers", ["left", "agent1"]), joint(), placement) == ("left", "agent1")

@@ -80,7 +80,7 @@ class CentralisedStatistics(ActorStatistics, frozen=True):
         leader: The controller.
         step: The last decision, counted from 1.
         digest: Of the controller after it.
-        late: Parts that came after their step.
+        late: Parts that came after their step, or could not be said while the controller was not there.
         malformed: Messages that were none.
     """
 

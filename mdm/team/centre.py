@@ -70,6 +70,7 @@ class Centre(TeamLayer):
         """Take note of who is live: who has just come is told what is decided; nobody waits for who is gone."""
         self._put()
         self._close(late=False)
+        self.assess(self.runtime.clock.now())
 
     # -- What the agents say -------------------------------------------------------------------------------------
 

@@ -53,6 +53,7 @@ class Outpost(TeamLayer):
         self._here = False
         self._checked: int | None = None
         self._refusal: str | None = None
+        self._unsaid = 0
 
     def on_start(self) -> None:
         """Listen to the own layers and to the controller."""
@@ -72,8 +73,10 @@ class Outpost(TeamLayer):
         """Say what this agent has seen."""
         if not self.team.event_driven:
             self.link.put(self._key, encode(Said(0, self.tick, part, None)), priority="step")
-        elif part is not None:
+        elif part is not None and (self._here or self.parts.takes == "state"):
             self._queue(part, None)
+        elif part is not None:
+            self._unsaid += 1
 
     def _queue(self, part: bytes | None, command: str | None) -> None:
         """Say something until the controller says that it has it; of states what was not said yet gives way."""
@@ -81,7 +84,8 @@ class Outpost(TeamLayer):
         if self.parts.takes == "state" and len(waiting) > 1 and waiting[-1].command is None and command is None:
             waiting.pop()
         elif len(waiting) == _MOST_WAITING:
-            del waiting[1]
+            del waiting[next((place for place in range(1, len(waiting)) if waiting[place].command is None), 1)]
+            self._unsaid += 1
         self._number += 1
         waiting.append(Said(self._number, 0, part, command))
         if len(waiting) == 1:
@@ -176,8 +180,16 @@ class Outpost(TeamLayer):
         """Take note of whether the controller is live."""
         was, self._here = self._here, self._controller in link.live
         if was and not self._here:
+            self._forget_events()
             self.report("lost_controller", f"agent {self._controller!r}, which decides, is gone")
         self.assess(self.runtime.clock.now())
+
+    def _forget_events(self) -> None:
+        """Take it that what was observed here is too old for whoever decides next."""
+        if self.parts.takes != "state":
+            commands = [said for said in self._waiting if said.command is not None]
+            self._unsaid += len(self._waiting) - len(commands)
+            self._waiting = deque(commands)
 
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there; the way back from a lost controller is its next decision."""
@@ -198,6 +210,6 @@ class Outpost(TeamLayer):
             leader=self._controller,
             step=0 if self._last is None else self._last.step,
             digest="" if self._last is None else self._last.digest,
-            late=0,
+            late=self._unsaid,
             malformed=self.malformed,
         )

@@ -195,3 +195,42 @@ def test_another_configuration_is_refused():
         assert right.did == []
 
     run_virtual(main)
+
+
+def test_what_was_observed_while_nobody_decided_counts_no_more():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers", lease=0.5)
+        build = over_beliefs(problems.dec_tiger(), safe_action="listen")
+        left, right = await started(runtime, tigers(), network, build)
+        await asyncio.sleep(2.0)
+        network.crash("left")
+        await runtime.stop(left.member)
+        await asyncio.sleep(2.0)
+        right.observe(None, "hear-left")
+        await asyncio.sleep(1.0)
+        back = await Robot(tigers(), "left", network, build).start(runtime)
+        await asyncio.sleep(3.0)
+        assert [commit.command for commit in back.commits] == ["begin"]
+        assert right.replica.statistics().late == 1
+        right.observe(None, "hear-left")
+        await asyncio.sleep(1.0)
+        assert back.commits[-1].input == {"right": "hear-left"}
+
+    run_virtual(main)
+
+
+def test_the_controller_holds_on_to_what_a_lost_teammate_means_when_it_begins_anew():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers", lease=0.5)
+        build = over_beliefs(problems.dec_tiger(), on_lost_teammate="hold", supervision=mdm.Restart(3, 60.0, 0.1))
+        left, _right = await started(runtime, tigers(period=0.5), network, build)
+        await asyncio.sleep(2.0)
+        network.crash("right")
+        await asyncio.sleep(2.0)
+        left.ensemble.control.call_later(0.01, lambda: left.ensemble.control.fail(ValueError("broken")))
+        await asyncio.sleep(1.0)
+        before = len(left.did)
+        await asyncio.sleep(2.0)
+        assert len(left.did) == before
+
+    run_virtual(main)

@@ -76,12 +76,14 @@ class Answers(Actor):
     def _command(self, name: str, call: str) -> str:
         if self.life != "running":
             raise Error(f"agent {self._link.agent!r} is {self.life}")
+        if call in {"start", "reset"} and getattr(self._layers[name].statistics(), "role", "") == "refused":
+            raise Error(f"agent {self._link.agent!r} takes no part in the team, which refused it when it joined")
         getattr(self._ensembles[name], call)()
         return "done"
 
     def _status(self, name: str) -> dict[str, Any]:
         ensemble, layer = self._ensembles[name], self._layers[name]
-        stands, acted = layer.statistics(), ensemble.control.acted
+        stands = layer.statistics()
         status: dict[str, Any] = {
             "agent": self._link.agent,
             "ensemble": name,

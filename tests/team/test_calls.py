@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from team_robots import over_beliefs, started
+from team_robots import Robot, over_beliefs, started
 
 import mdm
 from mdm import problems
@@ -67,5 +67,22 @@ def test_who_is_gone_does_not_answer():
         asker = network.transport("console")
         await asker.open()
         assert list(await ask(asker, team, "status")) == ["right"]
+
+    run_virtual(main)
+
+
+def test_who_is_refused_by_its_team_says_so():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        build = over_beliefs(problems.dec_tiger())
+        left, right = Team("tigers", ["left", "right"]), Team("tigers", ["left", "right"], max_age=7.0)
+        asks = (await Robot(left, "left", network, build).start(runtime)).member.link.transport
+        await asyncio.sleep(2.0)
+        await Robot(right, "right", network, build).start(runtime)
+        await asyncio.sleep(2.0)
+        for call in ("start", "reset"):
+            answer = (await ask(asks, left, call, agent="right", ensemble="joint"))["right"]
+            assert "takes no part in the team" in str(answer)
+        assert await ask(asks, left, "stop", agent="right", ensemble="joint") == {"right": "done"}
 
     run_virtual(main)

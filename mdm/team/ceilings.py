@@ -63,7 +63,7 @@ def ceiling_settings(ceilings: Sequence[Ceiling]) -> dict[str, Any]:
                 "flows": ["egress"],
                 "messages": ["put"],
                 "key_exprs": [ceiling.keys],
-                "size_limit": ceiling.size,
+                "size_limit": int(ceiling.size),
             }
             for place, ceiling in enumerate(ceilings)
             if ceiling.size is not None

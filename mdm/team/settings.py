@@ -101,7 +101,7 @@ def settings(
                         },
                     },
                 },
-                "rx": {"max_message_size": max(16 * largest, 64 << 20)},
+                "rx": {"max_message_size": int(max(16 * largest, 64 << 20))},
             },
         },
     }

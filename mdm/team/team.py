@@ -106,6 +106,11 @@ class Team:
                 key="team.deadline",
             )
         self.deadline: float = deadline if deadline is not None else 0.1 if self.period is None else self.period / 2
+        if quorum is not None and self.mode != "replicated":
+            raise ConfigError(
+                f"a quorum is for replicated teams, which agree on each step, but {name!r} is {self.mode}",
+                key="team.quorum",
+            )
         self.quorum: Quorum = (
             _one_of(quorum, Quorum, "quorum")
             if quorum is not None
@@ -116,8 +121,8 @@ class Team:
                 f"a controller is for centralised teams, but {name!r} is {self.mode}", key="team.controller"
             )
         self.controller = self.names[0] if controller is None else self.check_agent(controller, key="team.controller")
-        self.lease = lease
-        self.max_age = max_age
+        self.lease = float(lease)
+        self.max_age = float(max_age)
         if communication is not None and self.mode != "communicating":
             raise ConfigError(
                 f"a communication policy is for communicating teams, but {name!r} is {self.mode}",

@@ -71,3 +71,9 @@ def test_an_unknown_agent_is_told_with_similar_names():
 def test_a_team_is_public_and_imports_no_zenoh():
     code = "import mdm, sys; mdm.Team('t', ['a', 'b']); assert 'zenoh' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("mode", ["centralised", "communicating"])
+def test_a_quorum_is_for_teams_that_agree(mode):
+    with pytest.raises(mdm.ConfigError, match="a quorum is for replicated teams"):
+        Team("t", ["a", "b"], mode=mode, quorum="majority")

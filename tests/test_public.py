@@ -76,6 +76,17 @@ print(sorted(name for name in sys.modules if name.startswith(unwanted)))
     assert done.stdout.strip().endswith("[]")
 
 
+def test_a_file_without_a_team_loads_nothing_of_teams():
+    program = """
+import sys
+import mdm
+mdm.load_system("examples/patrol/patrol.toml")
+print(sorted(name for name in sys.modules if name.startswith(("mdm.team", "zenoh"))))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip().endswith("[]")
+
+
 def test_a_misspelt_name_gets_a_suggestion():
     with pytest.raises(AttributeError, match=r"did you mean mdm\.models\.POMDP"):
         _ = mdm.POMPD

@@ -13,13 +13,13 @@ from mdm.config.functions import Functions
 from mdm.config.problems import Problems
 from mdm.config.share import Share
 from mdm.config.system import System
-from mdm.config.team_file import TeamFile, read_team
 from mdm.errors import ConfigError
 from mdm.runtime.emergency import check_emergency
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from mdm.config.team_file import TeamFile
     from mdm.team import Team
     from mdm.team.transport import Transport
 
@@ -87,6 +87,8 @@ class _Builder:
         document = self._read()
         if "team" not in document:
             return None
+        from mdm.config.team_file import read_team  # noqa: PLC0415 - files without a team load nothing of teams
+
         described = read_team(document["team"], self._path.parent, self._functions, self._problems)
         self._problems.raise_all()
         return described
@@ -128,6 +130,8 @@ class _Builder:
                 self._problems.add(f"there is no table [team] in this file, and so no agent {agent!r}", "team")
                 self._problems.raise_all()
             return None, None
+        from mdm.config.team_file import read_team  # noqa: PLC0415 - files without a team load nothing of teams
+
         described = read_team(document["team"], self._path.parent, self._functions, self._problems)
         if described is not None:
             with self._problems.collecting("team.agents"):

@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from mdm.config.tables import PlacementTable
 from mdm.errors import ConfigError
 from mdm.logic import Formula, P, similar
-from mdm.team import Placement
-from mdm.team.ownership import matched
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from mdm.config.problems import Problems
     from mdm.config.tables import EnsembleTable
-    from mdm.team import Team
+    from mdm.team import Placement, Team
 
 __all__ = ["Seat", "Share"]
 
@@ -180,7 +178,7 @@ class Share:
                 f"all agents of team {self.team.name!r} decide this together: leave out agents, or place its control",
                 key=f"{key}.agents",
             )
-        acting = matched(self.team, name, agents, placement)
+        acting = self._acting(name, agents, placement)
         acts = self.agent in acting
         return Seat(acting.index(self.agent) if acts else 0, placement, acts, self.agent)
 
@@ -189,10 +187,17 @@ class Share:
             return table.agent
         if not table.local or not agents:
             return 0
-        acting = matched(self.team, name, agents)
+        acting = self._acting(name, agents)
         return acting.index(self.agent) if self.agent in acting else 0
 
+    def _acting(self, name: str, agents: Sequence[str], placement: Placement | None = None) -> tuple[str, ...]:
+        from mdm.team.ownership import matched  # noqa: PLC0415 - files without a team load nothing of teams
+
+        return matched(self.team, name, agents, placement)
+
     def _placement(self, table: EnsembleTable, key: str, problems: Problems) -> Placement:
+        from mdm.team import Placement  # noqa: PLC0415 - files without a team load nothing of teams
+
         given: PlacementTable | None = problems.convert(table.placement or {}, PlacementTable, key)
         return Placement() if given is None else Placement(given.control, given.actions, given.inputs)
 

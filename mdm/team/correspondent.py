@@ -56,9 +56,16 @@ class Shared(msgspec.Struct, frozen=True, array_like=True, gc=False):
     history: SharedHistory
 
 
+class _Versions(msgspec.Struct, frozen=True):
+    """An agent's answer to the call ``versions``."""
+
+    result: dict[str, str]
+
+
 _encode = msgspec.msgpack.Encoder().encode
 _episode = msgspec.msgpack.Decoder(Episode).decode
 _shared = msgspec.msgpack.Decoder(Shared).decode
+_facts = msgspec.json.Decoder(_Versions).decode
 
 
 class CorrespondentStatistics(ActorStatistics, frozen=True):
@@ -114,7 +121,8 @@ class Correspondent(TeamLayer):
         self._observed: bytes | None = None
         self._patience = 0
         self._timer: Timer | None = None
-        self._refused = ""
+        self._refused = False
+        self._differing: set[tuple[str, int]] = set()
         self._decided = 0
         self._shared = self._heard = self._late = 0
 
@@ -154,8 +162,16 @@ class Correspondent(TeamLayer):
 
     def ask_for(self, command: str) -> None:
         """Begin an episode at all agents, in which they decide or do not."""
+        if self._refused:
+            return
         number = 0 if self._now is None else self._now.number
-        self._begin(Episode(number + 1, self.tick + 1, command != "stop", self._configuration))
+        self._begin(Episode(number + 1, self._next_tick, command != "stop", self._configuration))
+
+    @property
+    def _next_tick(self) -> int:
+        """The number of the next tick; before the first one it goes by the clock."""
+        assert self.team.period is not None
+        return 1 + (self.tick or int(self.runtime.clock.time() / self.team.period))
 
     def _begin(self, episode: Episode) -> None:
         now = self.runtime.clock.now()
@@ -184,18 +200,47 @@ class Correspondent(TeamLayer):
             self.malformed += 1
             return
         if theirs.configuration != self._configuration:
-            if self._refused != sample.owner:
-                self._refused = sample.owner
-                self.report("refused", f"{self.agent} and {sample.owner} have other models, policies or settings")
+            self._part_with(sample.owner, sample.incarnation)
             return
         ours = self._now
+        if self._refused:
+            return
         if ours is None or (theirs.number, -theirs.tick) > (ours.number, -ours.tick):
             self._begin(theirs)
+
+    def _part_with(self, agent: str, life: int) -> None:
+        """Hear no more of an agent with another configuration; who has no episode yet takes no part itself."""
+        if self._now is None:
+            self._refused = True
+        if (agent, life) not in self._differing:
+            self._differing.add((agent, life))
+            self.spawn(self._compare(agent), name="compare")
+
+    async def _compare(self, agent: str) -> None:
+        """Report the first difference between an agent's configuration and this one's."""
+        answers = await self.link.ask(join(self.team.name, agent, self.ensemble.name, "versions"))
+        try:
+            theirs = _facts(answers[agent]).result
+        except (KeyError, msgspec.MsgspecError):
+            theirs = {}
+        ours = self.copy.facts
+        difference = next(
+            (
+                f"{fact} is {ours.get(fact, 'nothing')} at {self.agent} and {theirs.get(fact, 'nothing')} at {agent}"
+                for fact in sorted({*ours, *theirs})
+                if theirs and ours.get(fact) != theirs.get(fact)
+            ),
+            f"{self.agent} and {agent} have other models, policies or settings",
+        )
+        who = self.agent if self._refused else agent
+        self.report("refused", f"{who} cannot take part in the team: {difference}")
 
     # -- Steps ---------------------------------------------------------------------------------------------------
 
     def _on_tick(self, tick: Tick) -> None:
         self.tick = tick.number
+        if self._refused:
+            return
         if self._now is None:
             live = [agent for agent in self._order if agent in self.link.live]
             if live[:1] == [self.agent] and self.runtime.clock.now() >= self._patience:
@@ -207,12 +252,23 @@ class Correspondent(TeamLayer):
         if self._timer is not None:  # the tick before was late
             self._timer.cancel()
             self._decide()
-        while self._knowledge.step < step - 1:
-            self._knowledge.observe(None)
+        if not self._catch_up(step - 1):
+            return
         if self._knowledge.step < step:
             self._knowledge.observe(self._observation())
             self._share()
         self._timer = self.call_later(self.team.deadline, self._decide)
+
+    def _catch_up(self, step: int) -> bool:
+        """Take steps of which nothing was seen here; return whether that is done, which may take several ticks."""
+        knowledge, now = self._knowledge, self.runtime.clock.now
+        until = now() + round(self.team.deadline * 0.5e9)
+        while knowledge.step < step:
+            if now() > until:
+                self.forget()
+                return False
+            knowledge.observe(None)
+        return True
 
     def _observation(self) -> int | None:
         """Return what the agent has observed since the last tick; its idle or held symbol where it saw nothing."""
@@ -272,7 +328,7 @@ class Correspondent(TeamLayer):
         known = self._now is not None
         return CorrespondentStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role="deciding" if known else "refused" if self._refused else "joining",
+            role="refused" if self._refused else "deciding" if known else "joining",
             episode=0 if self._now is None else self._now.number,
             step=self._decided,
             digest=self._knowledge.own.controller.digest(),
@@ -299,5 +355,25 @@ def _check_parts(
             f"{', '.join(owners)}, and the model's agents are {', '.join(order)}",
             key=f"{key}.observations",
         )
+    if ensemble.control.planner is not None:
+        raise ConfigError(
+            f"ensemble {name!r} searches, but in a communicating team each agent has to know what the others decide: "
+            "give it a policy that was computed",
+            key=f"{key}.policy",
+        )
+    if ensemble.control.deadline is not None:
+        raise ConfigError(
+            f"in a communicating team the period and its deadline say when ensemble {name!r} decides: leave its "
+            "deadline out",
+            key=f"{key}.deadline",
+        )
+    if ensemble.controller.on_impossible == "safe_action":
+        raise ConfigError(
+            "in a communicating team what seems impossible may be what others did unseen: on_impossible is 'predict', "
+            "'keep' or 'reset'",
+            key=f"{key}.on_impossible",
+        )
+    if getattr(ensemble.controller.model, "false_negative", None) is not None:
+        raise ConfigError("a communicating team has no false negatives: leave it out", key=f"{key}.false_negative")
     if ensemble.controller.horizon is not None:
         raise ConfigError("a communicating team has no horizon: leave it out", key=f"{key}.horizon")

@@ -6,7 +6,7 @@ import asyncio
 
 import numpy as np
 import pytest
-from team_robots import over_beliefs, over_states, started
+from team_robots import Robot, over_beliefs, over_states, started
 
 import mdm
 from mdm import problems
@@ -92,8 +92,6 @@ def test_commands_concern_all_and_who_comes_late_takes_part():
         assert left.commits[-1].term[0] == 3
         await runtime.stop(right.member)
         await asyncio.sleep(3.0)
-        from team_robots import Robot
-
         back = await Robot(tigers(), "right", net, over_beliefs(MODEL)).start(runtime)
         await asyncio.sleep(3.0)
         assert back.commits[-1].step == left.commits[-1].step
@@ -124,12 +122,88 @@ def test_a_communication_policy_is_for_communicating_teams():
 
 def test_another_configuration_is_refused():
     async def main(runtime):
-        from team_robots import Robot
-
         net = Network(runtime.clock, team="tigers")
         left = await Robot(tigers(), "left", net, over_beliefs(MODEL)).start(runtime)
         right = await Robot(tigers(), "right", net, over_beliefs(problems.dec_tiger(discount=0.8))).start(runtime)
         await asyncio.sleep(5.0)
         assert "refused" in left.kinds() + right.kinds()
+        assert (left.role, right.role) == ("deciding", "refused")
+
+    run_virtual(main)
+
+
+def test_a_command_before_the_first_tick_begins_now_and_not_with_the_clock():
+    async def main(runtime):
+        await asyncio.sleep(3e5 + 1)
+        net = Network(runtime.clock, team="tigers")
+        team = Team("tigers", ["left", "right"], mode="communicating", period=5.0)
+        left, _right = await started(runtime, team, net, over_beliefs(MODEL))
+        await asyncio.sleep(0.1)
+        left.ensemble.reset()
+        await asyncio.sleep(30.0)
+        assert 5 <= left.replica.statistics().step <= 7
+
+    run_virtual(main)
+
+
+def test_who_comes_late_catches_up_a_little_at_each_tick(monkeypatch):
+    async def main(runtime):
+        net = Network(runtime.clock, team="tigers")
+        left = await Robot(tigers(), "left", net, over_beliefs(MODEL)).start(runtime)
+        await asyncio.sleep(30.0)
+        right = await Robot(tigers(), "right", net, over_beliefs(MODEL)).start(runtime)
+        layer, times = right.replica, iter(range(10**9))
+        plain = runtime.clock.now
+        catch_up = layer._catch_up
+
+        def slowly(step):  # each look at the clock takes a tenth of a second
+            monkeypatch.setattr(runtime.clock, "now", lambda: plain() + next(times) * 10**8)
+            try:
+                return catch_up(step)
+            finally:
+                monkeypatch.setattr(runtime.clock, "now", plain)
+
+        monkeypatch.setattr(layer, "_catch_up", slowly)
+        await asyncio.sleep(4.0)
+        assert layer.statistics().step == 0
+        assert 0 < layer._knowledge.step < 20
+        await asyncio.sleep(30.0)
+        assert layer.statistics().step == left.replica.statistics().step
+
+    run_virtual(main)
+
+
+def test_who_returns_with_another_configuration_takes_no_part_and_says_why():
+    async def main(runtime):
+        net = Network(runtime.clock, team="tigers")
+        left, right = await started(runtime, tigers(), net, over_beliefs(MODEL))
+        await asyncio.sleep(5.0)
+        await runtime.stop(left.member)
+        other = tigers()
+        other.max_age = 7.0
+        back = await Robot(other, "left", net, over_beliefs(MODEL)).start(runtime)
+        await asyncio.sleep(10.0)
+        assert back.commits == []
+        assert back.role == "refused"
+        details = [fault.detail for fault in back.faults if fault.kind == "refused"]
+        assert details == ["left cannot take part in the team: team's max_age is 7 s at left and 1 s at right"]
+        assert [fault.kind for fault in right.faults].count("refused") <= 1
+        assert right.role == "deciding"
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"deadline": 0.1}, "leave its deadline out"),
+        ({"on_impossible": "safe_action", "safe_action": "listen"}, "on_impossible is 'predict', 'keep' or 'reset'"),
+        ({"false_negative": "hear-left hear-left"}, "has no false negatives"),
+    ],
+)
+def test_options_that_mean_nothing_are_refused(options, words):
+    async def main(runtime):
+        with pytest.raises(mdm.ConfigError, match=words):
+            await started(runtime, tigers(), Network(runtime.clock, team="tigers"), over_beliefs(MODEL), **options)
 
     run_virtual(main)

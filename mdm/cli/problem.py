@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     target = given.pop("output")
     arguments.debug |= given.pop("debug")
     arguments.format_usage = parser.format_usage
-    arguments.verb = f"problem {function.__name__}"
+    arguments.command = f"problem {function.__name__}"
     try:
         model = function(**given)
     except ModelError as error:

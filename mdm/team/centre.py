@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from mdm.runtime import Subscription
 from mdm.team import centralised
 from mdm.team.centralised import CentralisedStatistics, Decided, encode
 from mdm.team.copy import BEGIN
@@ -49,6 +50,7 @@ class Centre(TeamLayer):
         self._on: tuple[dict[str, bytes], tuple[str, ...], str | None] = ({}, (), None)
         self._timer: Timer | None = None
         self._serves = False
+        self._saying: Subscription[Decided] = Subscription(None, self, self._say)
 
     def on_start(self) -> None:
         """Listen to the own layers and to the other agents."""
@@ -171,15 +173,20 @@ class Centre(TeamLayer):
             digest=self.copy.digest(),
             taken={},
         )
-        self._put()
+        # In a turn of its own, so that this agent's callback does not wait while Zenoh and its threads take the core.
+        self.runtime.dispatcher.deliver(self._saying, self._last)
         told = None if action is None else action.index
         life = (1, self.agent, self.link.transport.incarnation)
         self.tell(life, self._last.step, inputs, missing, command, action=told, digest=self._last.digest)
 
     def _put(self) -> None:
-        """Send the last decision, with what was taken from each agent."""
+        """Send the last decision once more."""
+        self._say(self._last)
+
+    def _say(self, decided: Decided) -> None:
+        """Send a decision, with what was taken from each agent."""
         taken = {agent: number for agent, (_, number) in self._taken.items()}
-        self.link.put(self._key, encode(msgspec.structs.replace(self._last, taken=taken)), priority="step")
+        self.link.put(self._key, encode(msgspec.structs.replace(decided, taken=taken)), priority="step")
 
     def statistics(self) -> CentralisedStatistics:
         """Return where it stands."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from mdm.errors import ConfigError, Error
-from mdm.runtime import ActorStatistics
+from mdm.runtime import ActorStatistics, Subscription
 from mdm.runtime.supervision import describe
 from mdm.team.agreement import Agreement, decode, encode
 from mdm.team.agreement.entries import Entries, Snapshot
@@ -95,6 +95,7 @@ class Replica(TeamLayer):
         self._saved: bytes | None = None
         self._timer: Timer | None = None
         self._age: Timer | None = None
+        self._saying: Subscription[list[Send]] = Subscription(None, self, self._say)
 
     @property
     def agreement(self) -> Agreement:
@@ -148,9 +149,15 @@ class Replica(TeamLayer):
 
     def _send(self, sends: list[Send]) -> None:
         """Put what the agreement says, and do what follows from where it stands."""
+        if sends:
+            # In a turn of its own, so that this agent's callback does not wait while Zenoh and its threads take the
+            # core.
+            self.runtime.dispatcher.deliver(self._saying, sends)
+        self._follow_up()
+
+    def _say(self, sends: list[Send]) -> None:
         for send in sends:
             self.link.put(f"{self._key}/{send.to or _ALL}", encode(send.message), priority="step")
-        self._follow_up()
 
     # -- What the others say -------------------------------------------------------------------------------------
 

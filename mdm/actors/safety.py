@@ -157,7 +157,8 @@ class Safety:
         above = ensemble.safe_above()
         if above is not None and self.modes.mode == "stopped":
             if not ensemble.awaited:
-                ensemble.report("control", f"was not started: ensemble {above.path!r} above it is safe", time=time)
+                text = f"was not started: ensemble {above.path!r} above it is safe or ends"
+                ensemble.report("control", text, time=time)
             ensemble.action.when_idle(ensemble.became_idle)
         elif not self._ending and not ensemble.runtime.ending:
             self._obey(self.modes.start(time), time)
@@ -356,6 +357,11 @@ class Safety:
         self._obey(self.modes.end(now, kind, detail, unsafe=self.unsafe), now)
         if not self.modes.securing:
             self._ensemble.action.when_idle(self._finish)
+
+    @property
+    def ending(self) -> bool:
+        """Whether it comes to its end, or has."""
+        return self._ending
 
     @property
     def unsafe(self) -> bool:

@@ -9,7 +9,7 @@ from contextlib import nullcontext, suppress
 import pytest
 from safe_robots import Log, forever, robot, sensed, two_levels
 
-from mdm import Actor, ActorFailure, Ensemble, PredicateManager, Runtime, StateFactor, bind, run
+from mdm import Actor, ActorFailure, Ensemble, PredicateManager, Restart, Runtime, StateFactor, bind, run
 from mdm.testing import crash, run_virtual
 
 
@@ -332,3 +332,36 @@ def test_an_action_layer_that_fails_while_it_makes_safe_keeps_the_limit_of_what_
 
     with pytest.raises(ActorFailure):
         run_virtual(main)
+
+
+def test_below_what_has_failed_and_comes_to_its_end_nothing_is_started_by_hand():
+    log = Log()
+
+    async def stay():
+        try:
+            await asyncio.sleep(1e6)
+        finally:
+            await asyncio.sleep(2)
+
+    async def main(runtime):
+        below = robot(log, "below")
+        top = Ensemble(
+            "top",
+            policy=[0, 1],
+            actions={"Below": below, "Stay": stay},
+            safe_action=log.plain("TOP"),
+            supervision=Restart(backoff=5.0),
+        )
+        await runtime.start(top)
+        top.publish_state(0)
+        below.publish_state(0)
+        top.publish_state(1)
+        await asyncio.sleep(1)
+        log.clear()
+        crash(top.action)
+        await asyncio.sleep(0.1)
+        below.start()
+        await asyncio.sleep(3)
+        assert log == ["SAFE", "TOP"]
+
+    run_virtual(main)

@@ -78,6 +78,7 @@ class Safety:
         self._base = 0
         self._safe_at = 0
         self._lost: set[str] = set()
+        self._latched = False
         self._ending = False
         self._last = False
         self._over = False
@@ -106,7 +107,7 @@ class Safety:
         held = self.modes.held if "failure" in self.modes.causes else ()
         self.modes = Modes(ensemble.runtime.clock.now(), held)
         self._told = ("stopped", ())
-        self._ending = self._last = self._over = False
+        self._latched = self._ending = self._last = self._over = False
         self._ended.clear()
         self._lost.clear()
         self._channel = ensemble.channel("mode", Mode, retain=True)
@@ -145,7 +146,7 @@ class Safety:
     @property
     def deciding(self) -> bool:
         """Whether the control layer may decide."""
-        return self.modes.mode == "deciding" and not self._ending
+        return self.modes.mode == "deciding" and not self._latched
 
     def start(self, time: int) -> None:
         """Decide, unless an ensemble above is safe or ends this one: until that is over, nothing below it decides."""
@@ -260,7 +261,7 @@ class Safety:
                 self._ensemble.became_idle()
             elif order is Order.EMERGENCY:
                 self._call_emergency(time)
-            elif not self._ending:  # what ends stays latched
+            elif not self._latched:
                 self._base = control.decisions
                 action.admit()
                 if order is Order.RESUME:
@@ -390,7 +391,11 @@ class Safety:
             self._ensemble.interrupt()
 
     def latch(self) -> None:
-        """Let nothing more that was or is decided start, and end what lives here; what is below has its own end."""
+        """Let nothing more that was or is decided start, and end what lives here; what is below has its own end.
+
+        It stays so: what it is below of ends, and it ends with that.
+        """
+        self._latched = True
         self._ensemble.control.running = False
         self._ensemble.action.latch()
         self._ensemble.action.end_functions()

@@ -365,3 +365,46 @@ def test_below_what_has_failed_and_comes_to_its_end_nothing_is_started_by_hand()
         assert log == ["SAFE", "TOP"]
 
     run_virtual(main)
+
+
+def left(log, **options):
+    """An ensemble, one that it has left for an action that takes two seconds to end, and a sensor of the first."""
+
+    async def stay():
+        try:
+            await asyncio.sleep(1e6)
+        finally:
+            await asyncio.sleep(2)
+            log.append("Stay ends")
+
+    below = options.pop("below")
+    actions = {"Below": below, "Stay": stay}
+    return sensed(log, name="top", actions=actions, supervision=Restart(backoff=60.0), **options)
+
+
+async def leave(top, below, sensor, runtime):
+    await runtime.start(top)
+    sensor.set(False)
+    below.publish_state(0)
+    sensor.set(True)
+    await asyncio.sleep(1)
+
+
+def test_what_was_started_by_hand_has_no_way_back_where_one_far_above_it_comes_to_its_end():
+    log = Log()
+
+    async def main(runtime):
+        bottom, _, sight = sensed(log, name="bottom")
+        below = robot(log, "below", actions={"Bottom": bottom, "B": log.plain("B")}, safe_action=log.plain("BELOW"))
+        top, _, sensor = left(log, below=below, safe_action=log.plain("TOP"))
+        await leave(top, below, sensor, runtime)
+        bottom.start()
+        sight.set(False)
+        sight.set(None)
+        assert (below.mode, bottom.mode, log) == ("stopped", "safe", ["A", "SAFE"])
+        crash(top.action)
+        sight.set(False)
+        await asyncio.sleep(3)
+        assert log == ["A", "SAFE", "Stay ends", "SAFE", "BELOW", "TOP"]
+
+    run_virtual(main)

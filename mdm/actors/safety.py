@@ -348,7 +348,7 @@ class Safety:
 
         if stopped:  # their safe actions would run beside what still lives here
             self._ensemble.action.when_idle(end_stopped)
-            self._ensemble.call_later(self._ensemble.settling, end_stopped)
+            self._ensemble.after(self._ensemble.settling, end_stopped)
 
     def _end(self, kind: str, detail: str) -> None:
         self._last = True  # a safe action that ran before, for another cause, is not the one that ends it all

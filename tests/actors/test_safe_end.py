@@ -408,3 +408,35 @@ def test_what_was_started_by_hand_has_no_way_back_where_one_far_above_it_comes_t
         assert log == ["A", "SAFE", "Stay ends", "SAFE", "BELOW", "TOP"]
 
     run_virtual(main)
+
+
+def test_what_was_left_is_made_safe_as_soon_as_a_plain_safe_action_has_run_above_it():
+    log = Log()
+
+    async def main(runtime):
+        below = robot(log, "below", safe_action=log.plain("BELOW"))
+        top, _, sensor = left(log, below=below, safe_action=log.plain("TOP"))
+        await leave(top, below, sensor, runtime)
+        sensor.set(None)
+        crash(top.action)
+        await asyncio.sleep(3)
+        assert log == ["A", "Stay ends", "TOP", "BELOW", "TOP"]
+
+    run_virtual(main)
+
+
+def test_what_fails_when_the_runtime_ends_keeps_the_limit_after_which_what_it_has_left_is_made_safe():
+    log = Log()
+
+    async def main(runtime):
+        below = robot(log, "below", actions={"A": bind(log.plain("A"), grace=1.0)}, policy=[0])
+        top, _, sensor = left(log, below=below, safe_action=log.slow("TOP", 60.0), safe_timeout=90.0)
+        await leave(top, below, sensor, runtime)
+        sensor.set(None)
+        await asyncio.sleep(3)
+        runtime.abort(KeyboardInterrupt())
+        crash(top.action)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_virtual(main)
+    assert log[:5] == ["A", "Stay ends", "TOP begins", "SAFE", "TOP ends"]

@@ -203,7 +203,7 @@ class ActionLayer(Layer):
         self._cancel_all()
         lives = tuple(life for life in self._living() if not life.secures)
         if lives:
-            self._patience = self._after(patience, lambda: self._give_up(lives))
+            self._patience = self.after(patience, lambda: self._give_up(lives))
         self._settle()
 
     def _give_up(self, lives: tuple[_Life, ...]) -> None:
@@ -237,7 +237,7 @@ class ActionLayer(Layer):
         if self._calling:  # an action's own function has brought this about: it comes to its end first
             return
         if self._secure is not None:
-            if self._current is None and not self._beside:
+            if not self._living():
                 if self._patience is not None:
                     self._patience.cancel()
                     self._patience = None
@@ -248,7 +248,7 @@ class ActionLayer(Layer):
         elif self._current is None and self._pending is not None:
             pending, self._pending = self._pending, None
             self._begin_life(*pending)
-        elif self._current is None and not self._beside:
+        if self._secure is None and self._pending is None and not self._living():
             idle, self._idle = self._idle, []
             for tell in idle:
                 tell()
@@ -375,7 +375,7 @@ class ActionLayer(Layer):
             self._current = life
         timeout = self.safe_timeout if life.secures else life.binding.timeout
         if timeout is not None:
-            life.deadline = self._after(timeout, lambda: self._cancel(life, "timed_out"))
+            life.deadline = self.after(timeout, lambda: self._cancel(life, "timed_out"))
 
     def _cancel(self, life: _Life, ending: ActionStatus) -> None:
         """Ask a life to end; how it ends is known when it has."""
@@ -386,13 +386,7 @@ class ActionLayer(Layer):
             life.binding.ensemble.interrupt()
         elif life.work is not None:
             life.work.cancel()
-            life.grace = self._after(life.binding.grace, lambda: self._abandon(life))
-
-    def _after(self, seconds: float, function: Callable[[], object]) -> Timer:
-        """Call a function in a turn, after so many seconds: also where this layer or its ensemble fails meanwhile."""
-        runtime, turn = self.runtime, Subscription[None](None, self, lambda _: function())
-        when = runtime.clock.now() + round(seconds * 1e9)
-        return runtime.clock.call_at(when, lambda: runtime.dispatcher.deliver(turn, None))
+            life.grace = self.after(life.binding.grace, lambda: self._abandon(life))
 
     def _abandon(self, life: _Life) -> None:
         if life.work is not None:

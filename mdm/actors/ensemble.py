@@ -380,10 +380,10 @@ class Ensemble(Layer):
         return bool(self._idle)
 
     def safe_above(self) -> Ensemble | None:
-        """Return the nearest ensemble above this one that is safe, if any."""
+        """Return the nearest ensemble above this one that is safe or ends, if any."""
         above = self.parent
         while isinstance(above, Ensemble):
-            if above.mode == "safe":
+            if above.mode == "safe" or above.safety.ending:
                 return above
             above = above.parent
         return None

@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mdm.runtime import Actor
+from mdm.runtime.channel import Subscription
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from mdm.errors import ConfigError
+    from mdm.runtime import Timer
 
 __all__ = ["Layer"]
 
@@ -21,6 +23,12 @@ class Layer(Actor):
     def owner(self) -> Actor:
         """The ensemble, or the layer itself where it stands alone."""
         return self.parent if self.parent is not None and self.parent.path else self
+
+    def after(self, seconds: float, function: Callable[[], object]) -> Timer:
+        """Call a function in a turn, after so many seconds: also where this layer or its ensemble fails meanwhile."""
+        runtime, turn = self.runtime, Subscription[None](None, self, lambda _: function())
+        when = runtime.clock.now() + round(seconds * 1e9)
+        return runtime.clock.call_at(when, lambda: runtime.dispatcher.deliver(turn, None))
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield everything that would keep this layer from starting."""

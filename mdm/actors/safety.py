@@ -84,6 +84,7 @@ class Safety:
         self._base = 0
         self._safe_at = 0
         self._lost: set[str] = set()
+        self._latched = False
         self._ending = False
         self._last = False
         self._over = False
@@ -127,7 +128,7 @@ class Safety:
         held = self.modes.held if "failure" in self.modes.causes else ()
         self.modes = Modes(ensemble.runtime.clock.now(), held)
         self._told = ("stopped", ())
-        self._ending = self._last = self._over = False
+        self._latched = self._ending = self._last = self._over = False
         self._ended.clear()
         self._lost.clear()
         self._channel = ensemble.channel("mode", Mode, retain=True)
@@ -166,7 +167,7 @@ class Safety:
     @property
     def deciding(self) -> bool:
         """Whether the control layer may decide."""
-        return self.modes.mode == "deciding" and not self._ending
+        return self.modes.mode == "deciding" and not self._latched
 
     def start(self, time: int) -> None:
         """Decide, unless an ensemble above is safe or ends this one: until that is over, nothing below it decides."""
@@ -178,7 +179,8 @@ class Safety:
         above = ensemble.safe_above()
         if above is not None and self.modes.mode == "stopped":
             if not ensemble.awaited:
-                ensemble.report("control", f"was not started: ensemble {above.path!r} above it is safe", time=time)
+                text = f"was not started: ensemble {above.path!r} above it is safe or ends"
+                ensemble.report("control", text, time=time)
             ensemble.action.when_idle(ensemble.became_idle)
         elif not self._ending and not ensemble.runtime.ending:
             self._obey(self.modes.start(time), time)
@@ -285,7 +287,7 @@ class Safety:
                 self._ensemble.became_idle()
             elif order is Order.EMERGENCY:
                 self._call_emergency(time)
-            elif not self._ending:  # what ends stays latched
+            elif not self._latched:
                 self._base = control.decisions
                 action.admit()
                 if order is Order.RESUME:
@@ -372,7 +374,7 @@ class Safety:
 
         if stopped:  # their safe actions would run beside what still lives here
             self._ensemble.action.when_idle(end_stopped)
-            self._ensemble.call_later(self._ensemble.settling, end_stopped)
+            self._ensemble.after(self._ensemble.settling, end_stopped)
 
     def _end(self, kind: str, detail: str) -> None:
         self._last = True  # a safe action that ran before, for another cause, is not the one that ends it all
@@ -382,6 +384,11 @@ class Safety:
         self._obey(self.modes.end(now, kind, detail, unsafe=self.unsafe), now)
         if not self.modes.securing:
             self._ensemble.action.when_idle(self._finish)
+
+    @property
+    def ending(self) -> bool:
+        """Whether it comes to its end, or has."""
+        return self._ending
 
     @property
     def unsafe(self) -> bool:
@@ -410,7 +417,11 @@ class Safety:
             self._ensemble.interrupt()
 
     def latch(self) -> None:
-        """Let nothing more that was or is decided start, and end what lives here; what is below has its own end."""
+        """Let nothing more that was or is decided start, and end what lives here; what is below has its own end.
+
+        It stays so: what it is below of ends, and it ends with that.
+        """
+        self._latched = True
         if self._ensemble.control.lead is None:
             self._ensemble.control.running = False
         self._ensemble.action.latch()

@@ -464,7 +464,18 @@ class Actor:
         self.__change("restarting")
         with anyio.move_on_after(self.__backoff):
             await self.__requested.wait()
+        if self.__ends_with_others():
+            await self.__requested.wait()
         return not (self.__asked("stop") or self.__asked("fail"))
+
+    def __ends_with_others(self) -> bool:
+        """Whether an actor above it has failed or is to end, and this one with it."""
+        above = self.parent
+        while above is not None:
+            if not above.__asked("none"):  # noqa: SLF001 - the tree is actors' own affair
+                return True
+            above = above.parent
+        return False
 
     async def __live(self, start: Start | None) -> BaseException | None:
         """Live once, from start to stop; return what a first start raised."""

@@ -9,7 +9,7 @@ from contextlib import nullcontext, suppress
 import pytest
 from safe_robots import Log, forever, robot, sensed, two_levels
 
-from mdm import Actor, ActorFailure, Ensemble, PredicateManager, Runtime, StateFactor, bind, run
+from mdm import Actor, ActorFailure, Ensemble, PredicateManager, Restart, Runtime, StateFactor, bind, run
 from mdm.testing import crash, run_virtual
 
 
@@ -332,3 +332,111 @@ def test_an_action_layer_that_fails_while_it_makes_safe_keeps_the_limit_of_what_
 
     with pytest.raises(ActorFailure):
         run_virtual(main)
+
+
+def test_below_what_has_failed_and_comes_to_its_end_nothing_is_started_by_hand():
+    log = Log()
+
+    async def stay():
+        try:
+            await asyncio.sleep(1e6)
+        finally:
+            await asyncio.sleep(2)
+
+    async def main(runtime):
+        below = robot(log, "below")
+        top = Ensemble(
+            "top",
+            policy=[0, 1],
+            actions={"Below": below, "Stay": stay},
+            safe_action=log.plain("TOP"),
+            supervision=Restart(backoff=5.0),
+        )
+        await runtime.start(top)
+        top.publish_state(0)
+        below.publish_state(0)
+        top.publish_state(1)
+        await asyncio.sleep(1)
+        log.clear()
+        crash(top.action)
+        await asyncio.sleep(0.1)
+        below.start()
+        await asyncio.sleep(3)
+        assert log == ["SAFE", "TOP"]
+
+    run_virtual(main)
+
+
+def left(log, **options):
+    """An ensemble, one that it has left for an action that takes two seconds to end, and a sensor of the first."""
+
+    async def stay():
+        try:
+            await asyncio.sleep(1e6)
+        finally:
+            await asyncio.sleep(2)
+            log.append("Stay ends")
+
+    below = options.pop("below")
+    actions = {"Below": below, "Stay": stay}
+    return sensed(log, name="top", actions=actions, supervision=Restart(backoff=60.0), **options)
+
+
+async def leave(top, below, sensor, runtime):
+    await runtime.start(top)
+    sensor.set(False)
+    below.publish_state(0)
+    sensor.set(True)
+    await asyncio.sleep(1)
+
+
+def test_what_was_started_by_hand_has_no_way_back_where_one_far_above_it_comes_to_its_end():
+    log = Log()
+
+    async def main(runtime):
+        bottom, _, sight = sensed(log, name="bottom")
+        below = robot(log, "below", actions={"Bottom": bottom, "B": log.plain("B")}, safe_action=log.plain("BELOW"))
+        top, _, sensor = left(log, below=below, safe_action=log.plain("TOP"))
+        await leave(top, below, sensor, runtime)
+        bottom.start()
+        sight.set(False)
+        sight.set(None)
+        assert (below.mode, bottom.mode, log) == ("stopped", "safe", ["A", "SAFE"])
+        crash(top.action)
+        sight.set(False)
+        await asyncio.sleep(3)
+        assert log == ["A", "SAFE", "Stay ends", "SAFE", "BELOW", "TOP"]
+
+    run_virtual(main)
+
+
+def test_what_was_left_is_made_safe_as_soon_as_a_plain_safe_action_has_run_above_it():
+    log = Log()
+
+    async def main(runtime):
+        below = robot(log, "below", safe_action=log.plain("BELOW"))
+        top, _, sensor = left(log, below=below, safe_action=log.plain("TOP"))
+        await leave(top, below, sensor, runtime)
+        sensor.set(None)
+        crash(top.action)
+        await asyncio.sleep(3)
+        assert log == ["A", "Stay ends", "TOP", "BELOW", "TOP"]
+
+    run_virtual(main)
+
+
+def test_what_fails_when_the_runtime_ends_keeps_the_limit_after_which_what_it_has_left_is_made_safe():
+    log = Log()
+
+    async def main(runtime):
+        below = robot(log, "below", actions={"A": bind(log.plain("A"), grace=1.0)}, policy=[0])
+        top, _, sensor = left(log, below=below, safe_action=log.slow("TOP", 60.0), safe_timeout=90.0)
+        await leave(top, below, sensor, runtime)
+        sensor.set(None)
+        await asyncio.sleep(3)
+        runtime.abort(KeyboardInterrupt())
+        crash(top.action)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_virtual(main)
+    assert log[:5] == ["A", "Stay ends", "TOP begins", "SAFE", "TOP ends"]

@@ -44,7 +44,7 @@ def test_below_an_ensemble_that_is_safe_nothing_is_started_by_hand():
         assert log == ["Work begins", "Work ends", "TOP begins"]
         assert below.mode == "stopped"
         assert (faults[-1].source, faults[-1].kind) == ("top/below", "control")
-        assert faults[-1].detail == "was not started: ensemble 'top' above it is safe"
+        assert faults[-1].detail == "was not started: ensemble 'top' above it is safe or ends"
         await asyncio.sleep(5)
         sensor.set(False)
         await asyncio.sleep(0.5)

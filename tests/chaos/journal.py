@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
+from mdm.messages import Control
+
 
 class Panic(BaseException):
     """What native code may raise."""
@@ -49,7 +51,7 @@ class Journal:
             and when that was.
         cautious: Those that go safe whatever way their state turns unknown, within the turn.
         due: What each had decided by then, to begin when the action before has ended.
-        sent: What each had decided in the turn, on its way to its action layer before what tells of the loss.
+        sent: What each had decided, or was told to decide, in the turn, ahead of what tells of the loss.
         wrong: What must not be, in sentences.
     """
 
@@ -89,7 +91,7 @@ class Journal:
             if self.runtime.ending:
                 self.wrong.append(f"the runtime ends, but {action} of {robot} starts")
             now = self.blind.get(robot) == self.now()
-            decided = now and self.sent.get(robot) == action
+            decided = now and action in self.sent[robot]
             if robot not in self.cautious:
                 decided = now or self.due.get(robot) == action
             if robot in self.blind and not decided:
@@ -125,7 +127,8 @@ class Journal:
             self.due[name] = None if pending is None else pending[0]
             queue = () if self.runtime is None else self.runtime.dispatcher.queue
             sent = [message.index for subscription, message in queue if subscription.actor is layer and message]
-            self.sent[name] = layer.names[sent[-1]] if sent else None
+            asked = any(isinstance(message, Control) and message.time == self.now() for _, message in queue)
+            self.sent[name] = layer.names if asked else [layer.names[index] for index in sent]
 
     def throw(self, kinds=ANYTHING):
         """Raise something."""

@@ -239,6 +239,8 @@ def test_what_a_task_that_is_left_fails_of_is_told(caplog):
         kept.append(asyncio.create_task(fail()))
         await asyncio.sleep(0)
 
+    gc.collect()  # what other tests have left behind is told of now, and not below
+    caplog.clear()
     run(main)
     kept.clear()
     gc.collect()

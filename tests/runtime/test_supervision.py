@@ -105,6 +105,28 @@ def test_a_failure_too_many_while_it_waits_to_restart_ends_it():
     assert log == [("start", "actor"), ("stop", "actor")]
 
 
+def test_what_waits_to_restart_does_not_where_what_is_above_it_has_failed():
+    log = []
+
+    class Slow(Actor):
+        async def on_stopping(self):
+            await asyncio.sleep(5)
+
+    async def main(runtime):
+        parent, child = Recorded("parent", log), Recorded("child", log, supervision=Restart(backoff=0.5))
+        parent.add(child)
+        await runtime.start(parent)
+        await runtime.start(Slow("slow"))
+        crash(child)
+        crash(parent)
+        await asyncio.sleep(60)
+
+    with pytest.raises(ActorFailure, match="made to crash"):
+        run_virtual(main)
+    ends = [("stop", "parent/child"), ("stop", "parent")]
+    assert log == [("start", "parent"), ("start", "parent/child"), *ends]
+
+
 def test_a_restart_adds_children_anew():
     log = []
 

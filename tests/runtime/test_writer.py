@@ -117,6 +117,11 @@ def test_a_logger_that_waits_or_fails_costs_lines_alone():
     hold = threading.Event()
 
     class Slow:
+        def debug(self, event, **fields):
+            raise ValueError(event)
+
+        info = debug
+
         def error(self, event, **fields):
             if fields["detail"] == "0":
                 hold.wait(20)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 
+import msgspec
 import pytest
 from hypothesis import given, settings, strategies as st
-from team_robots import Robot, over_beliefs, over_states, started
+from team_robots import Robot, history, over_beliefs, over_states, started
 from teams import team as random_team
 
 import mdm
@@ -224,5 +225,38 @@ def test_two_robots_do_what_is_right_for_where_they_are_once_they_see_each_other
         for name, robot in robots.items():
             assert robot.ensemble.mode == "deciding"
             assert robot.did[-1] == ("go" if lab[name] else "stay")
+
+    run_virtual(main)
+
+
+JUNK = (b"", b"garbage", bytes(300), *map(msgspec.msgpack.encode, ([], {}, [[1, "left", 2], 3], {"left": 2**60}, -1)))
+CHANNELS = (
+    *("beat", "leaving", "predicates", "joint/part", "joint/decision", "joint/configuration", "joint/belief"),
+    *("joint/agreement", "joint/agreement/all", "joint/agreement/left", "joint/agreement/middle", "no/such/channel"),
+)
+
+
+@pytest.mark.parametrize("mode", ["replicated", "centralised"])
+def test_an_agent_that_sends_nothing_but_garbage_does_the_others_no_harm(mode):
+    async def main(runtime):
+        network = Network(runtime.clock, team="fires")
+        team = Team("fires", ["left", "middle", "right"], mode=mode)
+        build = over_beliefs(problems.fire_fighting(2, 3, 2))
+        left, middle = [await Robot(team, name, network, build).start(runtime) for name in ("left", "middle")]
+        bad = network.transport("right")
+        await bad.open()
+        await asyncio.sleep(1.0)
+        for junk in JUNK:
+            for channel in CHANNELS:
+                bad.put(f"mdm/fires/right/{channel}", junk, priority="step")
+            left.observe(0, None, None)
+            await bad.ask("mdm/fires/*/joint/status", junk)
+            middle.observe(None, 1, None)
+            await asyncio.sleep(0.5)
+        decided = [commit for commit in left.commits if commit.command is None]
+        assert len(decided) >= 2 * len(JUNK)
+        assert history(left)[-len(decided) :] == history(middle)[-len(decided) :]
+        assert all(commit.missing == ("right",) for commit in decided)
+        assert {*left.kinds(), *middle.kinds()} <= {"waiting"}  # nothing failed
 
     run_virtual(main)

@@ -536,3 +536,25 @@ def test_copies_stay_the_same_where_the_team_stops_and_starts_while_an_agent_is_
         assert left.did == ["listen", "SAFE", "open-right"]
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize("mode", ["replicated", "centralised"])
+def test_an_agent_s_own_callback_does_not_wait_until_others_are_told(mode):
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        left, _ = await started(runtime, tigers(mode=mode), network, over_beliefs(problems.dec_tiger()))
+        await asyncio.sleep(1.0)
+        left.did.clear()
+        put, acted = left.member.link.transport.put, []
+
+        def seen(key, body, **options):
+            if "joint" in key:
+                acted.append(tuple(left.did))
+            return put(key, body, **options)
+
+        left.member.link.transport.put = seen
+        left.observe("hear-left", None)
+        await asyncio.sleep(0.01)
+        assert acted[0] == tuple(left.did) == ("open-right",)
+
+    run_virtual(main)

@@ -162,6 +162,11 @@ class Controller:
     def __repr__(self) -> str:
         return f"<Controller: {self.policy!r}, epoch {self.epoch}>"
 
+    @property
+    def has_own_tracker(self) -> bool:
+        """Whether the information state is a tracker of the user's."""
+        return self._own_tracker
+
     # -- Deciding ------------------------------------------------------------------------------------------------
 
     def start(self, at: Symbol | npt.ArrayLike | None = None) -> Step:

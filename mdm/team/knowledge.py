@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, Unpack
 
 import msgspec
@@ -11,6 +12,8 @@ from mdm.errors import ConfigError, ModelError
 from mdm.team.recollection import Experience, Recollection
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mdm.controller import Step
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.matrices import Vector
@@ -81,21 +84,58 @@ class Knowledge:
         window: int = 32,
         **options: Unpack[ControllerOptions],
     ) -> None:
-        if options.get("tracker") is not None:
-            raise ConfigError("two beliefs are kept, which cannot share a tracker: give none", key="tracker")
+        another = partial(Controller, policy, model, **options)
+        self._begin(another(), another, agent, communication, window)
+
+    @classmethod
+    def of(
+        cls,
+        controller: Controller,
+        another: Callable[[], Controller],
+        agent: int | str,
+        communication: CommunicationPolicy,
+        *,
+        window: int = 32,
+    ) -> Knowledge:
+        """Return the knowledge of an agent whose controller there is already.
+
+        Args:
+            controller: The agent's own; it is the knowledge's from now on.
+            another: Makes one more of the same policy, model and options, for what is known in common.
+            agent: As above.
+            communication: As above.
+            window: As above.
+
+        Raises:
+            ConfigError: As above.
+        """
+        knowledge = cls.__new__(cls)
+        knowledge._begin(controller, another, agent, communication, window)  # noqa: SLF001 - it is one of these
+        return knowledge
+
+    def _begin(
+        self,
+        controller: Controller,
+        another: Callable[[], Controller],
+        agent: int | str,
+        communication: CommunicationPolicy,
+        window: int,
+    ) -> None:
         if not callable(getattr(communication, "share", None)):
             raise ConfigError(
                 f"a communication policy has a method share, which {communication!r} has not: use mdm.team.Always() or "
                 f"another of them",
                 key="communication",
             )
-        self.own = Recollection(Controller(policy, model, **options), agent, window=window)
+        if controller.has_own_tracker:
+            raise ConfigError("two beliefs are kept, which cannot share a tracker: give none", key="tracker")
+        self.own = Recollection(controller, agent, window=window)
         assert self.own.agent is not None
         self.agent: int = self.own.agent
         self.communication = communication
         self.common: Recollection | None = None
         if getattr(communication, "uses_common_belief", True):
-            self.common = Recollection(Controller(policy, model, **options), window=window)
+            self.common = Recollection(another(), window=window)
         if (check := getattr(communication, "check", None)) is not None:
             check(self)
         self._spaces = self.own.controller.symbols
@@ -182,6 +222,21 @@ class Knowledge:
         step = self.own.decide()
         self._did = self._part(step.action)
         return step
+
+    def act(self, component: int | None) -> None:
+        """Take note of what the agent really does at this step, where that may be other than what it decided.
+
+        Args:
+            component: Its own component of the joint action, by index; None where it is none of the model's, or not
+                known.
+        """
+        self._did = component
+        self.own.act(component)
+
+    @property
+    def component(self) -> int | None:
+        """The agent's own component of the joint action at this step, by index; None before it has decided."""
+        return self._did
 
     # -- Feedback for communication policies ---------------------------------------------------------------------
 

@@ -222,6 +222,27 @@ class Recollection:
             self._components(self._did, self.step)[self.agent] = own
         return self._decision
 
+    def act(self, component: int | None) -> None:
+        """Take note of what the agent really does at this step, in place of what it decided.
+
+        Args:
+            component: Its own component of the joint action, by index; None where that is not known: it is then taken
+                to be what the controller decides for it.
+        """
+        self._started()
+        if self.agent is not None:
+            self._components(self._did, self.step)[self.agent] = component
+
+    @property
+    def components(self) -> tuple[int | None, ...]:
+        """The components of the observation that this step decides on, by index; None where one is not known."""
+        return tuple(self._saw.get(self.step, self._nothing))
+
+    @property
+    def observed(self) -> Any:
+        """The observation that this step decides on, as the controller takes it: an index, components, or None."""
+        return self._observed(self.step)
+
     def look_ahead(self, action: int) -> float:
         """Return the value of a joint action at the present belief, Q(b, a), by one step of look-ahead.
 

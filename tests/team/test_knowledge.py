@@ -7,7 +7,7 @@ import pytest
 
 import mdm
 from mdm.policies import AlphaVectors
-from mdm.team import Always, Experience, Knowledge, SharedHistory
+from mdm.team import Always, Experience, Knowledge, SharedHistory, ValueOfCommunication
 
 TIGER = mdm.problems.dec_tiger(discount=0.9)
 CAREFUL = AlphaVectors([[9, 9], [0, 10], [10, 0]], [0, 4, 8], 9)
@@ -131,3 +131,25 @@ def test_what_fits_not_is_refused():
     first, _ = pair()
     with pytest.raises(mdm.ModelError, match="there is no agent 9"):
         first.hear(SharedHistory(9, (Experience(1, 0, 0),)))
+
+
+def test_what_is_really_done_counts_in_place_of_what_was_decided():
+    first, second = (Knowledge(CAREFUL, TIGER, agent, Always()) for agent in (0, 1))
+    for agent in (first, second):
+        agent.decide()
+    first.act(1)  # opens a door
+    assert first.component == 1
+    for agent in (first, second):
+        agent.observe(0)
+    told = first.share(1.0)
+    assert told.experiences[0].action == 1
+    second.hear(told)
+    first.hear(second.share(1.0))
+    assert first.belief.tolist() == second.belief.tolist() == [0.5, 0.5]  # the tiger is behind any door again
+
+
+def test_a_controller_that_is_there_already_is_the_agents_own():
+    controller = mdm.Controller(CAREFUL, TIGER)
+    knowledge = Knowledge.of(controller, lambda: mdm.Controller(CAREFUL, TIGER), 1, ValueOfCommunication(1.0))
+    assert knowledge.own.controller is controller
+    assert knowledge.common.controller is not controller

@@ -7,6 +7,7 @@ policy's answer comes later, as a search's does, the layer asks its planner and 
 from __future__ import annotations
 
 import sys
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Unpack, cast
 
 import msgspec
@@ -140,6 +141,7 @@ class ControlLayer(Layer):
         own: Any = {name: options[name] for name in _OWN if name in options}  # type: ignore[literal-required]
         rest: Any = {name: value for name, value in options.items() if name not in _OWN}
         self.controller = Controller(policy, model, agent=agent, **rest)
+        self._another = partial(Controller, policy, model, agent=agent, **rest)
         self.drive = drive_of(own.get("drive"))
         self.deadline: float | None = own.get("deadline")
         if self.deadline is not None:
@@ -423,6 +425,19 @@ class ControlLayer(Layer):
         if self.guard is not None:
             self.guard.reopen(AT_KNOWN | {"lost_controller"}, action.time)
         self._taking = False
+
+    def announce(self, step: Step, time: int, cause: str, observation: Observed = None) -> None:
+        """Publish what whoever leads this layer has had its controller decide, as if it had come of an input here."""
+        self._alarmed = False
+        self._taking = True
+        self._publish(step, time, cause, observation, None)
+        if self.guard is not None and not self._alarmed:
+            self.guard.reopen(AT_KNOWN, time)
+        self._taking = False
+
+    def another(self) -> Controller:
+        """Return another controller of the same policy, model and options."""
+        return self._another()
 
     def repeat(self, time: int) -> None:
         """Publish the present action once more, where there is one."""

@@ -28,6 +28,16 @@ def check_rate(rate: object, *, key: str | None = None) -> None:
         raise ConfigError(f"a rate is at least 0.000001 and at most 1,000,000 a second, not {rate!r}", key=key)
 
 
+def next_tick(now: int, rate: float) -> int:
+    """Return the number of the first tick of a rate at or after a time in nanoseconds."""
+    period = _period(rate)
+    return -(-now * period.denominator // period.numerator)
+
+
+def _period(rate: float) -> Fraction:
+    return 1_000_000_000 / Fraction(float(rate)).limit_denominator(1_000_000)
+
+
 class Ticker:
     """Ticks at ``rate`` per second, at whole multiples of the period since the clock's epoch.
 
@@ -65,13 +75,13 @@ class Ticker:
         check_rate(rate)
         check_choice(overrun, ("skip", "burst"), "overrun", key="overrun")
         self._clock = clock
-        period = 1_000_000_000 / Fraction(float(rate)).limit_denominator(1_000_000)
+        period = _period(rate)
         self._numerator, self._denominator = period.numerator, period.denominator
         self._deliver = deliver
         self._overrun = overrun
         self.ticks = 0
         self.missed = 0
-        self._number = -(-clock.now() * self._denominator // self._numerator)
+        self._number = next_tick(clock.now(), rate)
         self._timer: Timer = clock.call_at(self._due(self._number), self._fire, rank=1)
 
     def _due(self, number: int) -> int:

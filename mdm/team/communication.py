@@ -25,8 +25,8 @@ class CommunicationPolicy(Protocol):
     it decides. Each agent has a policy of its own, so it may keep what it wants.
 
     Optional members are ``uses_common_belief``, False for a policy that needs no common belief, which then costs
-    nothing; and ``check(knowledge)``, called once before the start, which raises `ConfigError` if the policy does not
-    fit the controller.
+    nothing; ``silent``, True for one that never shares, so that nobody waits for it; and ``check(knowledge)``, called
+    once before the start, which raises `ConfigError` if the policy does not fit the controller.
 
     Example::
 
@@ -93,6 +93,7 @@ class Never:
     """
 
     uses_common_belief = False
+    silent = True
 
     def share(self, knowledge: Knowledge, now: float) -> Sequence[Experience]:  # noqa: ARG002 - the protocol's
         """Choose nothing."""

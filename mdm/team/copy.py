@@ -257,6 +257,14 @@ class Copy:
         self._silent, self._now, self._ahead = tuple(silent), now, dict(ahead)
         self._last = None if last is None else tuple(last)
 
+    def difference(self, theirs: Mapping[str, str], there: str) -> str | None:
+        """Return in words the first fact of another agent's configuration that is another here; None if none is."""
+        for fact in sorted(self.facts.keys() | theirs.keys()):
+            here, other = self.facts.get(fact), theirs.get(fact)
+            if here != other:
+                return f"{fact} is {here or 'nothing'} at {self._agent} and {other or 'nothing'} at {there}"
+        return None
+
     def _facts(self, team: Team) -> dict[str, str]:
         """Return what must be the same at every agent, by what it is."""
         controller = self._ensemble.controller

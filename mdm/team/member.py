@@ -16,7 +16,6 @@ from mdm.team.ceilings import ceiling_settings
 from mdm.team.centralised import CentralisedStatistics, controlling
 from mdm.team.centre import Centre
 from mdm.team.commits import Committed
-from mdm.team.correspondent import Correspondent, CorrespondentStatistics
 from mdm.team.decisions import Decisions
 from mdm.team.link import Link
 from mdm.team.outpost import Outpost
@@ -24,6 +23,7 @@ from mdm.team.placement import Placement
 from mdm.team.predicates import Followed, Told, wanted
 from mdm.team.remote import Exports, Imports, typed
 from mdm.team.replica import Replica, ReplicaStatistics
+from mdm.team.talker import Talker
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from mdm.runtime import Channel, Runtime
     from mdm.team.access import Access
     from mdm.team.allowance import Allowance
+    from mdm.team.episode import TalkerStatistics
     from mdm.team.team import Team
     from mdm.team.transport import Transport, TransportStatistics
 
@@ -62,7 +63,7 @@ class MemberStatistics(ActorStatistics, frozen=True):
 
     live: tuple[str, ...]
     lost: tuple[str, ...]
-    layers: dict[str, ReplicaStatistics | CentralisedStatistics | CorrespondentStatistics]
+    layers: dict[str, ReplicaStatistics | CentralisedStatistics | TalkerStatistics]
     transport: TransportStatistics
 
 
@@ -123,7 +124,7 @@ class Member(Actor):
             raise ConfigError(f"the transport is that of agent {transport.agent!r}, not of {agent!r}", key="transport")
         self.link = Link(team, transport)
         given = dict(placement or {})
-        self.layers: dict[str, Replica | Centre | Outpost | Correspondent] = {}
+        self.layers: dict[str, Replica | Centre | Outpost | Talker] = {}
         self.lost: tuple[str, ...] = ()
         self._live: tuple[str, ...] = ()
         self.managers = _managers(self.ensembles.values())
@@ -207,14 +208,12 @@ class Member(Actor):
         )
 
 
-def _layer(
-    team: Team, ensemble: Ensemble, link: Link, placement: Placement
-) -> Replica | Centre | Outpost | Correspondent:
+def _layer(team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> Replica | Centre | Outpost | Talker:
     """Return what connects an ensemble with those of its name at the other agents."""
     if team.mode == "centralised" or placement.control is not None:
         decides = controlling(team, ensemble, placement) == link.agent
         return (Centre if decides else Outpost)(team, ensemble, link, placement)
-    return (Correspondent if team.mode == "communicating" else Replica)(team, ensemble, link, placement)
+    return (Talker if team.mode == "communicating" else Replica)(team, ensemble, link, placement)
 
 
 def _session(team: Team, agent: str, allowance: Allowance | None, access: Access | None) -> Transport:

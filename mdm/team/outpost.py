@@ -160,19 +160,11 @@ class Outpost(TeamLayer):
             except (KeyError, msgspec.MsgspecError, ValueError):
                 await self.runtime.clock.sleep(_RETRY)
                 continue
-            self._refusal = self._difference(theirs)
+            self._refusal = self.copy.difference(theirs, self._controller)
             self._checked = life
             if self._refusal is not None:
                 self.report("refused", f"{self.agent} cannot take part in the team: {self._refusal}")
             return
-
-    def _difference(self, theirs: dict[str, str]) -> str | None:
-        own = self.copy.facts
-        for fact in sorted(own.keys() | theirs.keys()):
-            here, there = own.get(fact), theirs.get(fact)
-            if here != there:
-                return f"{fact} is {here or 'nothing'} at {self.agent} and {there or 'nothing'} at {self._controller}"
-        return None
 
     # -- Who is there --------------------------------------------------------------------------------------------
 

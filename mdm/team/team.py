@@ -13,6 +13,7 @@ from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.runtime.clock import check_seconds
 from mdm.team.ceilings import Ceiling, ceiling_settings
+from mdm.team.communication import Always
 from mdm.team.keys import check_name
 from mdm.team.settings import check_endpoint
 
@@ -50,20 +51,20 @@ class Team:
         name: The team's name, which begins the keys of its messages.
         agents: All agents, in the order of the model's agents: names, or pairs of a name and an endpoint.
         mode: ``replicated``: each agent holds the whole controller, and all agree on each joint step.
-            ``centralised``: one agent decides for all. ``communicating``: each decides on what it knows.
+            ``centralised``: one agent decides for all. ``communicating``: each decides on what it knows, at a period.
         period: Seconds from one joint step to the next, at multiples of the period; without it, each event at any
             agent makes a step.
         drive: In place of ``period``: ``"event"``, or joint steps a second.
-        deadline: Seconds that a step waits for the agents' parts, from the first one on; by default half the period,
-            or 0.1 where events make steps.
+        deadline: Seconds that a step waits for the agents' parts, from the first one on (of a communicating team, from
+            its tick on); by default half the period, or 0.1 where events make steps.
         quorum: ``majority``: agents that see no more than half of the team decide nothing; the default for three and
             more. ``continue``: each side goes on by itself; the default for two.
         controller: Of a centralised team, the agent that decides; by default the first.
+        communication: Of a communicating team, what its agents share when; each has a copy. By default `Always`.
         lease: Seconds after which an agent that says nothing is taken as lost.
         max_age: Seconds for which the last word of an agent counts that is lost, or late: its state factors, its
             predicates.
         ceilings: What Zenoh lets through at most, by key.
-        communication: Of a communicating team, what its agents share when; each has a copy. By default `Always`.
 
     Raises:
         ConfigError: If a name cannot be part of a key, two agents have one name, or a setting means nothing.
@@ -111,6 +112,7 @@ class Team:
                 f"a quorum is for replicated teams, which agree on each step, but {name!r} is {self.mode}",
                 key="team.quorum",
             )
+        self.communication = self._communication(communication)
         self.quorum: Quorum = (
             _one_of(quorum, Quorum, "quorum")
             if quorum is not None
@@ -123,18 +125,32 @@ class Team:
         self.controller = self.names[0] if controller is None else self.check_agent(controller, key="team.controller")
         self.lease = float(lease)
         self.max_age = float(max_age)
-        if communication is not None and self.mode != "communicating":
-            raise ConfigError(
-                f"a communication policy is for communicating teams, but {name!r} is {self.mode}",
-                key="team.communication",
-            )
-        self.communication = communication
         self.ceilings = tuple(ceilings)
         ceiling_settings(self.ceilings)  # which refuses what is none
 
     def __repr__(self) -> str:
         """Return its name, mode and agents."""
         return f"<Team {self.name!r}: {self.mode}, {', '.join(self.names)}>"
+
+    def _communication(self, given: CommunicationPolicy | None) -> CommunicationPolicy:
+        """Return what the agents share when; refuse what means nothing in the team's mode."""
+        if self.mode != "communicating":
+            if given is not None:
+                raise ConfigError(
+                    f"a communication policy is for communicating teams, but {self.name!r} is {self.mode}",
+                    key="team.communication",
+                )
+        elif self.period is None:
+            raise ConfigError(
+                "the agents of a communicating team number their steps by the clock: give a period", key="team.period"
+            )
+        elif given is not None and not callable(getattr(given, "share", None)):
+            raise ConfigError(
+                f"a communication policy has a method share, which {given!r} has not: use mdm.team.Always() or another "
+                "of them",
+                key="team.communication",
+            )
+        return Always() if given is None else given
 
     def check_agent(self, name: object, *, key: str = "agent") -> str:
         """Return an agent's name.

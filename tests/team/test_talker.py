@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 from team_robots import Robot, decider, over_beliefs, over_states, started
+from transports import endpoint
 
 import mdm
 from mdm import problems
@@ -449,3 +450,48 @@ def test_ensembles_that_cannot_talk_are_refused():
             Robot(team, "a", network, over_states)
 
     run_virtual(main)
+
+
+class Sessions:
+    """Real sessions on loopback, in place of a network."""
+
+    def __init__(self, team):
+        self.team = team
+
+    def transport(self, agent):
+        from mdm.team.session import Session
+
+        place = self.team.names.index(agent)
+        ends = [each.endpoint for each in self.team.agents]
+        return Session(self.team.name, agent, listen=ends[place], connect=ends[:place])
+
+
+def test_agents_talk_over_real_sessions():
+    pytest.importorskip("zenoh", reason="pip install 'mdm[team]'")
+    team = Team("tigers", [("left", endpoint()), ("right", endpoint())], mode="communicating", period=0.1)
+    robots = []
+
+    def known():
+        """Return the steps that both decided on with everything known."""
+        full = [
+            {commit.step: (commit.term, commit.action, commit.digest) for commit in decisions(robot) if full_of(commit)}
+            for robot in robots
+        ]
+        return [(full[0][step], full[1][step]) for step in full[0].keys() & full[1].keys()]
+
+    def full_of(commit):
+        return commit.step and not commit.missing and len(commit.input) == 2
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            robots.extend(await started(runtime, team, Sessions(team), over_beliefs(TIGER)))
+            random = np.random.default_rng(1)
+            async with asyncio.timeout(60):
+                while len(known()) < 10:
+                    for place, robot in enumerate(robots if all(map(decisions, robots)) else ()):
+                        robot.observe(*(int(random.integers(2)) if own == place else None for own in range(2)))
+                    await asyncio.sleep(0.02)
+
+    mdm.run(main)
+    assert all(left == right for left, right in known())
+    assert robots[0].replica.statistics().heard > 0

@@ -120,7 +120,8 @@ class Decision(Message, frozen=True, gc=False):
     """A decision with its stimulus, information state and action.
 
     ``cause`` names the stimulus: ``start``, ``resume``, ``reset``, ``state``, ``observation``, ``belief``, ``tick``,
-    ``episode`` (the stimulus after a horizon, which starts a new episode), or ``release`` (the end of a safe mode).
+    ``episode`` (the stimulus after a horizon, which starts a new episode), ``release`` (the end of a safe mode), or
+    ``team`` (what a team's controller, or this agent of a communicating team, has decided).
     """
 
     ensemble: str

@@ -415,13 +415,20 @@ class ControlLayer(Layer):
 
         self._do = do
 
-    def carry_out(self, action: Action) -> None:
-        """Publish what was decided elsewhere, as if it had been decided here."""
+    def carry_out(self, action: Action, belief: Vector | None = None) -> None:
+        """Publish what was decided elsewhere, as if it had been decided here; on a belief, where one is known."""
         self._alarmed = False
         self._taking = True
         self.running = True
         self._acted = action.index
         self._actions.emit(action)
+        if belief is not None:
+            self._beliefs.emit(Belief(action.time, belief))
+        if self._decisions.heard:
+            index = action.index
+            name = self.action_names[index] if self.action_names else self.controller.symbols.action_name(index)
+            told = (action.time, self._path, action.epoch, "team", None, None, belief, index, name, None)
+            self._decisions.publish(Decision(*told))
         if self.guard is not None:
             self.guard.reopen(AT_KNOWN | {"lost_controller"}, action.time)
         self._taking = False

@@ -13,7 +13,7 @@ from mdm import problems
 from mdm.team.network import Network
 from mdm.team.placement import Placement
 from mdm.team.team import Team
-from mdm.testing import run_virtual
+from mdm.testing import probe, run_virtual
 
 
 def tigers(**options):
@@ -232,5 +232,20 @@ def test_the_controller_holds_on_to_what_a_lost_teammate_means_when_it_begins_an
         before = len(left.did)
         await asyncio.sleep(2.0)
         assert len(left.did) == before
+
+    run_virtual(main)
+
+
+def test_each_agent_tells_of_the_decisions_that_it_carries_out():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        told = probe(runtime.decisions)
+        left, right = await started(runtime, tigers(period=0.5), network, over_beliefs(problems.dec_tiger()))
+        await asyncio.sleep(4.0)
+        of = {robot.name: [one for one in told if one.ensemble == robot.ensemble.path] for robot in (left, right)}
+        assert len(of["right"]) >= 3
+        assert {one.cause for one in of["right"]} == {"team"}
+        ends = [[(one.epoch, one.action_name) for one in of[name]][-3:] for name in ("left", "right")]
+        assert ends[0] == ends[1]
 
     run_virtual(main)

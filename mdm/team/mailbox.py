@@ -96,6 +96,15 @@ class Mailbox:
         if not self.armed:
             self._arm()
 
+    def offer(self, key: str, call: Callable[[], None]) -> bool:
+        """Have something called on the loop as `post` does, unless too much waits; return whether it will be."""
+        if len(self.items) < self._bound:
+            self.post(call)
+            return True
+        with self._lock:
+            self._losses[key] += 1
+        return False
+
     def _arm(self) -> None:
         self.armed = True
         with self._lock:

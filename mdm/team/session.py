@@ -361,10 +361,11 @@ class Session:
     def _declare_queryable(self, key: str) -> None:
         assert self._zenoh is not None
         assert self._mailbox is not None
-        library, post = _import_zenoh(), self._mailbox.post
+        library, offer = _import_zenoh(), self._mailbox.offer
 
         def receive(query: zenoh.Query) -> None:
-            post(partial(self._answer, key, query))
+            if not offer(key, partial(self._answer, key, query)):
+                query.drop()  # type: ignore[no-untyped-call]
 
         self._zenoh.declare_queryable(key, library.handlers.Callback(receive, indirect=False))
 

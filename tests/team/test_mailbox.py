@@ -259,3 +259,14 @@ def test_a_handler_that_closes_the_mailbox_is_the_last():
         assert receiver.got == [1]
 
     asyncio.run(main())
+
+
+def test_questions_are_bounded_too_and_those_too_many_are_counted():
+    async def main():
+        receiver = Receiver(bound=8)
+        answered = []
+        assert [receiver.mailbox.offer("k", lambda: answered.append(1)) for _ in range(10)] == [True] * 8 + [False] * 2
+        await receiver.until(lambda: receiver.lost == {"k": 2} and len(answered) == 8)
+        receiver.mailbox.close()
+
+    asyncio.run(main())

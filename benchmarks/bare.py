@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 import zenoh
 
-from mdm.team.settings import settings
+from mdm.team.transport.settings import settings
 
 __all__ = ["Bare", "Tcp"]
 

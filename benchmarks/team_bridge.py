@@ -19,9 +19,9 @@ from measurement import parser, report, table
 
 import mdm
 from mdm.messages import Tick
-from mdm.team.envelope import Packer
-from mdm.team.session import Session
-from mdm.team.settings import settings
+from mdm.team.transport.envelope import Packer
+from mdm.team.transport.session import Session
+from mdm.team.transport.settings import settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable

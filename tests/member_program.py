@@ -16,7 +16,7 @@ from teams import team as random_team
 
 import mdm
 from mdm.team import Committed, Team
-from mdm.team.session import Session
+from mdm.team.transport.session import Session
 
 
 class Lossy(Session):

@@ -7,7 +7,7 @@ import base64
 import json
 import sys
 
-from mdm.team.session import Session
+from mdm.team.transport.session import Session
 
 
 def tell(**what):

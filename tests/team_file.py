@@ -7,7 +7,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from team_robots import rooms
 
 import mdm
-from mdm.team.network import Network
+from mdm.team.transport.network import Network
 
 CODE = """
 done = []

@@ -6,8 +6,8 @@ import asyncio
 import socket
 
 from mdm.runtime import VirtualClock, VirtualEventLoop
-from mdm.team.network import Network
-from mdm.team.session import Session
+from mdm.team.transport.network import Network
+from mdm.team.transport.session import Session
 
 
 def key(agent, channel="c"):

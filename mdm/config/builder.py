@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from mdm.config.team_file import TeamFile
     from mdm.team import Team
-    from mdm.team.transport import Transport
+    from mdm.team.transport.transport import Transport
 
 __all__ = ["load_system", "load_team", "load_team_file"]
 

@@ -166,7 +166,7 @@ class TeamTable(_Table, frozen=True):
 
 
 class AllowanceTable(_Table, frozen=True):
-    """What an agent may send; see `mdm.team.allowance.Allowance`."""
+    """What an agent may send; see `mdm.team.transport.allowance.Allowance`."""
 
     messages: float | None = None
     bytes: float | None = None
@@ -174,7 +174,7 @@ class AllowanceTable(_Table, frozen=True):
 
 
 class CeilingTable(_Table, frozen=True):
-    """What Zenoh lets through at most; see `mdm.team.ceilings.Ceiling`."""
+    """What Zenoh lets through at most; see `mdm.team.transport.ceilings.Ceiling`."""
 
     keys: str
     rate: float | None = None

@@ -9,9 +9,9 @@ import msgspec
 from mdm.config.communication import read_communication
 from mdm.config.tables import AgentTable, AllowanceTable, CeilingTable, TeamTable
 from mdm.team import Team
-from mdm.team.access import Access
-from mdm.team.allowance import Allowance
-from mdm.team.ceilings import Ceiling
+from mdm.team.transport.access import Access
+from mdm.team.transport.allowance import Allowance
+from mdm.team.transport.ceilings import Ceiling
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mdm.team.link import Link
     from mdm.team.placement import Placement
     from mdm.team.team import Team
-    from mdm.team.transport import Sample
+    from mdm.team.transport.transport import Sample
 
 __all__ = ["TeamLayer"]
 

@@ -13,7 +13,7 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.runtime import Actor, Subscription
-from mdm.team.keys import join
+from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Mapping
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mdm.messages import Tick
     from mdm.runtime import Work
     from mdm.team.team import Team
-    from mdm.team.transport import Priority, Sample, Transport
+    from mdm.team.transport.transport import Priority, Sample, Transport
 
 __all__ = ["Link"]
 

@@ -10,20 +10,20 @@ from mdm.actors import Ensemble
 from mdm.errors import ConfigError
 from mdm.messages import Message
 from mdm.runtime import Actor, ActorStatistics
-from mdm.team.access import access_settings
-from mdm.team.calls import Answers
-from mdm.team.ceilings import ceiling_settings
 from mdm.team.centralised import CentralisedStatistics, controlling
 from mdm.team.centre import Centre
 from mdm.team.commits import Committed
+from mdm.team.communicating.talker import Talker
 from mdm.team.decisions import Decisions
 from mdm.team.link import Link
 from mdm.team.outpost import Outpost
 from mdm.team.placement import Placement
-from mdm.team.predicates import Followed, Told, wanted
-from mdm.team.remote import Exports, Imports, typed
 from mdm.team.replica import Replica, ReplicaStatistics
-from mdm.team.talker import Talker
+from mdm.team.sharing.calls import Answers
+from mdm.team.sharing.predicates import Followed, Told, wanted
+from mdm.team.sharing.remote import Exports, Imports, typed
+from mdm.team.transport.access import access_settings
+from mdm.team.transport.ceilings import ceiling_settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 
     from mdm.actors import PredicateManager
     from mdm.runtime import Channel, Runtime
-    from mdm.team.access import Access
-    from mdm.team.allowance import Allowance
-    from mdm.team.episode import TalkerStatistics
+    from mdm.team.communicating.episode import TalkerStatistics
     from mdm.team.team import Team
-    from mdm.team.transport import Transport, TransportStatistics
+    from mdm.team.transport.access import Access
+    from mdm.team.transport.allowance import Allowance
+    from mdm.team.transport.transport import Transport, TransportStatistics
 
 __all__ = ["FIRST_PORT", "Member", "MemberStatistics", "Teammates"]
 
@@ -218,7 +218,7 @@ def _layer(team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> 
 
 def _session(team: Team, agent: str, allowance: Allowance | None, access: Access | None) -> Transport:
     """Return a session of Zenoh, which connects to the agents that were declared before this one."""
-    from mdm.team.session import Session  # noqa: PLC0415 - the one that needs Zenoh
+    from mdm.team.transport.session import Session  # noqa: PLC0415 - the one that needs Zenoh
 
     protocol = "tcp" if access is None else "tls"
     endpoints = {

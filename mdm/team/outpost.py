@@ -10,8 +10,8 @@ import msgspec
 from mdm.messages import Action, Fault
 from mdm.team import centralised
 from mdm.team.centralised import CentralisedStatistics, Decided, Said, controlling, encode
-from mdm.team.keys import join
 from mdm.team.layer import TeamLayer
+from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
     from mdm.actors import Ensemble
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mdm.team.link import Link
     from mdm.team.placement import Placement
     from mdm.team.team import Team
-    from mdm.team.transport import Sample
+    from mdm.team.transport.transport import Sample
 
 __all__ = ["Outpost"]
 

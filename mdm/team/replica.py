@@ -16,8 +16,8 @@ from mdm.runtime.supervision import describe
 from mdm.team.agreement import Agreement, decode, encode
 from mdm.team.agreement.entries import Entries, Snapshot
 from mdm.team.copy import BEGIN
-from mdm.team.keys import join
 from mdm.team.layer import TeamLayer
+from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
     from mdm.actors import Ensemble
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mdm.team.link import Link
     from mdm.team.placement import Placement
     from mdm.team.team import Team
-    from mdm.team.transport import Sample
+    from mdm.team.transport.transport import Sample
 
 __all__ = ["Replica", "ReplicaStatistics"]
 

@@ -12,16 +12,16 @@ from mdm.actors.drive import drive_of
 from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.runtime.clock import check_seconds
-from mdm.team.ceilings import Ceiling, ceiling_settings
-from mdm.team.communication import Always
-from mdm.team.keys import check_name
-from mdm.team.settings import check_endpoint
+from mdm.team.communicating.communication import Always
+from mdm.team.transport.ceilings import Ceiling, ceiling_settings
+from mdm.team.transport.keys import check_name
+from mdm.team.transport.settings import check_endpoint
 
 if TYPE_CHECKING:
     from mdm.actors import Drive, Ensemble
-    from mdm.team.communication import CommunicationPolicy
+    from mdm.team.communicating.communication import CommunicationPolicy
     from mdm.team.member import Member
-    from mdm.team.transport import Transport
+    from mdm.team.transport.transport import Transport
 
 __all__ = ["Agent", "Mode", "Quorum", "Team"]
 

@@ -10,9 +10,9 @@ from team_robots import Robot, over_beliefs, over_states, started
 
 import mdm
 from mdm import problems
-from mdm.team.network import Network
 from mdm.team.placement import Placement
 from mdm.team.team import Team
+from mdm.team.transport.network import Network
 from mdm.testing import probe, run_virtual
 
 

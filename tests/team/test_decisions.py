@@ -10,8 +10,8 @@ from team_robots import Robot, over_beliefs
 
 import mdm
 from mdm import problems
-from mdm.team.network import Network
 from mdm.team.team import Team
+from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
 
 

@@ -7,10 +7,10 @@ import asyncio
 import pytest
 
 import mdm
-from mdm.team.keys import join
 from mdm.team.link import Link
-from mdm.team.network import Network
 from mdm.team.team import Team
+from mdm.team.transport.keys import join
+from mdm.team.transport.network import Network
 from mdm.testing import probe, run_virtual
 
 TEAM = Team("team", ["a", "b", "c"])

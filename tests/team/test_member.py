@@ -12,12 +12,12 @@ from teams import team as random_team
 
 import mdm
 from mdm import problems
-from mdm.team.ceilings import Ceiling
 from mdm.team.member import Teammates
-from mdm.team.network import Network
 from mdm.team.placement import Placement
-from mdm.team.session import Session
 from mdm.team.team import Team
+from mdm.team.transport.ceilings import Ceiling
+from mdm.team.transport.network import Network
+from mdm.team.transport.session import Session
 from mdm.testing import probe, run_virtual
 
 MODEL = problems.dec_tiger()
@@ -74,7 +74,7 @@ def test_a_member_without_a_transport_makes_a_session_with_the_team_s_settings(t
     class Nobody:
         act = staticmethod(lambda name: lambda: None)
 
-    certificates = pytest.importorskip("mdm.team.certificates")
+    certificates = pytest.importorskip("mdm.team.transport.certificates")
     pytest.importorskip("cryptography", reason="makes the certificates")
     files = certificates.make_certificates(tmp_path, {"left": ["127.0.0.1"], "right": ["127.0.0.1"]})
     team = tigers(ceilings=[Ceiling("mdm/tigers/*/joint/belief", rate=5.0)], lease=2.0)

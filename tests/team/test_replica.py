@@ -11,8 +11,8 @@ from teams import team as random_team
 
 import mdm
 from mdm import problems
-from mdm.team.network import Network
 from mdm.team.team import Team
+from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
 
 

@@ -8,8 +8,8 @@ import sys
 import pytest
 
 import mdm
-from mdm.team.ceilings import Ceiling
 from mdm.team.team import Agent, Team
+from mdm.team.transport.ceilings import Ceiling
 
 
 def test_a_team_knows_its_agents_and_how_they_decide():

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Mapping
 
     from mdm.team import Team
-    from mdm.team.session import Session
+    from mdm.team.transport.session import Session
 
 __all__ = ["asking"]
 
@@ -25,8 +25,8 @@ async def asking(file: str, team: Team) -> AsyncIterator[tuple[Session, Mapping[
     Where the file has certificates, it shows that of the operator.
     """
     from mdm.config import load_team_file  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.team.access import OPERATOR, access_settings  # noqa: PLC0415
-    from mdm.team.session import Session  # noqa: PLC0415
+    from mdm.team.transport.access import OPERATOR, access_settings  # noqa: PLC0415
+    from mdm.team.transport.session import Session  # noqa: PLC0415
 
     described = load_team_file(file)
     access = None if described is None else described.access(OPERATOR)

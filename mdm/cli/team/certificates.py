@@ -32,8 +32,8 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
 def run(arguments: argparse.Namespace) -> int:
     """Write the certificates; return the exit status."""
     from mdm.cli.team.file import team_of  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.team.access import OPERATOR  # noqa: PLC0415
-    from mdm.team.certificates import make_certificates  # noqa: PLC0415
+    from mdm.team.transport.access import OPERATOR  # noqa: PLC0415
+    from mdm.team.transport.certificates import make_certificates  # noqa: PLC0415
 
     team = team_of(arguments.file)
     hosts = {agent.name: [_host(agent.endpoint or "")] for agent in team.agents}

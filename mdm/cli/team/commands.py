@@ -59,7 +59,7 @@ async def _tell(file: str, team: Team, call: str, ensembles: dict[str, list[str]
         Error: If nobody answers, or the agent refuses.
     """
     from mdm.cli.team.asker import asking  # noqa: PLC0415
-    from mdm.team.calls import ask  # noqa: PLC0415
+    from mdm.team.sharing.calls import ask  # noqa: PLC0415
 
     told: dict[str, str] = {}
     async with asking(file, team) as (session, live):

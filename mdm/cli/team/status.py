@@ -58,7 +58,7 @@ async def _ask(file: str, team: Team) -> dict[str, dict[str, Any]]:
     """Return what each agent says of each of its ensembles."""
     from mdm.cli.team.asker import asking  # noqa: PLC0415
     from mdm.cli.team.file import ensembles_of  # noqa: PLC0415
-    from mdm.team.calls import ask  # noqa: PLC0415
+    from mdm.team.sharing.calls import ask  # noqa: PLC0415
 
     found: dict[str, dict[str, Any]] = {}
     async with asking(file, team) as (session, live):

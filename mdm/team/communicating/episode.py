@@ -1,0 +1,81 @@
+"""Episodes of a communicating team: from which tick its steps count, and what agents say in them."""
+
+from __future__ import annotations
+
+import msgspec
+
+from mdm.runtime import ActorStatistics
+from mdm.team.communicating.recollection import Experience
+
+__all__ = ["Episode", "TalkerStatistics", "Word", "decode", "encode"]
+
+
+class Episode(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """An episode of a communicating team, or the time between two of them.
+
+    Args:
+        number: It grows with each command.
+        origin: The number of the tick of step 0: ticks are at multiples of the period since 1970, on every clock.
+        by: Who began it.
+        running: Whether the agents decide in it.
+    """
+
+    number: int
+    origin: int
+    by: str
+    running: bool
+
+    def supersedes(self, other: Episode | None) -> bool:
+        """Whether it counts in place of another: the later command does, and of two at once the earlier origin."""
+        return other is None or (self.number, -self.origin, self.by) > (other.number, -other.origin, other.by)
+
+
+class Word(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """What an agent says to all others.
+
+    Args:
+        episode: The episode that it is in.
+        configuration: The digest of what must be the same at all agents.
+        experiences: What it shares of its history; their steps count from the episode's origin.
+    """
+
+    episode: Episode
+    configuration: str
+    experiences: tuple[Experience, ...] = ()
+
+
+encode = msgspec.msgpack.Encoder().encode
+decode = msgspec.msgpack.Decoder(Word).decode
+
+
+class TalkerStatistics(ActorStatistics, frozen=True):
+    """Where an agent of a communicating team stands.
+
+    Attributes:
+        role: ``talking``; ``joining`` before the first episode; ``refused`` where it came to an episode of
+            agents with another configuration.
+        term: The number of the episode.
+        step: The present step.
+        digest: Of what the agent knows.
+        members: The agents that it hears, itself included.
+        sent: Messages with a part of the history, each to all others.
+        held: Of those, messages that the transport did not take; they are lost.
+        heard: Experiences of others that came.
+        late: Of those, applied to a step before the present one.
+        too_late: Of those, not applied: from before the window, or before this agent came.
+        refused: Of those, not applied: from far ahead, or another thing than was told before.
+        malformed: Messages that were none.
+    """
+
+    role: str
+    term: int
+    step: int
+    digest: str
+    members: tuple[str, ...]
+    sent: int
+    held: int
+    heard: int
+    late: int
+    too_late: int
+    refused: int
+    malformed: int

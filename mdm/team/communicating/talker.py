@@ -1,0 +1,452 @@
+"""The talker: the layer of an ensemble whose agents decide for themselves, and tell each other what they choose to.
+
+There is no agreement. All agents number their steps by the same ticks, so that what one says of a step belongs to that
+step at every other, whenever it arrives.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from mdm.errors import ConfigError, ModelError
+from mdm.messages import Fault
+from mdm.models.digest import of_parts
+from mdm.runtime import Subscription
+from mdm.runtime.scheduler import next_tick
+from mdm.team import centralised
+from mdm.team.communicating.episode import Episode, TalkerStatistics, Word, decode, encode
+from mdm.team.communicating.knowledge import Knowledge, SharedHistory
+from mdm.team.communicating.recollection import Experience
+from mdm.team.layer import TeamLayer
+from mdm.team.ownership import acting
+from mdm.team.transport.keys import join
+
+if TYPE_CHECKING:
+    from mdm.actors import Ensemble
+    from mdm.messages import Tick
+    from mdm.runtime import Timer
+    from mdm.team.link import Link
+    from mdm.team.placement import Placement
+    from mdm.team.team import Team
+    from mdm.team.transport.transport import Sample
+
+__all__ = ["Talker"]
+
+_LONGEST_GAP = 1_000
+"""Steps without an observation that an agent goes through to come to the present one; it leaves out those before."""
+
+_MOST_EARLY = 256
+"""Experiences that are kept until the first step comes."""
+
+
+class Talker(TeamLayer):
+    """The last layer of an ensemble in a communicating team.
+
+    At each tick the agent observes, shares what its communication policy chooses, hears the others, and decides: as
+    soon as all live agents have told of the step, or the team's deadline after the tick is over.
+
+    Args:
+        team: The team.
+        ensemble: The ensemble, whose control layer it leads.
+        link: What connects this agent with the others.
+        placement: Where the ensemble's layers are.
+
+    Raises:
+        ConfigError: If the ensemble cannot be one of a communicating team.
+
+    Attributes:
+        knowledge: What the agent knows.
+        episode: The present episode; None before the first.
+    """
+
+    def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
+        key = f"ensembles.{ensemble.name}"
+        _check_options(ensemble, key)
+        super().__init__("talker", team, ensemble, link, placement)
+        self._agents = acting(team, ensemble, placement)
+        if self.parts.owners != self._agents:
+            raise ConfigError(
+                f"in a communicating team each agent tells its own component of the observation; of ensemble "
+                f"{ensemble.name!r} the components are told by {', '.join(self.parts.owners)}, and the agents are "
+                f"{', '.join(self._agents)}",
+                key=f"{key}.observations",
+            )
+        try:
+            self.knowledge = Knowledge.of(
+                ensemble.controller, ensemble.control.another, ensemble.agent, copy.deepcopy(team.communication)
+            )
+        except ConfigError as error:
+            raise ConfigError(error.message, key=f"{key}.policy") from None
+        self.episode: Episode | None = None
+        self._configuration = of_parts([encode(sorted(self.copy.facts.items()))])[:16]
+        self._key = link.key(ensemble.name, "word")
+        self._offset: int | None = None
+        """The step of the episode at which the knowledge begins; None before the first step here."""
+        self._first_tick: int | None = None
+        self._open: tuple[int, int] | None = None
+        self._timer: Timer | None = None
+        self._asked = False
+        self._told_of: dict[str, int] = {}
+        self._early: list[tuple[str, Experience]] = []
+        self._did: int | None = None
+        self._refused = False
+        self._refusals: dict[str, str] = {}
+        """The configurations of agents that are not heard, for theirs are other ones."""
+        self._reported: set[tuple[str, str]] = set()
+        self._problem: str | None = None
+        self._symbol = self.parts.idle[ensemble.agent]
+        self._sent = self._held_back = self._before = 0
+        self._serves = False
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Listen to the own layers and to the other agents."""
+        self._open = self._timer = None
+        self._asked = False
+        super().on_start()
+        self.hear(join(self.team.name, "*", self.ensemble.name, "word"), self._on_word)
+        if not self._serves:
+            self._serves = True
+            facts = centralised.encode(self.copy.facts)
+            self.link.serve(self.link.key(self.ensemble.name, "configuration"), lambda _: facts)
+        self.every(1 / self.team.lease, lambda _: self._say())
+        self.call_later(self.team.lease, self._begin)  # by when this agent has heard of an episode that there is
+
+    def on_running(self) -> None:
+        """Go on after a failure."""
+        if self.episode is not None and self.episode.running:
+            self.ensemble.control.running = True
+            self.ensemble.safety.start(self.runtime.clock.now())
+
+    def take_live(self, _link: Link) -> None:
+        """Take note of who is live: who has just come is told of the episode; nobody waits for who is gone."""
+        self._say()
+        self._close()
+
+    # -- Episodes ------------------------------------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        """Begin the first episode where there is none, if this is the first of the agents that are there."""
+        if self.episode is None and not self._refused:
+            if next((agent for agent in self._agents if agent in self.link.live), self.agent) == self.agent:
+                self.ask_for("start")
+            else:
+                self.call_later(self.team.lease, self._begin)
+
+    def ask_for(self, command: str) -> None:
+        """Begin an episode, or end it, at all agents."""
+        if self._refused:
+            return
+        number, running = (0, False) if self.episode is None else (self.episode.number, self.episode.running)
+        if command in {"start", "resume"} and running:
+            return
+        assert self.team.period is not None
+        behind = self.runtime.clock.now() + round(self.team.deadline * 1e9)  # by when all will have heard of it
+        origin = next_tick(behind, 1 / self.team.period)
+        decides = command != "stop" and (command != "reset" or running)
+        self._enter(Episode(number + 1, origin, self.agent, decides))
+
+    def _enter(self, episode: Episode) -> None:
+        now = self.runtime.clock.now()
+        self.episode, self._offset = episode, None
+        self._shut()
+        self._told_of.clear()
+        self._early.clear()
+        self._problem = None
+        self.forget()
+        self.ensemble.control.running = episode.running
+        if episode.running:
+            self.ensemble.safety.start(now)
+        else:
+            self.ensemble.safety.stop(now)
+        self._tell_commit(0, (), "start" if episode.running else "stop", None)
+        self._say()
+
+    def _say(self, experiences: tuple[Experience, ...] = ()) -> bool:
+        """Say in which episode this agent is, and what it shares."""
+        if self.episode is None:
+            return False
+        return self.link.put(self._key, encode(Word(self.episode, self._configuration, experiences)), priority="step")
+
+    # -- Steps ---------------------------------------------------------------------------------------------------
+
+    def forget(self) -> None:
+        """Forget what was observed in another episode."""
+        super().forget()
+        self._symbol = self.parts.idle[self.ensemble.agent]
+
+    def _on_tick(self, tick: Tick) -> None:
+        self.tick = tick.number
+        if self._first_tick is None:
+            self._first_tick = tick.number
+        if self.episode is None or not self.episode.running or tick.number < self.episode.origin:
+            return
+        if self._open is not None:
+            self._decide()
+        step = tick.number - self.episode.origin
+        if self._offset is not None and step - self._step > _LONGEST_GAP:
+            self._offset = None
+        if self._offset is None:
+            self._arrive(step)
+        else:
+            self._go_on(step)
+        self._open = step, tick.time
+        self._share()
+        self._timer = self.call_later(self.team.deadline, self._decide)
+        self._close()
+
+    @property
+    def _step(self) -> int:
+        """The step that this agent has come to."""
+        return self.knowledge.step + (self._offset or 0)
+
+    def _arrive(self, step: int) -> None:
+        """Come to the first step here, which is a later one for who comes late: it has not seen those before."""
+        horizon = self.ensemble.controller.horizon
+        unseen = min(step, _LONGEST_GAP) if horizon is None else step % horizon
+        self._offset = step - unseen
+        self.knowledge.start()
+        for _ in range(unseen):
+            self.knowledge.observe()
+        self.knowledge.unshared = ()
+        self.forget()
+        early, self._early = self._early, []
+        for agent, experience in early:
+            self._hear(agent, (experience,))
+
+    def _go_on(self, step: int) -> None:
+        """Go on to a step, with what was seen since the last one, and what was done."""
+        doing = self._doing()
+        self.knowledge.act(doing if doing == self._did else None)
+        for _ in range(step - self._step - 1):
+            self.knowledge.observe()
+        self.knowledge.observe(self._observed())
+
+    def _observed(self) -> int | None:
+        place = self.ensemble.agent
+        [seen] = self._seen
+        super().forget()
+        if seen is None:
+            return self._symbol
+        if self.parts.hold[place]:
+            self._symbol = seen
+        return seen
+
+    def _doing(self) -> int | None:
+        """This agent's own component of what is really done, by index; None where that is none of the model's."""
+        ensemble = self.ensemble
+        if ensemble.mode == "safe":
+            safe, bindings = ensemble.action.safe, ensemble.action.bindings
+            return bindings.index(safe) if safe is not None and safe in bindings else None
+        if self._held:
+            return self._did
+        return self.knowledge.component
+
+    def _share(self) -> None:
+        """Ask the communication policy, and send what it chooses."""
+        self._asked = False
+        if self._open is None:
+            return
+        assert self._first_tick is not None
+        assert self._offset is not None
+        history = self.knowledge.share((self.tick - self._first_tick) * (self.team.period or 0.0))
+        if history is not None:
+            offset = self._offset
+            self._sent += 1
+            shared = tuple(Experience(e.step + offset, e.action, e.observation) for e in history.experiences)
+            self._held_back += not self._say(shared)
+
+    def _close(self) -> None:
+        """Decide, where nothing is to be waited for any more."""
+        if self._open is None or self._asked:
+            return
+        step, _ = self._open
+        if step and not getattr(self.team.communication, "silent", False):
+            for agent in self._agents:
+                waited_for = agent != self.agent and agent in self.link.live and agent not in self._refusals
+                if waited_for and self._told_of.get(agent, 0) < step:
+                    return
+        self._decide()
+
+    def _decide(self) -> None:
+        """Decide on what is known."""
+        if self._open is None:
+            return
+        step, time = self._open
+        self._shut()
+        ensemble, controller = self.ensemble, self.ensemble.controller
+        decided = self.knowledge.decide()
+        if controller.problem is not None and controller.problem != self._problem:
+            self.runtime.faults.publish(Fault(time, ensemble.path, "impossible_observation", controller.problem))
+        self._problem = controller.problem
+        ensemble.control.announce(decided, time, "tick", self.knowledge.own.observed)
+        self._did = self._doing()
+        others = (agent for agent in self._agents if agent != self.agent)
+        missing = tuple(agent for agent in others if self._told_of.get(agent, 0) < step)
+        self._tell_commit(step, missing, None, decided.action)
+
+    def _shut(self) -> None:
+        self._open = None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _tell_commit(self, step: int, missing: tuple[str, ...], command: str | None, action: int | None) -> None:
+        if self.commits is None or not self.commits.heard or self.episode is None:
+            return
+        inputs = {}
+        if command is None:
+            seen = self.knowledge.own.components
+            inputs = {
+                agent: self.copy.part(0, (value,))
+                for agent, value in zip(self._agents, seen, strict=True)
+                if value is not None
+            }
+        episode = self.episode
+        term = (episode.number, episode.by, episode.origin)
+        self.tell(term, step, inputs, missing, command, action=action, digest=self._digest())
+
+    def _digest(self) -> str:
+        return of_parts([self.ensemble.control.snapshot()])
+
+    # -- What the others say -------------------------------------------------------------------------------------
+
+    def _on_word(self, sample: Sample) -> None:
+        try:
+            word = decode(sample.body)
+        except (msgspec.MsgspecError, ValueError):
+            self.malformed += 1
+            return
+        agent = sample.owner
+        if word.configuration != self._configuration:
+            self._refused = self._refused or self.episode is None
+            if self._refusals.get(agent) != word.configuration:
+                self._refusals[agent] = word.configuration
+                self.spawn(self._compare(agent), name="compare")
+            return
+        self._refusals.pop(agent, None)
+        self._compare_clocks(sample)
+        if self._refused:
+            return
+        if word.episode.supersedes(self.episode):
+            self._enter(word.episode)
+        elif word.episode != self.episode:
+            self._say()
+            return
+        if word.experiences and agent in self._agents:
+            self._hear(agent, word.experiences)
+
+    def _hear(self, agent: str, experiences: tuple[Experience, ...]) -> None:
+        """Take what another agent shares."""
+        if self._offset is None:
+            self._early += ((agent, experience) for experience in experiences)
+            del self._early[:-_MOST_EARLY]
+            return
+        moved = tuple(
+            Experience(experience.step - self._offset, experience.action, experience.observation)
+            for experience in experiences
+        )
+        known = tuple(experience for experience in moved if experience.step >= 1)
+        self._before += len(moved) - len(known)
+        try:
+            unapplied = self.knowledge.hear(SharedHistory(self._agents.index(agent), known))
+        except ModelError as error:
+            self.malformed += 1
+            self._report_once("word", agent, f"{agent} says what cannot be: {error}")
+            return
+        if unapplied and self.knowledge.own.problem is not None:
+            self._report_once(
+                "history", agent, f"not everything that {agent} said counts: {self.knowledge.own.problem}"
+            )
+        self._told_of[agent] = max(self._told_of.get(agent, 0), *(experience.step for experience in experiences))
+        if self._open is not None and unapplied < len(known) and not self._asked:
+            self._asked = True  # and it may answer, behind what else has just arrived
+            turn: Subscription[None] = Subscription(None, self, self._on_heard)
+            self.runtime.dispatcher.deliver_behind(turn, None)
+
+    def _on_heard(self, _: None) -> None:
+        self._share()
+        self._close()
+
+    def _compare_clocks(self, sample: Sample) -> None:
+        ahead = (sample.time - self.runtime.clock.now()) / 1e9
+        assert self.team.period is not None
+        if ahead > self.team.period / 2:
+            self._report_once(
+                "clock",
+                sample.owner,
+                f"the clock of {sample.owner} is at least {ahead:.3f} s ahead of that of {self.agent}, so that their "
+                "steps are not the same: synchronise the clocks",
+            )
+
+    async def _compare(self, agent: str) -> None:
+        """Tell in which fact another agent's configuration differs."""
+        answers = await self.link.ask(join(self.team.name, agent, self.ensemble.name, "configuration"))
+        try:
+            difference = self.copy.difference(centralised.facts(answers[agent]), agent)
+        except (KeyError, msgspec.MsgspecError, ValueError):
+            difference = f"{agent} has another configuration"
+        who = self.agent if self._refused else agent
+        self.report("refused", f"{who} cannot take part in the team: {difference}")
+
+    def _report_once(self, kind: str, agent: str, text: str) -> None:
+        if (kind, agent) not in self._reported:
+            self._reported.add((kind, agent))
+            self.report(kind, text)
+
+    # -- Where it stands -----------------------------------------------------------------------------------------
+
+    def statistics(self) -> TalkerStatistics:
+        """Return where it stands."""
+        counts = self.knowledge.own.statistics()
+        episode = self.episode
+        return TalkerStatistics(
+            **msgspec.structs.asdict(super().statistics()),
+            role="refused" if self._refused else "joining" if episode is None else "talking",
+            term=0 if episode is None else episode.number,
+            step=0 if self._offset is None else self._step,
+            digest=self._digest(),
+            members=tuple(agent for agent in self.link.live if agent not in self._refusals),
+            sent=self._sent,
+            held=self._held_back,
+            heard=counts.heard + self._before,
+            late=counts.late,
+            too_late=counts.too_late + self._before,
+            refused=counts.too_early + counts.contradictory,
+            malformed=self.malformed,
+        )
+
+
+def _check_options(ensemble: Ensemble, key: str) -> None:
+    """Refuse what an ensemble of a communicating team cannot have."""
+    name, control, controller = ensemble.name, ensemble.control, ensemble.controller
+    if control.planner is not None:
+        raise ConfigError(
+            f"ensemble {name!r} searches, but the agents of a communicating team have to foresee each other's "
+            "decisions: give it a policy that was computed",
+            key=f"{key}.policy",
+        )
+    if controller.takes == "state":
+        raise ConfigError(
+            f"ensemble {name!r} decides on states, but the agents of a communicating team share what they observe: "
+            "give it a policy over beliefs",
+            key=f"{key}.policy",
+        )
+    if control.deadline is not None:
+        raise ConfigError(
+            f"in a communicating team the period and its deadline say when ensemble {name!r} decides: leave its "
+            "deadline out",
+            key=f"{key}.deadline",
+        )
+    if controller.on_impossible == "safe_action":
+        raise ConfigError(
+            "in a communicating team what seems impossible may be what others did unseen: on_impossible is 'predict', "
+            "'keep' or 'reset'",
+            key=f"{key}.on_impossible",
+        )
+    if getattr(controller.model, "false_negative", None) is not None:
+        raise ConfigError("a communicating team has no false negatives: leave it out", key=f"{key}.false_negative")

@@ -1,0 +1,178 @@
+"""Calls: what other programs ask of an agent's ensembles: to start, to stop, how they are.
+
+Each call is a question under the key ``mdm/<team>/<agent>/<ensemble>/<call>``, and its answer one object of JSON, which
+has either ``result`` or ``error``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from mdm.errors import Error
+from mdm.runtime import Actor
+from mdm.runtime.supervision import describe
+from mdm.team.transport.keys import join
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from mdm.actors import Ensemble
+    from mdm.team.layer import TeamLayer
+    from mdm.team.link import Link
+    from mdm.team.team import Team
+    from mdm.team.transport.transport import Transport
+
+__all__ = ["CALLS", "COMMANDS", "Answers", "ask"]
+
+COMMANDS = ("start", "stop", "reset", "release")
+"""Calls that do something: the first three at all agents of a team, whichever was asked; a release at the one asked."""
+
+CALLS = (*COMMANDS, "status", "statistics", "wiring", "versions")
+"""All calls."""
+
+
+class Answers(Actor):
+    """Answers the calls of one agent's ensembles.
+
+    Args:
+        link: What connects this agent with the others.
+        ensembles: The ensembles by name.
+        layers: What a team adds to each of them.
+    """
+
+    def __init__(
+        self, link: Link, ensembles: Mapping[str, Ensemble], layers: Mapping[str, TeamLayer], *, name: str = "calls"
+    ) -> None:
+        super().__init__(name)
+        self._link = link
+        self._ensembles = dict(ensembles)
+        self._layers = dict(layers)
+        self._serves = False
+
+    def on_start(self) -> None:
+        """Answer from now on."""
+        if self._serves:
+            return
+        self._serves = True
+        for name in self._ensembles:
+            for call in CALLS:
+                self._link.serve(self._link.key(name, call), self._answering(name, call))
+
+    def _answering(self, name: str, call: str) -> Callable[[bytes], bytes]:
+        function = getattr(self, f"_{call}", None)
+
+        def answer(_: bytes) -> bytes:
+            try:
+                result = self._command(name, call) if function is None else function(name)
+                return _encode({"result": result})
+            except Exception as error:  # whoever asks is told; the team goes on
+                return _encode({"error": describe(error)})
+
+        return answer
+
+    def _command(self, name: str, call: str) -> str:
+        if self.life != "running":
+            raise Error(f"agent {self._link.agent!r} is {self.life}")
+        if call in {"start", "reset"} and getattr(self._layers[name].statistics(), "role", "") == "refused":
+            raise Error(f"agent {self._link.agent!r} takes no part in the team, which refused it when it joined")
+        getattr(self._ensembles[name], call)()
+        return "done"
+
+    def _status(self, name: str) -> dict[str, Any]:
+        ensemble, layer = self._ensembles[name], self._layers[name]
+        stands = layer.statistics()
+        status: dict[str, Any] = {
+            "agent": self._link.agent,
+            "ensemble": name,
+            "mode": ensemble.mode,
+            "causes": [f"{cause.kind}: {cause.detail}" for cause in ensemble.causes],
+            "action": None
+            if (acted := ensemble.control.acted) is None
+            else ensemble.controller.symbols.action_name(acted),
+            "epoch": ensemble.controller.epoch,
+            "live": list(self._link.live),
+        }
+        for key in ("role", "leader", "term", "step", "digest", "members"):
+            if hasattr(stands, key):
+                status[key] = getattr(stands, key)
+        return status
+
+    def _statistics(self, name: str) -> dict[str, Any]:
+        ensemble = self._ensembles[name]
+        parts = {
+            "ensemble": ensemble,
+            "control": ensemble.control,
+            "action": ensemble.action,
+            "team": self._layers[name],
+        }
+        found = {part: msgspec.structs.asdict(actor.statistics()) for part, actor in parts.items()}
+        return {**found, "transport": msgspec.structs.asdict(self._link.transport.statistics())}
+
+    def _wiring(self, name: str) -> dict[str, Any]:
+        ensemble, parts = self._ensembles[name], self._layers[name].parts
+        wires = [
+            wire for layer in (ensemble.state, ensemble.observation) if layer is not None for wire in layer.wires()
+        ]
+        return {
+            "factors": dict(zip(parts.names, parts.owners, strict=True)),
+            "symbols": [wire._asdict() for wire in wires],
+            "actions": list(ensemble.action.names),
+        }
+
+    def _versions(self, name: str) -> dict[str, str]:
+        return self._layers[name].copy.facts
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    return repr(value)
+
+
+_encode = msgspec.json.Encoder(enc_hook=_plain).encode
+
+
+async def ask(
+    transport: Transport,
+    team: Team,
+    call: str,
+    *,
+    agent: str = "*",
+    ensemble: str = "*",
+    seconds: float = 1.0,
+) -> dict[str, Any]:
+    """Ask agents of a team, and return what each says.
+
+    Args:
+        transport: A transport of the asker's, open; its agent is none of the team's, or one of them.
+        team: The team.
+        call: One of `CALLS`.
+        agent: Who is asked; by default all.
+        ensemble: Of which ensemble; by default the only one.
+        seconds: How long to wait.
+
+    Returns:
+        By agent, the result, or an `Error` with what the agent says in its place; who does not answer is left out.
+
+    Raises:
+        Error: If there is no such call or agent.
+    """
+    if call not in CALLS:
+        raise Error(f"there is no call {call!r}; there are {', '.join(CALLS)}")
+    if agent != "*":
+        team.check_agent(agent)
+    answers = await transport.ask(join(team.name, agent, ensemble, call), timeout=seconds)
+    found: dict[str, Any] = {}
+    for who in team.names:
+        if who in answers:
+            try:
+                answer = msgspec.json.decode(answers[who])
+                found[who] = answer["result"] if "result" in answer else Error(answer["error"])
+            except (msgspec.MsgspecError, TypeError, KeyError):
+                found[who] = Error(f"agent {who!r} answers in another form: {answers[who][:40]!r}")
+    return found

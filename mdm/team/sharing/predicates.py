@@ -1,0 +1,316 @@
+"""Predicates and events of other agents: known here as ``agent/Name``.
+
+Who needs some asks their owner for them, once, and is told of each change from then on. A predicate is unknown when
+nothing was heard of its owner for the team's ``max_age``, or the owner is gone.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from mdm.logic import similar
+from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate
+from mdm.runtime import Actor
+from mdm.team.transport.keys import join
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from mdm.actors import PredicateManager
+    from mdm.runtime import Channel, Runtime, Subscription, Timer
+    from mdm.team.link import Link
+    from mdm.team.transport.transport import Sample
+
+__all__ = ["Followed", "Told", "wanted"]
+
+PREDICATES = "predicates"
+_WAIT = 0.5
+
+
+class Request(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Whose predicates and events somebody follows, by name."""
+
+    predicates: tuple[str, ...]
+    events: tuple[str, ...]
+
+
+class Reply(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """The number of the last change, the values by then, and the names that there are not, each with a hint."""
+
+    number: int
+    values: dict[str, bool | None]
+    unknown: dict[str, str]
+
+
+class Change(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """What changed or occurred, numbered from 1; of number alone, nothing did."""
+
+    number: int
+    time: int
+    values: dict[str, bool | None] = {}
+    events: tuple[str, ...] = ()
+
+
+_encode = msgspec.msgpack.Encoder().encode
+_request = msgspec.msgpack.Decoder(Request).decode
+_reply = msgspec.msgpack.Decoder(Reply).decode
+_change = msgspec.msgpack.Decoder(Change).decode
+
+
+def wanted(manager: PredicateManager, agents: Iterable[str]) -> dict[str, Request]:
+    """Return what a predicate manager uses of each agent."""
+    found: dict[str, tuple[list[str], list[str]]] = {}
+    for name in manager.used:
+        agent, slash, rest = name.partition("/")
+        if slash and agent in agents and manager.knows(name) == "predicate":
+            found.setdefault(agent, ([], []))[0].append(rest)
+    for name, kind in manager.names.items():
+        agent, slash, rest = name.partition("/")
+        if slash and agent in agents and kind == "event" and manager.raises(name):
+            found.setdefault(agent, ([], []))[1].append(rest)
+    return {agent: Request(tuple(names), tuple(events)) for agent, (names, events) in found.items()}
+
+
+class Told(Actor):
+    """Tells others of this agent's predicates and events, where they ask for them.
+
+    Args:
+        link: What connects this agent with the others.
+        managers: The predicate managers whose they are; of one name the first counts.
+
+    Attributes:
+        here: Who of this agent itself is told as well.
+    """
+
+    def __init__(self, link: Link, managers: Iterable[PredicateManager], *, name: str = "told") -> None:
+        super().__init__(name)
+        self._link = link
+        self._managers = tuple(managers)
+        self._key = link.key(PREDICATES, "changes")
+        self._names: dict[PredicateManager, set[str]] = {}
+        self._topics: list[Subscription[Any]] = []
+        self._number = 0
+        self._serves = False
+        self.here: list[Callable[[Change], None]] = []
+
+    def on_start(self) -> None:
+        """Answer who asks, and say now and then that nothing has changed."""
+        self._topics = []
+        if not self._serves:
+            self._serves = True
+            self._link.serve(self._link.key(PREDICATES, "follow"), self._answer)
+        self._listen()
+        self.every(4 / self._link.team.max_age, lambda _: self._say_nothing())
+
+    def on_stop(self) -> None:
+        """Tell nothing more."""
+        for subscription in self._topics:
+            subscription.cancel()
+
+    def _answer(self, body: bytes) -> bytes:
+        try:
+            return _encode(self.reply(_request(body)))
+        except (msgspec.MsgspecError, ValueError):
+            return b""
+
+    def reply(self, asked: Request) -> Reply:
+        """Return the present values of predicates, and tell of each change from now on."""
+        unknown: dict[str, str] = {}
+        values: dict[str, bool | None] = {}
+        for names, kind in ((asked.predicates, "predicate"), (asked.events, "event")):
+            for name in names:
+                manager = next((one for one in self._managers if one.names.get(name) == kind), None)
+                if manager is None:
+                    known = [other for one in self._managers for other, its in one.names.items() if its == kind]
+                    unknown[name] = similar(name, known)
+                    continue
+                self._names.setdefault(manager, set()).add(name)
+                if kind == "predicate":
+                    values[name] = manager.value(name)
+        self._listen()
+        return Reply(self._number, values, unknown)
+
+    def _listen(self) -> None:
+        """Hear of what somebody asked for, and of nothing else."""
+        for subscription in self._topics:
+            subscription.cancel()
+        self._topics = []
+        for manager, names in self._names.items():
+            updates = self.runtime.channel(f"{manager.path}/updates", PredicateUpdate)
+            events = self.runtime.channel(f"{manager.path}/events", EventUpdate)
+            self._topics.append(updates.subscribe(self._tell_predicates, self, topics=names))
+            self._topics.append(events.subscribe(self._tell_events, self, topics=names))
+
+    def _names_of_all(self) -> set[str]:
+        return set().union(*self._names.values())
+
+    def _tell_predicates(self, update: PredicateUpdate) -> None:
+        names = self._names_of_all()
+        values: dict[str, bool | None] = {name: True for name in update.rising if name in names}
+        values |= {name: False for name in update.falling if name in names}
+        values |= {name: None for name in update.unknown if name in names}
+        if values:
+            self._put(update.time, values, ())
+
+    def _tell_events(self, update: EventUpdate) -> None:
+        names = self._names_of_all()
+        self._put(update.time, {}, tuple(name for name in update.events if name in names))
+
+    def _put(self, time: int, values: Mapping[str, bool | None], events: tuple[str, ...]) -> None:
+        self._number += 1
+        change = Change(self._number, time, dict(values), events)
+        for tell in self.here:
+            tell(change)
+        self._link.put(self._key, _encode(change))
+
+    def _say_nothing(self) -> None:
+        if self._names:
+            self._link.put(self._key, _encode(Change(self._number, self.runtime.clock.now())))
+
+
+class Followed(Actor):
+    """Keeps what a predicate manager uses of one agent up to date; that may be its own, since all run one file.
+
+    Args:
+        link: What connects this agent with the others.
+        agent: The agent.
+        manager: The predicate manager.
+        names: What it uses.
+        told: What tells of this agent's own.
+    """
+
+    def __init__(
+        self, link: Link, agent: str, manager: PredicateManager, names: Request, told: Told, *, name: str
+    ) -> None:
+        super().__init__(name)
+        self._told = told if agent == link.agent else None
+        self._link = link
+        self._agent = agent
+        self._manager = manager
+        self._names = names
+        self._life = 0
+        self._number = -1
+        self._count = 0
+        self._asking = False
+        self._old: Timer | None = None
+        self._known = False
+        self._hears: list[Subscription[Any]] = []
+        self._max_age = link.team.max_age
+        self._follows = False
+
+    def prepare(self, runtime: Runtime) -> None:
+        """Have the manager follow; call this before it starts."""
+        self._updates: Channel[PredicateUpdate] = runtime.channel(f"{self.path}/updates", PredicateUpdate)
+        self._map: Channel[PredicateMap] = runtime.channel(f"{self.path}/map", PredicateMap)
+        if self._names.predicates and not self._follows:
+            self._manager.follow(self._agent, self._updates, self._map)
+            self._follows = True
+
+    def on_start(self) -> None:
+        """Listen to the agent."""
+        self._life, self._asking, self._old, self._known = 0, False, None, False
+        if self._told is not None:
+            self._take_all(self._told.reply(self._names))
+            self._told.here.append(self._take)
+            return
+        key = join(self._link.team.name, self._agent, PREDICATES, "changes")
+        self._hears = [self._link.listen(key, self._on_sample, self), self._link.watch(self._on_live, self)]
+
+    def on_stop(self) -> None:
+        """Listen no more."""
+        self._link.drop(self._hears)
+        if self._told is not None and self._take in self._told.here:
+            self._told.here.remove(self._take)
+
+    def _on_live(self, link: Link) -> None:
+        life = link.live.get(self._agent, 0)
+        if life != self._life:
+            self._life = life
+            self._forget()
+            if life:
+                self._ask()
+
+    def _forget(self) -> None:
+        """Know nothing of the other agent until it is asked anew."""
+        self._number = -1
+        self._known = False
+        if self._old is not None:
+            self._old.cancel()
+            self._old = None
+        self._updates.publish(PredicateUpdate(self.runtime.clock.now(), -2, (), (), self._names.predicates))
+
+    def _ask(self) -> None:
+        if not self._asking:
+            self._asking = True
+            self.spawn(self._follow(self._life), self._asked, name="follow")
+
+    async def _follow(self, life: int) -> None:
+        key = join(self._link.team.name, self._agent, PREDICATES, "follow")
+        while self._life == life:
+            answers = await self._link.ask(key, _encode(self._names))
+            try:
+                reply = _reply(answers[self._agent])
+            except (KeyError, msgspec.MsgspecError, ValueError):
+                await self.runtime.clock.sleep(_WAIT)
+                continue
+            if self._life == life:
+                self._take_all(reply)
+            return
+
+    def _asked(self, _: object) -> None:
+        self._asking = False
+        if self._life and not self._known:
+            self._ask()
+
+    def _take_all(self, reply: Reply) -> None:
+        now = self.runtime.clock.now()
+        for name, hint in reply.unknown.items():
+            self.report("follow", f"agent {self._agent!r} has no predicate or event {name!r}{hint}")
+        self._number, self._known = reply.number, True
+        self._updates.publish(PredicateUpdate(now, -2, (), (), ()))  # so that the follower takes the map
+        self._count += 1
+        self._map.publish(PredicateMap(now, self._count, reply.values))
+        if self._told is None:
+            self._watch()
+
+    def _watch(self) -> None:
+        if self._old is not None:
+            self._old.cancel()
+        self._old = self.call_later(self._max_age, self._on_old)
+
+    def _on_old(self) -> None:
+        self._old = None
+        if self._known:
+            self.report("stale", f"nothing was heard of agent {self._agent!r} for {self._max_age:g} s")
+        self._forget()
+        if self._life:
+            self._ask()
+
+    def _on_sample(self, sample: Sample) -> None:
+        try:
+            change = _change(sample.body)
+        except (msgspec.MsgspecError, ValueError):
+            return
+        if sample.incarnation != self._life or not self._known:
+            return
+        self._watch()
+        happened = bool(change.values or change.events)
+        if change.number > self._number + happened:  # something was lost before
+            self._known = False
+            self._ask()
+        self._number = max(change.number, self._number)
+        self._take(change)
+
+    def _take(self, change: Change) -> None:
+        values = {name: value for name, value in change.values.items() if name in self._names.predicates}
+        if values:
+            rising, falling, unknown = (
+                tuple(name for name, value in values.items() if value is truth) for truth in (True, False, None)
+            )
+            self._count += 1
+            self._updates.publish(PredicateUpdate(self.runtime.clock.now(), self._count, rising, falling, unknown))
+        events = [f"{self._agent}/{name}" for name in change.events if name in self._names.events]
+        if events:
+            self._manager.occur(*events)

@@ -1,0 +1,252 @@
+"""Remote channels: what is published at one agent is published at others, by key.
+
+The key is ``mdm/<team>/<agent>/<ensemble>/<channel>``, the body the message as msgpack. Whoever comes late asks for the
+last message. Lost messages are counted by the transport; the next one counts.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from mdm.errors import ConfigError, Error
+from mdm.messages import Action, ActionLife, Belief, Mode, Observation, Reward, State
+from mdm.runtime import Actor
+from mdm.team.transport.keys import check_name, join
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from mdm.runtime import Channel, Subscription
+    from mdm.team.link import Link
+    from mdm.team.transport.transport import Sample
+
+__all__ = ["CHANNELS", "Exports", "Imports", "Wire"]
+
+CHANNELS: dict[str, type[Any]] = {
+    "state": State,
+    "observation": Observation,
+    "belief": Belief,
+    "action": Action,
+    "reward": Reward,
+    "mode": Mode,
+    "lives": ActionLife,
+}
+"""The messages of an ensemble's own channels, by the channels' names."""
+
+_RETAINED = frozenset({"state", "belief", "reward", "mode"})
+_WAIT = 0.5
+
+
+class Wire:
+    """Messages of a type as bytes: msgpack, with arrays by their type, shape and bytes.
+
+    Args:
+        type: A `msgspec.Struct`, or what else msgspec can write and read.
+
+    Raises:
+        ConfigError: If it cannot.
+    """
+
+    def __init__(self, type: type[Any]) -> None:  # noqa: A002 - as channels call it
+        self.type = type
+        self.encode: Callable[[Any], bytes] = msgspec.msgpack.Encoder(enc_hook=_packed).encode
+        try:
+            decode: Callable[[bytes], Any] = msgspec.msgpack.Decoder(type, dec_hook=_unpacked).decode
+        except (TypeError, NameError, NotImplementedError) as error:
+            raise ConfigError(f"messages of type {type.__name__} cannot be sent to other agents: {error}") from None
+        self._decode = decode
+
+    def decode(self, body: bytes) -> Any:
+        """Return the message of bytes.
+
+        Raises:
+            Error: If it is none of this type.
+        """
+        try:
+            message = self._decode(body)
+        except (msgspec.MsgspecError, ValueError, TypeError, IndexError) as error:
+            raise Error(f"this is no {self.type.__name__} message: {error}") from None
+        if message.__class__ is not self.type:
+            raise Error(f"this is no {self.type.__name__} message")
+        return message
+
+
+def _packed(value: object) -> object:
+    if isinstance(value, np.ndarray):
+        return [value.dtype.str, list(value.shape), np.ascontiguousarray(value).tobytes()]
+    if isinstance(value, np.generic):
+        return value.item()
+    raise NotImplementedError(f"{type(value).__name__} cannot be sent")
+
+
+def _unpacked(_: type, value: Any) -> Any:
+    kind, shape, data = value
+    if np.dtype(kind).hasobject:
+        raise ValueError("an array of objects is not taken from others")
+    return np.frombuffer(data, np.dtype(kind)).reshape(shape)
+
+
+def typed(names: Iterable[str] | Mapping[str, type[Any]], key: str) -> dict[str, type[Any]]:
+    """Return the type of each channel: as given, or of an ensemble's own channel by its name.
+
+    Raises:
+        ConfigError: If a name is none, or the type is not known.
+    """
+    if isinstance(names, str):
+        raise ConfigError(f"{key} are a list of channels, or a mapping from channels to types, not {names!r}", key=key)
+    given = dict(names.items()) if hasattr(names, "items") else dict.fromkeys(names)
+    found: dict[str, type[Any]] = {}
+    for name, kind in given.items():
+        for chunk in str(name).split("/"):
+            check_name(chunk, f"the channel {name!r}", key=key)
+        known = CHANNELS.get(str(name).rsplit("/", 1)[-1])
+        if kind is None and known is None:
+            raise ConfigError(
+                f"{name!r} is none of an ensemble's own channels ({', '.join(CHANNELS)}): give its type, as a mapping",
+                key=key,
+            )
+        found[str(name)] = known if kind is None else kind  # type: ignore[assignment]
+    return found
+
+
+class Exports(Actor):
+    """Sends what is published on channels of this agent to whoever imports them.
+
+    Args:
+        link: What connects this agent with the others.
+        channels: The channels, such as ``patrol/belief``, and the types of their messages.
+    """
+
+    def __init__(self, link: Link, channels: Mapping[str, type[Any]], *, name: str = "exports") -> None:
+        super().__init__(name)
+        self._link = link
+        self._wires = {channel: Wire(kind) for channel, kind in channels.items()}
+        self._serves = False
+
+    def on_start(self) -> None:
+        """Listen to the channels, and answer who asks for their last messages."""
+        above = self.parent.path if self.parent is not None else ""
+        for name, wire in self._wires.items():
+            retain = name.rsplit("/", 1)[-1] in _RETAINED
+            channel = self.runtime.channel(f"{above}/{name}" if above else name, wire.type, retain=retain)
+            self.subscribe(channel, self._sender(name, wire))
+            if not self._serves:
+                self._link.serve(self._link.key(*name.split("/")), self._answer(channel, wire))
+        self._serves = True
+
+    def _sender(self, name: str, wire: Wire) -> Callable[[Any], None]:
+        key, put, encode = self._link.key(*name.split("/")), self._link.put, wire.encode
+        refused: list[str] = []
+
+        def send(message: Any) -> None:
+            try:
+                put(key, encode(message))
+            except NotImplementedError as error:
+                if not refused:
+                    refused.append(str(error))
+                    self.report("export", f"channel {name!r}: {error}")
+
+        return send
+
+    @staticmethod
+    def _answer(channel: Channel[Any], wire: Wire) -> Callable[[bytes], bytes]:
+        def answer(_: bytes) -> bytes:
+            last = channel.last if channel.retain else None
+            return b"" if not isinstance(last, wire.type) else wire.encode(last)
+
+        return answer
+
+
+class Imports(Actor):
+    """Publishes here what other agents export, on ``<agent>/<ensemble>/<channel>`` below this agent's own path.
+
+    What was retained is forgotten when its owner is gone.
+
+    Args:
+        link: What connects this agent with the others.
+        channels: The channels, such as ``robot2/patrol/belief``, and the types of their messages.
+
+    Raises:
+        ConfigError: If one names no other agent.
+    """
+
+    def __init__(self, link: Link, channels: Mapping[str, type[Any]], *, name: str = "imports") -> None:
+        super().__init__(name)
+        self._link = link
+        self._wires = {channel: Wire(kind) for channel, kind in channels.items()}
+        for channel in channels:
+            agent = channel.split("/")[0]
+            link.team.check_agent(agent, key="imports")
+            if agent == link.agent or channel.count("/") < 1:
+                raise ConfigError(f"an import is another agent's channel, agent/ensemble/channel, not {channel!r}")
+        self.malformed = 0
+        self._lives: dict[str, int] = {}
+        self._hears: list[Subscription[Any]] = []
+
+    def on_start(self) -> None:
+        """Listen to the others."""
+        self._lives.clear()
+        self._hears = [
+            self._link.listen(join(self._link.team.name, *name.split("/")), self._receiver(name), self)
+            for name in self._wires
+        ]
+        self._hears.append(self._link.watch(self._on_live, self))
+
+    def on_stop(self) -> None:
+        """Listen no more."""
+        self._link.drop(self._hears)
+
+    def imported(self, name: str) -> Channel[Any]:
+        """Return the channel on which an import is published.
+
+        Raises:
+            Error: If nothing of that name is imported.
+        """
+        if name not in self._wires:
+            raise Error(f"no channel {name!r} is imported; there are {', '.join(self._wires) or 'none'}")
+        above = self.parent.path if self.parent is not None else ""
+        full = f"{above}/{name}" if above else name
+        return self.runtime.channel(full, self._wires[name].type, retain=name.rsplit("/", 1)[-1] in _RETAINED)
+
+    def _receiver(self, name: str) -> Callable[[Sample], None]:
+        return lambda sample: self._take(name, sample.body)
+
+    def _take(self, name: str, body: bytes) -> None:
+        try:
+            message = self._wires[name].decode(body)
+        except Error as error:
+            self.malformed += 1
+            if self.malformed == 1:
+                self.report("import", f"channel {name!r}: {error}")
+            return
+        self.imported(name).publish(message)
+
+    def _on_live(self, link: Link) -> None:
+        for agent in {name.split("/")[0] for name in self._wires}:
+            life = link.live.get(agent)
+            if life is None and agent in self._lives:
+                del self._lives[agent]
+                for name in self._of(agent):
+                    self.imported(name).forget()
+            elif life is not None and self._lives.get(agent) != life:
+                self._lives[agent] = life
+                for name in self._of(agent):
+                    self.spawn(self._ask(name, agent, life), name=f"ask {name}")
+
+    def _of(self, agent: str) -> list[str]:
+        return [name for name in self._wires if name.split("/")[0] == agent]
+
+    async def _ask(self, name: str, agent: str, life: int) -> None:
+        """Ask for the last message, until there is an answer or the agent is gone; a newer one may come before."""
+        channel, key = self.imported(name), join(self._link.team.name, *name.split("/"))
+        before = channel.published
+        while self._lives.get(agent) == life and channel.published == before:
+            answers = await self._link.ask(key)
+            if agent in answers:
+                if answers[agent] and channel.published == before and self._lives.get(agent) == life:
+                    self._take(name, answers[agent])
+                return
+            await self.runtime.clock.sleep(_WAIT)

@@ -1,0 +1,153 @@
+"""Access: who may talk to a team, and under which keys; Zenoh keeps both.
+
+Agents show each other certificates of one authority, whose common names are the agents' names. Of whoever shows one,
+Zenoh lets through what is under its own keys, and drops the rest. Envelopes are checked besides, with or without this.
+"""
+
+from __future__ import annotations
+
+import ssl
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from mdm.errors import ConfigError
+from mdm.team.transport.keys import ROOT, check_name, join
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["OPERATOR", "Access", "access_settings"]
+
+OPERATOR = "operator"
+"""Whose certificate somebody shows who is none of the agents: it lets them ask and call, and put nothing."""
+
+_OWN = ("put", "delete", "reply", "declare_queryable", "liveliness_token")
+_ANY = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
+
+
+class Access(msgspec.Struct, frozen=True):
+    """What an agent shows, and whom it believes: paths of files in PEM form.
+
+    Args:
+        authority: The certificate of the authority that signed those of all agents.
+        certificate: The agent's own certificate; its common name is the agent's name.
+        key: The private key to it.
+    """
+
+    authority: str
+    certificate: str
+    key: str
+
+
+def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]) -> dict[str, Any]:
+    """Return Zenoh's settings for mutual TLS and the permissions of each agent.
+
+    Args:
+        access: The agent's files.
+        team: The team's name.
+        agent: The agent's own name.
+        agents: The names of all agents.
+
+    Raises:
+        ConfigError: If a file is missing or is none, or others would refuse the certificate as this agent's.
+    """
+    for what, path in (("authority", access.authority), ("certificate", access.certificate), ("key", access.key)):
+        try:
+            Path(path).read_bytes()
+        except OSError as error:
+            raise ConfigError(
+                f"cannot read {path}: {error.strerror}; `mdm team certificates` makes files to try",
+                key=f"access.{what}",
+            ) from None
+    _check_certificate(access, agent)
+    others = [name for name in agents if name != agent]
+    # Zenoh forbids what no rule allows: to send anything of the team's, and to take what anyone may ask and hear.
+    rules = [
+        _rule("all", ["egress"], (*_OWN, *_ANY), [f"{ROOT}/{team}/**", *_whole(team, "*")]),
+        _rule("ask", ["ingress"], _ANY, [f"{ROOT}/{team}/**", *_whole(team, "*")]),
+    ]
+    policies, subjects = [], []
+    for name in others:
+        check_name(name, "an agent")
+        rules.append(_rule(f"own {name}", ["ingress"], _OWN, _whole(team, name)))
+        subjects.append({"id": name, "cert_common_names": [name]})
+        policies.append({"rules": ["all", "ask", f"own {name}"], "subjects": [name]})
+    if OPERATOR not in agents:
+        subjects.append({"id": OPERATOR, "cert_common_names": [OPERATOR]})
+        policies.append({"rules": ["all", "ask"], "subjects": [OPERATOR]})
+    return {
+        "transport": {
+            "link": {
+                "protocols": ["tls"],
+                "tls": {
+                    "root_ca_certificate": access.authority,
+                    "listen_certificate": access.certificate,
+                    "listen_private_key": access.key,
+                    "connect_certificate": access.certificate,
+                    "connect_private_key": access.key,
+                    "enable_mtls": True,
+                    "verify_name_on_connect": True,
+                },
+            }
+        },
+        "access_control": {
+            "enabled": True,
+            "default_permission": "deny",
+            "rules": rules,
+            "subjects": subjects,
+            "policies": policies,
+        },
+    }
+
+
+def _check_certificate(access: Access, agent: str) -> None:
+    """Shake hands with oneself, since whoever is not let in learns from Zenoh nothing but silence.
+
+    Raises:
+        ConfigError: If others would refuse the certificate.
+    """
+    server, client = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    client.check_hostname = False
+    try:
+        server.load_cert_chain(
+            access.certificate, access.key, password=""
+        )  # an encrypted key is refused, not asked for
+    except ssl.SSLError as error:
+        raise ConfigError(
+            f"{access.certificate} is no certificate, or {access.key} is not the key to it ({error.reason})",
+            key="access.certificate",
+        ) from None
+    try:
+        client.load_verify_locations(access.authority)
+    except ssl.SSLError as error:
+        raise ConfigError(f"{access.authority} is no certificate ({error.reason})", key="access.authority") from None
+    there, back = ssl.MemoryBIO(), ssl.MemoryBIO()
+    ends = [client.wrap_bio(back, there), server.wrap_bio(there, back, server_side=True)]
+    for _ in range(4):
+        for end in ends:
+            try:
+                end.do_handshake()
+            except ssl.SSLWantReadError:
+                continue
+            except ssl.SSLCertVerificationError as error:
+                raise ConfigError(
+                    f"others will not take {access.certificate} for one of {access.authority}: {error.verify_message}",
+                    key="access.certificate",
+                ) from None
+    shown: Any = (ends[0].getpeercert() or {}).get("subject", ())
+    names = [value for part in shown for kind, value in part if kind == "commonName"]
+    if agent not in names:
+        raise ConfigError(
+            f"{access.certificate} is of {', '.join(names) or 'nobody'}, not of agent {agent!r}",
+            key="access.certificate",
+        )
+
+
+def _whole(team: str, agent: str) -> list[str]:
+    return [join(team, agent, "**"), join(team, agent, "@team", "**")]
+
+
+def _rule(name: str, flows: Sequence[str], messages: Sequence[str], keys: Sequence[str]) -> dict[str, Any]:
+    return {"id": name, "flows": flows, "messages": messages, "permission": "allow", "key_exprs": keys}

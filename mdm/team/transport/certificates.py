@@ -1,0 +1,114 @@
+"""Certificates to try a team with: an authority, and a certificate of each agent.
+
+They are made by the package ``cryptography``, which ``pip install 'mdm[certificates]'`` brings: what X.509 asks for is
+no place for code of one's own, and the program ``openssl`` differs from one machine to the next. A team in earnest
+takes its certificates from whoever keeps its keys.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import ipaddress
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mdm.errors import Error
+from mdm.team.transport.access import Access
+from mdm.team.transport.keys import check_name
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = ["make_certificates"]
+
+
+def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *, days: int = 30) -> dict[str, Access]:
+    """Write an authority's certificate, and of each agent a certificate and its key; return where they are.
+
+    The key of the authority is not kept: who needs more agents makes all anew.
+
+    Args:
+        folder: Where to write; it is made where it is not.
+        agents: The hosts of each agent's endpoints, by name.
+        days: How long they are valid.
+
+    Raises:
+        Error: If ``cryptography`` is not installed, or a file is there already or cannot be written.
+    """
+    try:
+        from cryptography import x509  # noqa: PLC0415 - an extra
+        from cryptography.hazmat.primitives import hashes  # noqa: PLC0415
+        from cryptography.hazmat.primitives.asymmetric import ec  # noqa: PLC0415
+    except ImportError:
+        raise Error("certificates need the package cryptography: pip install 'mdm[certificates]'") from None
+    made = {check_name(agent, "an agent"): Access("", "", "") for agent in agents}
+    place = Path(folder)
+    now = dt.datetime.now(dt.UTC)
+
+    def certificate(name: str, public: Any, issuer: str, signer: Any, hosts: Sequence[str], *, authority: bool) -> Any:
+        builder = (
+            x509.CertificateBuilder()
+            .subject_name(x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)]))
+            .issuer_name(x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, issuer)]))
+            .public_key(public)
+            .serial_number(x509.random_serial_number())
+            .not_valid_before(now - dt.timedelta(hours=1))
+            .not_valid_after(now + dt.timedelta(days=days))
+            .add_extension(x509.BasicConstraints(ca=authority, path_length=None), critical=True)
+        )
+        if hosts:
+            builder = builder.add_extension(x509.SubjectAlternativeName([_host(x509, host) for host in hosts]), False)
+        return builder.sign(signer, hashes.SHA256())
+
+    root_name = "authority of a team that is tried"
+    root = ec.generate_private_key(ec.SECP256R1())
+    root_certificate = certificate(root_name, root.public_key(), root_name, root, (), authority=True)
+    authority = _write(place / "authority.pem", _pem(root_certificate), secret=False)
+    for agent, hosts in agents.items():
+        key = ec.generate_private_key(ec.SECP256R1())
+        own = certificate(agent, key.public_key(), root_name, root, hosts, authority=False)
+        made[agent] = Access(
+            authority,
+            _write(place / f"{agent}.pem", _pem(own), secret=False),
+            _write(place / f"{agent}.key.pem", _key_pem(key), secret=True),
+        )
+    return made
+
+
+def _host(x509: Any, host: str) -> Any:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host.strip("[]")))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+def _pem(certificate: Any) -> bytes:
+    from cryptography.hazmat.primitives.serialization import Encoding  # noqa: PLC0415 - an extra
+
+    pem: bytes = certificate.public_bytes(Encoding.PEM)
+    return pem
+
+
+def _key_pem(key: Any) -> bytes:
+    from cryptography.hazmat.primitives.serialization import (  # noqa: PLC0415 - an extra
+        Encoding,
+        NoEncryption,
+        PrivateFormat,
+    )
+
+    pem: bytes = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    return pem
+
+
+def _write(path: Path, content: bytes, *, secret: bool) -> str:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if secret else 0o644)
+    except FileExistsError:
+        raise Error(f"{path} is there already: name another folder, or remove it first") from None
+    except OSError as error:
+        raise Error(f"cannot write {path}: {error.strerror}") from None
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(content)
+    return str(path)

@@ -1,0 +1,256 @@
+"""The router: hands what a transport brings to the handlers, refuses what must not be handed on, and counts both."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from mdm.errors import Error
+from mdm.runtime.statistics import Latencies
+from mdm.team.transport.envelope import LARGEST, Refusal, Unpacker
+from mdm.team.transport.keys import check_expression, check_key, includes, matches, owner_of
+from mdm.team.transport.transport import Sample, Traffic, TransportStatistics
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+__all__ = ["Router"]
+
+_MOST_KEYS = 4096
+_REST = "..."
+
+
+class _Route:
+    """Where the messages under a key go, and how many went there."""
+
+    __slots__ = ("bytes", "carrier", "handlers", "messages")
+
+    def __init__(self, carrier: str | None, handlers: tuple[Callable[[Sample], None], ...]) -> None:
+        self.carrier = carrier
+        self.handlers = handlers
+        self.messages = 0
+        self.bytes = 0
+
+
+class Router:
+    """The receiving side of a transport.
+
+    Args:
+        team: Whose keys.
+        agent: Who receives.
+        later: Calls back after so many seconds.
+        failed: Told what a handler raised, until `supervise` names another.
+        largest: The largest message in bytes.
+    """
+
+    def __init__(
+        self,
+        team: str,
+        agent: str,
+        *,
+        later: Callable[[float, Callable[[], None]], object],
+        failed: Callable[[BaseException], None],
+        largest: int = LARGEST,
+    ) -> None:
+        self.unpacker = Unpacker(team, agent, self._missing, largest=largest)
+        self.live: dict[str, int] = {}
+        self._team = team
+        self._agent = agent
+        self._later = later
+        self._failed = failed
+        self._report: Callable[[str, str], None] | None = None
+        self._subscriptions: list[tuple[str, str, Callable[[Sample], None]]] = []  # carrier, expression, handler
+        self._routes: dict[str, _Route] = {}
+        self._rest = _Route(None, ())
+        self._sent: dict[str, list[int]] = {}
+        self._served: dict[str, Callable[[bytes], bytes]] = {}
+        self._watchers: list[Callable[[Mapping[str, int]], None]] = []
+        self._dropped: dict[str, int] = {}
+        self._untold: dict[str, tuple[int, str]] = {}
+        self._lateness = Latencies()
+        self._round_trips: dict[str, Latencies] = {}
+
+    def supervise(self, failed: Callable[[BaseException], None], report: Callable[[str, str], None]) -> None:
+        """Tell these of failures and of what was dropped."""
+        self._failed, self._report = failed, report
+
+    def fail(self, error: BaseException) -> None:
+        """Tell of a failure."""
+        self._failed(error)
+
+    def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> bool:
+        """Have a handler called; return whether the transport must now carry this expression.
+
+        It need not where the keys are among those of an earlier one.
+        """
+        check_expression(expression)
+        carrier = next((wide for wide in self.carriers() if includes(wide, expression)), expression)
+        known = carrier != expression or expression in self.carriers()
+        self._subscriptions.append((carrier, expression, handler))
+        for key, route in self._routes.items():
+            if matches(expression, key):
+                route.handlers += (handler,)
+                route.carrier = route.carrier or carrier
+        return not known
+
+    def carriers(self) -> tuple[str, ...]:
+        """Return the expressions that the transport must carry."""
+        return tuple(dict.fromkeys(carrier for carrier, _, _ in self._subscriptions))
+
+    def wants(self, key: str) -> bool:
+        """Whether anything subscribed to a key."""
+        return bool(self._route(key).handlers)
+
+    def deliver(self, key: str, data: bytes, now: int, carrier: str | None = None) -> None:
+        """Hand a message to the handlers of its key.
+
+        Args:
+            key: Under which it was put.
+            data: With its envelope.
+            now: The time in nanoseconds.
+            carrier: The expression that brought it; where two bring the same message, one of them counts.
+        """
+        route = self._routes.get(key) or self._route(key)
+        if (carrier is not None and carrier != route.carrier) or not route.handlers:
+            return
+        try:
+            sample = self.unpacker.unpack(key, data)
+        except Refusal as refusal:
+            self.drop(refusal.kind, str(refusal))
+            return
+        route.messages += 1
+        route.bytes += len(data)
+        self._lateness.record(now - sample.time)
+        for handler in route.handlers:
+            try:
+                handler(sample)
+            except BaseException as error:
+                self._failed(error)
+
+    def _route(self, key: str) -> _Route:
+        found = self._routes.get(key)
+        if found is not None:
+            return found
+        taken = [(carrier, handler) for carrier, expression, handler in self._subscriptions if matches(expression, key)]
+        # Two subscriptions that overlap both bring the message: the first that was made carries it for both.
+        carrier = next((wide for wide in self.carriers() if matches(wide, key)), None)
+        route = _Route(carrier, tuple(handler for _, handler in taken))
+        if len(self._routes) < _MOST_KEYS:
+            self._routes[key] = route
+        elif taken:  # its messages are counted together with those of all further keys
+            self._rest.carrier, self._rest.handlers = route.carrier, route.handlers
+            return self._rest
+        return route
+
+    def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
+        """Answer questions under a key of this agent.
+
+        Raises:
+            Error: If the key is another agent's, or is answered already.
+        """
+        self.check_own(key)
+        if key in self._served:
+            raise Error(f"{key} is answered already")
+        self._served[key] = answer
+
+    def served(self, expression: str | None = None) -> Iterator[str]:
+        """Return the keys that are answered here: all, or those of an expression."""
+        return (key for key in tuple(self._served) if expression is None or matches(expression, key))
+
+    def answer(self, key: str, data: bytes) -> bytes | None:
+        """Return the answer to a question; None where there is none."""
+        try:
+            question = self.unpacker.unseal(key, data, of_owner=False)
+            return self._served[key](question.body)
+        except Refusal as refusal:
+            self.drop(refusal.kind, str(refusal))
+        except BaseException as error:
+            self._failed(error)
+        return None
+
+    def answered(self, key: str, data: bytes, seconds: float) -> Sample | None:
+        """Return an answer that came after so many seconds, out of its envelope; None where it is refused."""
+        try:
+            answer = self.unpacker.unseal(key, data, of_owner=True)
+        except Refusal as refusal:
+            self.drop(refusal.kind, str(refusal))
+            return None
+        self._round_trips.setdefault(answer.owner, Latencies()).record(round(seconds * 1e9))
+        return answer
+
+    def watch(self, handler: Callable[[Mapping[str, int]], None]) -> None:
+        """Have a handler told who is live: now, where this agent is, and at each change."""
+        self._watchers.append(handler)
+        if self.live:
+            self._tell(handler)
+
+    def see(self, live: Mapping[str, int]) -> None:
+        """Take this for who is live now, by incarnation."""
+        if live == self.live:
+            return
+        self.live = dict(sorted(live.items()))
+        for agent, incarnation in live.items():
+            self.unpacker.present(agent, incarnation)
+        for handler in tuple(self._watchers):
+            self._tell(handler)
+
+    def _tell(self, handler: Callable[[Mapping[str, int]], None]) -> None:
+        try:
+            handler(dict(self.live))
+        except BaseException as error:
+            self._failed(error)
+
+    def check_own(self, key: str) -> None:
+        """Refuse to put or answer under a key of another agent.
+
+        Raises:
+            Error: If it is one, or is no key.
+        """
+        if owner_of(check_key(key), self._team) != self._agent:
+            raise Error(f"agent {self._agent!r} of team {self._team!r} must not use {key}, which is not its own")
+
+    def sent(self, key: str, size: int) -> None:
+        """Count what was put."""
+        counts = self._sent.get(key)
+        if counts is None:
+            counts = self._sent.setdefault(key if len(self._sent) < _MOST_KEYS else _REST, [0, 0])
+        counts[0] += 1
+        counts[1] += size
+
+    def _missing(self, key: str, count: int) -> None:
+        self.drop("missing", f"messages under {key} were lost on the way", count)
+
+    def drop(self, kind: str, reason: str, count: int = 1) -> None:
+        """Count what is dropped, and report it: at once, but once a second at most."""
+        self._dropped[kind] = self._dropped.get(kind, 0) + count
+        if kind in self._untold:
+            self._untold[kind] = (self._untold[kind][0] + count, reason)
+        else:
+            self._untold[kind] = (count, reason)
+            self._tell_dropped(kind)
+
+    def _tell_dropped(self, kind: str) -> None:
+        count, reason = self._untold[kind]
+        if not count:
+            del self._untold[kind]
+            return
+        self._untold[kind] = (0, reason)
+        self._later(1.0, partial(self._tell_dropped, kind))
+        if self._report is not None:
+            try:
+                self._report(kind, reason if count == 1 else f"{reason} ({count} such messages)")
+            except BaseException as error:
+                self._failed(error)
+
+    def statistics(self) -> TransportStatistics:
+        """Return what was carried so far."""
+        received = {key: Traffic(route.messages, route.bytes) for key, route in self._routes.items() if route.messages}
+        if self._rest.messages:
+            received[_REST] = Traffic(self._rest.messages, self._rest.bytes)
+        return TransportStatistics(
+            sent={key: Traffic(*counts) for key, counts in self._sent.items()},
+            received=received,
+            dropped=dict(self._dropped),
+            lateness=self._lateness.snapshot(),
+            round_trips={agent: latencies.snapshot() for agent, latencies in self._round_trips.items()},
+        )

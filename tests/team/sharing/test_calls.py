@@ -1,0 +1,88 @@
+"""What is asked of agents from elsewhere."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from team_robots import Robot, over_beliefs, started
+
+import mdm
+from mdm import problems
+from mdm.team.sharing.calls import CALLS, ask
+from mdm.team.team import Team
+from mdm.team.transport.network import Network
+from mdm.testing import run_virtual
+
+
+@pytest.mark.parametrize("mode", ["replicated", "centralised"])
+def test_agents_tell_how_they_are_and_do_what_is_asked(mode):
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        team = Team("tigers", ["left", "right"], mode=mode)
+        left, right = await started(runtime, team, network, over_beliefs(problems.dec_tiger()))
+        await asyncio.sleep(0.5)
+        asker = network.transport("console")
+        await asker.open()
+        status = await ask(asker, team, "status")
+        assert list(status) == ["left", "right"]
+        assert status["left"]["mode"] == status["right"]["mode"] == "deciding"
+        assert status["left"]["role"] == "leading"
+        assert status["right"]["leader"] == "left"
+        assert status["left"]["digest"] == status["right"]["digest"]
+        assert status["left"]["live"] == ["left", "right"]
+        assert status["left"]["action"] == "listen listen"
+        assert await ask(asker, team, "stop", agent="right") == {"right": "done"}
+        await asyncio.sleep(0.5)
+        assert left.ensemble.mode == right.ensemble.mode == "stopped"
+        await ask(asker, team, "start", agent="left")
+        await asyncio.sleep(0.5)
+        assert left.ensemble.mode == right.ensemble.mode == "deciding"
+        for call in CALLS:
+            answers = await ask(asker, team, call)
+            assert list(answers) == ["left", "right"]
+            assert not any(isinstance(answer, Exception) for answer in answers.values())
+        statistics = await ask(asker, team, "statistics", agent="left")
+        assert statistics["left"]["control"]["decisions"] >= 2
+        wiring = await ask(asker, team, "wiring", agent="left")
+        assert wiring["left"]["factors"] == {"agent0": "left", "agent1": "right"}
+        versions = await ask(asker, team, "versions")
+        assert versions["left"] == versions["right"]
+        with pytest.raises(mdm.Error, match="there is no call 'dance'"):
+            await ask(asker, team, "dance")
+        with pytest.raises(mdm.Error, match="has no agent 'console'"):
+            await ask(asker, team, "status", agent="console")
+        assert await ask(asker, team, "status", ensemble="other") == {}
+        await asker.close()
+
+    run_virtual(main)
+
+
+def test_who_is_gone_does_not_answer():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        team = Team("tigers", ["left", "right"])
+        await started(runtime, team, network, over_beliefs(problems.dec_tiger()))
+        network.crash("left")
+        asker = network.transport("console")
+        await asker.open()
+        assert list(await ask(asker, team, "status")) == ["right"]
+
+    run_virtual(main)
+
+
+def test_who_is_refused_by_its_team_says_so():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        build = over_beliefs(problems.dec_tiger())
+        left, right = Team("tigers", ["left", "right"]), Team("tigers", ["left", "right"], max_age=7.0)
+        asks = (await Robot(left, "left", network, build).start(runtime)).member.link.transport
+        await asyncio.sleep(2.0)
+        await Robot(right, "right", network, build).start(runtime)
+        await asyncio.sleep(2.0)
+        for call in ("start", "reset"):
+            answer = (await ask(asks, left, call, agent="right", ensemble="joint"))["right"]
+            assert "takes no part in the team" in str(answer)
+        assert await ask(asks, left, "stop", agent="right", ensemble="joint") == {"right": "done"}
+
+    run_virtual(main)

@@ -1,0 +1,154 @@
+"""Predicates and events of other agents, in formulas and factors."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from team_robots import over_beliefs
+
+import mdm
+from mdm import P, problems
+from mdm.team.team import Team
+from mdm.team.transport.network import Network
+from mdm.testing import probe, run_virtual
+
+
+class Walker:
+    """A robot with a sensor and an event, that looks at those of the other one."""
+
+    def __init__(self, team, name, network, declare=None):
+        self.did = []
+        self.manager = mdm.PredicateManager()
+        self.moving = self.manager.sensor("IsMoving", initial=False)
+        self.arrived = self.manager.event("Arrived")
+        self.manager.define("BothMove", P("robot1/IsMoving") & P("robot2/IsMoving"))
+        self.met = self.manager.event("robot2/Arrived")
+        if declare is not None:
+            declare(self.manager)
+        self.ensemble = over_beliefs(problems.dec_tiger())(self, team.names.index(name), predicates=self.manager)
+        self.member = team.member(name, self.ensemble, transport=network.transport(name))
+
+    def act(self, name):
+        return lambda: self.did.append(name)
+
+
+def walkers():
+    return Team("walk", ["robot1", "robot2"], max_age=1.0)
+
+
+async def two(runtime, network, declare=None):
+    pair = [Walker(walkers(), name, network, declare) for name in walkers().names]
+    for walker in pair:
+        await runtime.start(walker.member)
+    await asyncio.sleep(0.5)
+    return pair
+
+
+def test_formulas_use_those_of_others_and_the_own_ones_by_their_full_names():
+    async def main(runtime):
+        network = Network(runtime.clock, team="walk")
+        one, two_ = await two(runtime, network)
+        for walker in (one, two_):
+            assert walker.manager.values()["robot1/IsMoving"] is False
+            assert walker.manager.values()["robot2/IsMoving"] is False
+        two_.moving.set(True)
+        await asyncio.sleep(0.1)
+        assert one.manager.value("robot2/IsMoving") is True
+        assert one.manager.value("BothMove") is False
+        one.moving.set(True)
+        await asyncio.sleep(0.1)
+        assert one.manager.value("BothMove") is True
+        assert two_.manager.value("BothMove") is True
+
+    run_virtual(main)
+
+
+def test_events_of_others_are_raised_here():
+    async def main(runtime):
+        network = Network(runtime.clock, team="walk")
+        one, two_ = await two(runtime, network)
+        heard = {walker: probe(walker.manager.events) for walker in (one, two_)}
+        two_.arrived.fire()
+        one.arrived.fire()
+        await asyncio.sleep(0.1)
+        assert [update.events for update in heard[one] if "robot2/Arrived" in update.events] == [("robot2/Arrived",)]
+        assert [update.events for update in heard[two_] if "robot2/Arrived" in update.events] == [("robot2/Arrived",)]
+
+    run_virtual(main)
+
+
+def test_they_are_unknown_when_their_owner_is_gone_or_silent_and_known_when_it_is_back():
+    async def main(runtime):
+        network = Network(runtime.clock, team="walk", lease=3.0)
+        one, two_ = await two(runtime, network)
+        network.partition({"robot1"}, {"robot2"})
+        await asyncio.sleep(1.6)  # the lease is not over: it is its age that makes it unknown
+        assert one.manager.value("robot2/IsMoving") is None
+        assert one.manager.value("robot1/IsMoving") is False
+        two_.moving.set(True)
+        network.heal()
+        await asyncio.sleep(3.0)
+        assert one.manager.value("robot2/IsMoving") is True
+        await runtime.stop(two_.member)
+        await asyncio.sleep(0.5)
+        assert one.manager.value("robot2/IsMoving") is None
+        back = Walker(walkers(), "robot2", network)
+        await runtime.start(back.member)
+        await asyncio.sleep(1.0)
+        assert one.manager.value("robot2/IsMoving") is False
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_lost_on_the_way_is_made_good(seed):
+    async def main(runtime):
+        network = Network(runtime.clock, team="walk", loss=0.3, seed=seed, delay=(0.001, 0.02))
+        one, two_ = await two(runtime, network)
+        for moving in (True, False, True, True, False, True):
+            two_.moving.set(moving)
+            await asyncio.sleep(0.3)
+        network.loss = 0.0
+        await asyncio.sleep(2.5)
+        assert one.manager.value("robot2/IsMoving") is True
+
+    run_virtual(main)
+
+
+def test_a_name_that_the_other_agent_does_not_have_is_told():
+    async def main(runtime):
+        network = Network(runtime.clock, team="walk")
+        faults = probe(runtime.faults)
+        await two(runtime, network, lambda manager: manager.define("Typo", P("robot2/IsMovin")))
+        assert any("no predicate or event 'IsMovin'" in fault.detail and "IsMoving" in fault.detail for fault in faults)
+
+    run_virtual(main)
+
+
+def test_a_predicate_of_no_agent_is_refused():
+    async def main(runtime):
+        network = Network(runtime.clock, team="walk")
+        with pytest.raises(mdm.ConfigError, match="has no agent 'robot7'"):
+            Walker(walkers(), "robot1", network, lambda manager: manager.define("X", P("robot7/IsMoving")))
+
+    run_virtual(main)
+
+
+def test_garbage_harms_nobody():
+    async def main(runtime):
+        network = Network(runtime.clock, team="walk")
+        one, two_ = await two(runtime, network)
+        transport = two_.member.link.transport
+        for body in (b"", b"\xc1", b"\x94\x01\x01\x80\x90", b"\x93\xc0\xc0\xc0"):
+            transport.put("mdm/walk/robot2/predicates/changes", body)
+            transport.put("mdm/walk/robot2/beat", body, priority="step")
+            transport.put("mdm/walk/robot2/joint/agreement/all", body, priority="step")
+            await transport.ask("mdm/walk/robot1/predicates/follow", body)
+        await asyncio.sleep(1.0)
+        two_.moving.set(True)
+        await asyncio.sleep(1.5)
+        assert one.manager.value("robot2/IsMoving") is True
+        assert one.member.life == "running"
+
+    run_virtual(main)

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import asyncio
+import json
+
+import pytest
+from transports import free_port, key
+
+from mdm.errors import ConfigError
+from mdm.team.transport import access
+from mdm.team.transport.access import Access, access_settings
+from mdm.team.transport.certificates import make_certificates
+from mdm.team.transport.envelope import Packer
+from mdm.team.transport.session import Session
+
+AGENTS = ["a", "b", "c"]
+
+
+@pytest.fixture
+def files(tmp_path):
+    pytest.importorskip("zenoh")
+    pytest.importorskip("cryptography")
+    return make_certificates(tmp_path / "team", {agent: ["127.0.0.1"] for agent in AGENTS})
+
+
+class Guarded:
+    """Sessions that show certificates."""
+
+    def __init__(self):
+        self.endpoints, self.made = [], []
+
+    def session(self, agent, shown):
+        own = f"tls/127.0.0.1:{free_port()}"
+        configuration = access_settings(shown, "team", agent, AGENTS)
+        made = Session("team", agent, listen=own, connect=self.endpoints, configuration=configuration, lease=2.0)
+        self.endpoints = [*self.endpoints, own]
+        self.made.append(made)
+        return made
+
+    async def until(self, condition):
+        async with asyncio.timeout(30):
+            while not condition():
+                await asyncio.sleep(0.002)
+
+
+def guarded(main):
+    async def run():
+        net = Guarded()
+        try:
+            await main(net)
+        finally:
+            await asyncio.gather(*(session.close() for session in net.made))
+
+    asyncio.run(run())
+
+
+def test_agents_with_certificates_talk_ask_and_see_each_other(files):
+    async def main(net):
+        sessions = [net.session(agent, files[agent]) for agent in AGENTS]
+        got, seen = {agent: [] for agent in AGENTS}, {agent: [{}] for agent in AGENTS}
+        for session in sessions:
+            name = session.agent
+            session.subscribe("mdm/team/**", lambda sample, name=name: got[name].append(sample.body))
+            session.subscribe("mdm/team/*/@team/step", lambda sample, name=name: got[name].append(sample.body))
+            session.serve(key(name, "call"), lambda body, name=name: name.encode())
+            session.watch(seen[name].append)
+            await session.open()
+        await net.until(lambda: all(set(lives[-1]) == set(AGENTS) for lives in seen.values()))
+        sessions[0].put(key("a"), b"value")
+        sessions[0].put("mdm/team/a/@team/step", b"step", priority="step")
+        await net.until(lambda: sorted(got["b"]) == sorted(got["c"]) == [b"step", b"value"])
+        assert await sessions[2].ask("mdm/team/*/e/call", timeout=30) == {"a": b"a", "b": b"b"}
+
+    guarded(main)
+
+
+def test_a_forged_key_is_refused_by_zenoh(files):
+    async def main(net):
+        a, b = net.session("a", files["a"]), net.session("b", files["b"])
+        got, seen = [], [{}]
+        a.subscribe("mdm/team/**", lambda sample: got.append((sample.owner, sample.body)))
+        b.watch(seen.append)
+        await a.open()
+        await b.open()
+        await net.until(lambda: "a" in seen[-1])
+        forged = Packer("c", 1, int)
+        b._zenoh.put(key("c"), forged.pack(key("c"), b"I am c"))
+        b._zenoh.liveliness().declare_token("mdm/team/c/@team/live/7")
+        b.put(key("b"), b"I am b")
+        await net.until(lambda: got)
+        assert got == [("b", b"I am b")]
+        assert a.statistics().dropped == {}  # it did not come so far as to be dropped here
+        assert "c" not in a._tokens
+
+    guarded(main)
+
+
+def test_a_certificate_of_another_authority_is_not_let_in(files, tmp_path, monkeypatch):
+    async def main(net):
+        others = make_certificates(tmp_path / "others", {"b": ["127.0.0.1"]})
+        monkeypatch.setattr(access, "_check_certificate", lambda *_: None)  # it does not look at what it shows
+        a, false, true = net.session("a", files["a"]), net.session("b", others["b"]), net.session("c", files["c"])
+        seen = [{}]
+        a.watch(seen.append)
+        await a.open()
+        await false.open()
+        await true.open()
+        await net.until(lambda: "c" in seen[-1])
+        assert all("b" not in live for live in seen)
+
+    guarded(main)
+
+
+def test_without_a_certificate_nobody_is_let_in(files):
+    async def main(net):
+        a = net.session("a", files["a"])
+        seen = [{}]
+        a.watch(seen.append)
+        await a.open()
+        plain = Session(
+            "team", "b", listen=f"tcp/127.0.0.1:{free_port()}", connect=[net.endpoints[0].replace("tls", "tcp")]
+        )
+        net.made.append(plain)
+        await plain.open()
+        c = net.session("c", files["c"])
+        await c.open()
+        await net.until(lambda: "c" in seen[-1])
+        assert all("b" not in live for live in seen)
+
+    guarded(main)
+
+
+def test_files_that_are_missing_are_named(tmp_path):
+    there = tmp_path / "there.pem"
+    there.write_text("")
+    with pytest.raises(ConfigError, match=r"^access\.certificate: cannot read .*no\.pem: No such file"):
+        access_settings(Access(str(there), str(tmp_path / "no.pem"), str(there)), "team", "a", AGENTS)
+
+
+def refusal(shown, agent="a"):
+    with pytest.raises(ConfigError) as refused:
+        access_settings(shown, "team", agent, AGENTS)
+    return str(refused.value)
+
+
+def test_a_certificate_that_others_would_refuse_is_refused_at_once(files, tmp_path):
+    others = make_certificates(tmp_path / "others", {"a": []})
+    expired = make_certificates(tmp_path / "expired", {"a": []}, days=0)
+    a, b = files["a"], files["b"]
+    assert refusal(b).endswith("b.pem is of b, not of agent 'a'")
+    assert "others will not take" in refusal(Access(a.authority, others["a"].certificate, others["a"].key))
+    assert "certificate has expired" in refusal(expired["a"])
+    assert "is not the key to it" in refusal(Access(a.authority, a.certificate, b.key))
+    garbage = tmp_path / "garbage.pem"
+    garbage.write_text("garbage")
+    assert "garbage.pem is no certificate" in refusal(Access(a.authority, str(garbage), a.key))
+    assert "garbage.pem is no certificate" in refusal(Access(str(garbage), a.certificate, a.key))
+
+
+def test_zenoh_takes_the_settings(files):
+    zenoh = pytest.importorskip("zenoh")
+    made = access_settings(files["a"], "team", "a", AGENTS)
+    zenoh.Config.from_json5(json.dumps(made))
+    assert [subject["cert_common_names"] for subject in made["access_control"]["subjects"]] == [
+        ["b"],
+        ["c"],
+        ["operator"],
+    ]

@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+import stat
+import sys
+from pathlib import Path
+
+import pytest
+
+from mdm.errors import ConfigError, Error
+from mdm.team.transport.certificates import make_certificates
+
+
+def test_each_agent_gets_a_certificate_of_one_authority(tmp_path):
+    x509 = pytest.importorskip("cryptography.x509")
+    made = make_certificates(tmp_path / "new", {"robot1": ["127.0.0.1", "robot1.local"], "robot2": ["[::1]"]})
+    assert list(made) == ["robot1", "robot2"]
+    authority = x509.load_pem_x509_certificate(Path(made["robot1"].authority).read_bytes())
+    for agent, access in made.items():
+        own = x509.load_pem_x509_certificate(Path(access.certificate).read_bytes())
+        own.verify_directly_issued_by(authority)
+        assert own.subject.rfc4514_string() == f"CN={agent}"
+        assert stat.S_IMODE(Path(access.key).stat().st_mode) == 0o600
+    hosts = x509.load_pem_x509_certificate(Path(made["robot1"].certificate).read_bytes())
+    names = hosts.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert [str(name.value) for name in names] == ["127.0.0.1", "robot1.local"]
+
+
+def test_nothing_is_written_over(tmp_path):
+    pytest.importorskip("cryptography")
+    make_certificates(tmp_path, {"a": []})
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(Error, match=r"authority\.pem is there already: name another folder, or remove it first"):
+        make_certificates(tmp_path, {"a": []})
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_names_that_are_paths_are_refused(tmp_path):
+    pytest.importorskip("cryptography")
+    with pytest.raises(ConfigError, match="the name of an agent"):
+        make_certificates(tmp_path, {"../a": []})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path):
+    pytest.importorskip("cryptography")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(Error, match="cannot write"):
+        make_certificates(tmp_path / "file" / "folder", {"a": []})
+
+
+def test_without_the_package_it_is_said_how_to_install_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cryptography", None)
+    with pytest.raises(Error, match=r"pip install 'mdm\[certificates\]'"):
+        make_certificates(tmp_path, {"a": []})

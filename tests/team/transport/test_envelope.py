@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, strategies as st
+
+from mdm.errors import Error
+from mdm.team.transport.envelope import Packer, Refusal, Unpacker, check_size
+from mdm.team.transport.keys import join
+
+KEY = join("rescue", "robot1", "patrol", "state")
+NAMES = st.text(st.characters(exclude_characters="/*$#?@", exclude_categories=["C", "Z"]), min_size=1, max_size=64)
+
+
+def reader(missing=None, **options):
+    return Unpacker("rescue", "receiver", missing or (lambda key, count: pytest.fail("nothing is missing")), **options)
+
+
+def packer(owner="robot1", incarnation=1, **options):
+    return Packer(owner, incarnation, lambda: 42, **options)
+
+
+def kind_of(unpacker, key, data):
+    with pytest.raises(Refusal) as refused:
+        unpacker.unpack(key, data)
+    assert str(refused.value)
+    return refused.value.kind
+
+
+@given(NAMES, st.integers(0, 2**64 - 1), st.lists(st.binary(max_size=100), max_size=5))
+def test_what_is_packed_is_unpacked(owner, incarnation, bodies):
+    sender, receiver = packer(owner, incarnation), reader()
+    key = join("rescue", owner, "patrol", "state")
+    for body in bodies:
+        sample = receiver.unpack(key, sender.pack(key, body))
+        assert (sample.key, sample.owner, sample.incarnation, sample.body) == (key, owner, incarnation, body)
+        assert sample.time == 42
+
+
+@given(st.binary(max_size=60))
+def test_garbage_is_refused(data):
+    assert kind_of(reader(), KEY, data) == "malformed"
+
+
+@given(st.data())
+def test_damaged_messages_are_refused_or_whole(data):
+    whole = packer().pack(KEY, b"body")
+    place = data.draw(st.integers(0, len(whole) - 1))
+    damaged = whole[:place] + bytes([data.draw(st.integers(0, 255))]) + whole[place + 1 :]
+    cut = damaged[: data.draw(st.integers(0, len(whole)))]
+    try:
+        sample = reader().unpack(KEY, cut)
+    except Refusal as refusal:
+        assert refusal.kind in {"malformed", "version", "foreign"}
+    else:
+        assert sample.owner == "robot1"
+
+
+def test_a_newer_version_is_refused():
+    assert kind_of(reader(), KEY, packer(version=2).pack(KEY, b"")) == "version"
+
+
+def test_a_message_under_the_key_of_another_is_refused():
+    assert kind_of(reader(), KEY, packer("robot2").pack(KEY, b"")) == "foreign"
+    assert kind_of(reader(), "mdm/other/robot2/a/b", packer("robot2").pack(KEY, b"")) == "foreign"
+
+
+def test_what_another_process_sends_under_ones_own_key_is_refused():
+    key = join("rescue", "receiver", "patrol", "state")
+    assert kind_of(reader(), key, packer("receiver").pack(key, b"")) == "foreign"
+
+
+def test_a_message_cut_short_behind_one_that_was_whole_is_refused():
+    sender, receiver = packer(), reader()
+    receiver.unpack(KEY, sender.pack(KEY, b""))
+    data = sender.pack(KEY, b"")
+    for end in range(len(data)):
+        assert kind_of(receiver, KEY, data[:end]) == "malformed"
+    receiver.largest = len(data)
+    assert kind_of(receiver, KEY, sender.pack(KEY, b"x")) == "oversize"
+    receiver.unpack(KEY, data)
+
+
+def test_what_is_too_large_is_refused_at_both_ends():
+    data = packer().pack(KEY, b"x" * 100)
+    assert kind_of(reader(largest=100), KEY, data) == "oversize"
+    with pytest.raises(Error, match="has 136 bytes, and at most 100 are taken|at most 100"):
+        check_size(KEY, data, 100)
+
+
+def test_what_comes_again_or_late_is_refused():
+    sender, receiver = packer(), reader(lambda key, count: None)
+    first, second = sender.pack(KEY, b"1"), sender.pack(KEY, b"2")
+    receiver.unpack(KEY, second)
+    assert kind_of(receiver, KEY, second) == "repeated"
+    assert kind_of(receiver, KEY, first) == "repeated"
+
+
+def test_gaps_are_told_and_those_that_are_excused_are_not():
+    told = []
+    sender, receiver = packer(), reader(lambda key, count: told.append((key, count)))
+    messages = [sender.pack(KEY, b"") for _ in range(10)]
+    receiver.unpack(KEY, messages[2])  # the first that a late joiner sees is no gap
+    receiver.unpack(KEY, messages[3])
+    receiver.unpack(KEY, messages[6])
+    receiver.excuse(KEY, 1)
+    receiver.unpack(KEY, messages[9])
+    assert told == [(KEY, 2), (KEY, 1)]
+
+
+def test_numbers_begin_anew_in_a_new_life_and_the_old_one_is_stale():
+    old, new, receiver = packer(), packer(incarnation=2), reader()
+    late = old.pack(KEY, b"")
+    receiver.unpack(KEY, old.pack(KEY, b"old"))
+    assert receiver.unpack(KEY, new.pack(KEY, b"new")).body == b"new"
+    assert kind_of(receiver, KEY, late) == "stale"
+
+
+def test_the_life_that_is_seen_counts_even_where_clocks_were_set_back():
+    receiver = reader()
+    receiver.unpack(KEY, packer(incarnation=7).pack(KEY, b""))
+    receiver.present("robot1", 3)
+    back = packer(incarnation=3)
+    assert receiver.unpack(KEY, back.pack(KEY, b"back")).body == b"back"
+    assert receiver.unpack(KEY, back.pack(KEY, b"again")).body == b"again"
+
+
+def test_the_life_that_was_gone_is_stale_even_where_its_messages_follow_each_other():
+    old, receiver = packer(), reader()
+    receiver.unpack(KEY, old.pack(KEY, b""))
+    receiver.present("robot1", 2)
+    assert kind_of(receiver, KEY, old.pack(KEY, b"")) == "stale"
+    receiver.present("robot1", 1)
+    assert receiver.unpack(KEY, old.pack(KEY, b"live after all")).body == b"live after all"
+
+
+def test_memory_is_bounded_under_ever_new_keys():
+    sender, receiver = packer(), reader()
+    for number in range(5000):
+        key = join("rescue", "robot1", "patrol", f"c{number}")
+        receiver.unpack(key, sender.pack(key, b""))
+    assert len(receiver._last) == 4096
+
+
+def test_answers_are_of_the_owner_of_their_key():
+    receiver = reader()
+    assert receiver.unseal(KEY, packer().seal(b"yes"), of_owner=True).body == b"yes"
+    assert receiver.unseal(KEY, packer("robot2").seal(b"how are you"), of_owner=False).owner == "robot2"
+    with pytest.raises(Refusal, match="robot2"):
+        receiver.unseal(KEY, packer("robot2").seal(b"yes"), of_owner=True)

@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+
+import pytest
+from hypothesis import given, strategies as st
+
+from mdm.errors import ConfigError, Error
+from mdm.team.transport.settings import check_endpoint, resolve, settings
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    ["tcp/127.0.0.1:7447", "tcp/[::1]:7447", "tls/robot1.local:1", "udp/10.0.0.1:65535", "tcp/[fe80::1%eth0]:7447",
+     "tcp/0.0.0.0:7447#iface=eth0", "tcp/127.0.0.1:7447?prio=6-7", "unixsock-stream//tmp/robot1.sock"],
+)  # fmt: skip
+def test_endpoints_are_taken(endpoint):
+    assert check_endpoint(endpoint) == endpoint
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    ["", "tcp", "tcp/", "tcp/127.0.0.1", "tcp/127.0.0.1:", "tcp/127.0.0.1:x", "tcp/127.0.0.1:0", "tcp/:7447",
+     "tcp/127.0.0.1:65536", "tcp/::1:7447", "http/127.0.0.1:80", "127.0.0.1:7447", "tcp/a/b:1",
+     "unixsock-stream/robot1.sock", None, 7447],
+)  # fmt: skip
+def test_what_is_no_endpoint_is_refused_with_its_place(endpoint):
+    with pytest.raises(ConfigError, match=r"^team\.agents: (an endpoint is|the endpoint)"):
+        check_endpoint(endpoint, key="team.agents")
+
+
+@given(st.text())
+def test_any_text_is_an_endpoint_or_refused(text):
+    with suppress(ConfigError):
+        assert check_endpoint(text) == text
+
+
+def test_hosts_are_looked_up():
+    resolve("tcp/localhost:7447")
+    resolve("tcp/[::1]:7447")
+    resolve("unixsock-stream//tmp/robot1.sock")
+    with pytest.raises(Error, match="no host 'robot.invalid' is known, of the endpoint tcp/robot.invalid:7447"):
+        resolve("tcp/robot.invalid:7447")
+
+
+def test_nobody_else_is_looked_for_or_let_in():
+    made = settings(listen=["tcp/127.0.0.1:1"], connect=["tcp/127.0.0.1:2"], lease=0.5, largest=1 << 20)
+    assert made["mode"] == "peer"
+    assert made["scouting"] == {"multicast": {"enabled": False}, "gossip": {"enabled": False}}
+    assert (made["listen"]["endpoints"], made["connect"]["endpoints"]) == (["tcp/127.0.0.1:1"], ["tcp/127.0.0.1:2"])
+    assert made["transport"]["link"]["tx"]["lease"] == 500
+    assert made["transport"]["shared_memory"] == {"enabled": False}
+
+
+def test_zenoh_takes_them():
+    zenoh = pytest.importorskip("zenoh")
+    made = settings(listen=["tcp/127.0.0.1:1"], connect=["tcp/127.0.0.1:2"], lease=0.5, largest=1 << 20)
+    taken = zenoh.Config.from_json5(json.dumps(made))
+    assert json.loads(taken.get_json("transport/link/tx/lease")) == 500

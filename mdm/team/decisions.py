@@ -20,12 +20,17 @@ class Decisions(Actor):
     """Writes what an agent's team decides to a file, on a thread of its own; what was there before stays.
 
     Args:
-        path: The file; it is made where there is none.
+        path: The file, which ends in ``.jsonl``; it is made where there is none.
+
+    Raises:
+        Error: If its name ends otherwise, as that of a model or of a configuration does.
     """
 
     def __init__(self, path: str | Path, *, name: str = "decisions") -> None:
         super().__init__(name)
         self.path_of_file = Path(path)
+        if self.path_of_file.suffix != ".jsonl":
+            raise Error(f"decisions are lines of JSON: name a file that ends in .jsonl, not {self.path_of_file}")
         self._file: IO[bytes] | None = None
         self._writer = Writer()
 

@@ -10,6 +10,7 @@ from team_robots import Robot, over_beliefs
 
 import mdm
 from mdm import problems
+from mdm.team.decisions import Decisions
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
@@ -55,3 +56,8 @@ def test_a_file_that_cannot_be_written_is_told(tmp_path):
             await runtime.start(member)
 
     run_virtual(main)
+
+
+def test_files_of_another_kind_are_not_written_to(tmp_path):
+    with pytest.raises(mdm.Error, match=r"name a file that ends in \.jsonl, not .*team\.toml"):
+        Decisions(tmp_path / "team.toml")

@@ -19,7 +19,6 @@ __all__ = ["Crew"]
 
 _FIRST_WAIT = 0.5
 _LONGEST_WAIT = 10.0
-_PATIENCE = 20.0
 _LAST_WORDS = 1.0
 _LONGEST_LINE = 1 << 16
 
@@ -29,20 +28,22 @@ class Crew:
 
     One that fails, or is killed, is started again, after 0.5 s at first and twice as long each time it fails within
     10 s. One that fails before it was up for the first time ends all. They are ended in order by the end of their
-    standard input; what has not ended 20 s later is killed.
+    standard input; what has not ended in time is killed.
 
     Args:
         commands: The command of each agent's process; it logs JSON lines on standard error.
         console: Where their lines are printed.
+        patience: Seconds that they have to end in order: the limits of their safe actions are among them.
 
     Attributes:
         failures: How often each agent's process failed.
     """
 
-    def __init__(self, commands: Mapping[str, Sequence[str]], console: Console) -> None:
+    def __init__(self, commands: Mapping[str, Sequence[str]], console: Console, patience: float) -> None:
         self.failures = dict.fromkeys(commands, 0)
         self._commands = commands
         self._console = console
+        self._patience = patience
         self._processes: dict[str, asyncio.subprocess.Process] = {}
         self._ending = asyncio.Event()
         self._up: set[str] = set()
@@ -55,7 +56,7 @@ class Crew:
                 async with asyncio.timeout(seconds):
                     await self._ended(lives)
             self.end()
-            _, late = await asyncio.wait(lives, timeout=_PATIENCE)
+            _, late = await asyncio.wait(lives, timeout=self._patience)
             if late:
                 self.kill()
             await asyncio.gather(*lives)

@@ -57,8 +57,8 @@ def systems_of(file: str, team: Team, *, callbacks: bool) -> tuple[dict[str, Sys
     return systems, told
 
 
-def ensembles_of(file: str, team: Team) -> dict[str, list[str]]:
-    """Return the agents that run each ensemble of the team, by its name.
+def sound_systems_of(file: str, team: Team) -> dict[str, System]:
+    """Return each agent's system, whose functions do nothing.
 
     Raises:
         ConfigError: With all problems of the file.
@@ -68,8 +68,17 @@ def ensembles_of(file: str, team: Team) -> dict[str, list[str]]:
     systems, problems = systems_of(file, team, callbacks=False)
     if problems:
         raise ConfigError("\n".join(problems))
+    return systems
+
+
+def ensembles_of(file: str, team: Team) -> dict[str, list[str]]:
+    """Return the agents that run each ensemble of the team, by its name.
+
+    Raises:
+        ConfigError: With all problems of the file.
+    """
     found: dict[str, list[str]] = {}
-    for agent, system in systems.items():
+    for agent, system in sound_systems_of(file, team).items():
         for name in system.member.ensembles if system.member is not None else ():
             found.setdefault(name, []).append(agent)
     return found

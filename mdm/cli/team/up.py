@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["add_parser", "run"]
 
+_SLACK = 15.0
+"""Seconds that an agent's process may take to end, beside the limits of its ensembles."""
+
 
 def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
     """Add the verb and its arguments."""
@@ -42,14 +45,15 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the agents; return the exit status."""
-    from mdm.cli.team.file import ensembles_of, team_of  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.team.file import sound_systems_of, team_of  # noqa: PLC0415 - `mdm --help` needs no numpy
 
     team = team_of(arguments.file)
-    ensembles_of(arguments.file, team)  # whatever is wrong is told once, and not by each agent
+    systems = sound_systems_of(arguments.file, team)  # whatever is wrong is told once, and not by each agent
+    patience = _SLACK + max(ensemble.patience for system in systems.values() for ensemble in system.top)
     _check_ports(team)
     folder = None if arguments.decisions is None else _folder(arguments.decisions, team.names)
     commands = {agent: _command(arguments, agent, folder) for agent in team.names}
-    return asyncio.run(_run(commands, arguments))
+    return asyncio.run(_run(commands, arguments, patience))
 
 
 def _folder(name: str, agents: Sequence[str]) -> Path:
@@ -101,20 +105,21 @@ def _check_ports(team: Team) -> None:
                 ) from None
 
 
-async def _run(commands: Mapping[str, Sequence[str]], arguments: argparse.Namespace) -> int:
+async def _run(commands: Mapping[str, Sequence[str]], arguments: argparse.Namespace, patience: float) -> int:
     from mdm.cli.team.console import Console  # noqa: PLC0415
     from mdm.cli.team.crew import Crew  # noqa: PLC0415
 
     console = Console(list(commands), json=arguments.log == "json")
-    crew = Crew(commands, console)
+    crew = Crew(commands, console, patience)
     asked: list[tuple[int, float]] = []
     loop = asyncio.get_running_loop()
 
     def end(number: int) -> None:
-        """End in order; a second signal, unless it is one with the first, ends at once."""
-        if asked and loop.time() - asked[-1][1] > 1.0:
+        """End in order; what comes within a second is one with it, a second changes nothing, the third ends at once."""
+        if not asked or loop.time() - asked[-1][1] > 1.0:
+            asked.append((number, loop.time()))
+        if len(asked) > 2:
             crew.kill()
-        asked.append((number, loop.time()))
         crew.end()
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -262,6 +262,10 @@ class Followed(Actor):
     def _asked(self, _: object) -> None:
         self._asking = False
         if self._life and not self._known:
+            self.call_later(_WAIT, self._ask_anew)
+
+    def _ask_anew(self) -> None:
+        if self._life and not self._known:
             self._ask()
 
     def _take_all(self, reply: Reply) -> None:

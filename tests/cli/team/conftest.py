@@ -28,5 +28,6 @@ def free(tmp_path):
 
 @pytest.fixture(autouse=True)
 def forget_modules():
+    sys.modules.pop("team_code", None)  # that of a test elsewhere
     yield
     sys.modules.pop("team_code", None)

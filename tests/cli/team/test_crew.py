@@ -59,7 +59,7 @@ def run(main):
 def test_processes_end_with_their_input():
     async def main():
         told = Told()
-        crew = Crew({"a": OBEDIENT, "b": OBEDIENT}, told)
+        crew = Crew({"a": OBEDIENT, "b": OBEDIENT}, told, 20.0)
         running = asyncio.create_task(crew.run())
         await told.until(lambda: len(told.lines) == 2)
         crew.end()
@@ -71,12 +71,10 @@ def test_processes_end_with_their_input():
     run(main)
 
 
-def test_what_does_not_end_is_killed(monkeypatch):
-    monkeypatch.setattr(module, "_PATIENCE", 0.1)
-
+def test_what_does_not_end_is_killed():
     async def main():
         told = Told()
-        crew = Crew({"a": OBEDIENT, "b": STUBBORN}, told)
+        crew = Crew({"a": OBEDIENT, "b": STUBBORN}, told, 0.1)
         running = asyncio.create_task(crew.run())
         await told.until(lambda: len(told.lines) == 2)
         crew.end()
@@ -87,12 +85,10 @@ def test_what_does_not_end_is_killed(monkeypatch):
     run(main)
 
 
-def test_a_stopped_process_is_killed_too(monkeypatch):
-    monkeypatch.setattr(module, "_PATIENCE", 0.1)
-
+def test_a_stopped_process_is_killed_too():
     async def main():
         told = Told()
-        crew = Crew({"a": OBEDIENT}, told)
+        crew = Crew({"a": OBEDIENT}, told, 0.1)
         running = asyncio.create_task(crew.run())
         await told.until(lambda: len(told.lines) == 1)
         crew._processes["a"].send_signal(signal.SIGSTOP)
@@ -108,7 +104,7 @@ def test_failures_are_waited_for_longer_and_longer(monkeypatch):
 
     async def main():
         told = Told()
-        crew = Crew({"a": program(UP + "raise SystemExit(3)"), "b": OBEDIENT}, told)
+        crew = Crew({"a": program(UP + "raise SystemExit(3)"), "b": OBEDIENT}, told, 20.0)
         running = asyncio.create_task(crew.run())
         await told.until(lambda: crew.failures["a"] == 3)
         crew.end()
@@ -124,7 +120,7 @@ def test_failures_are_waited_for_longer_and_longer(monkeypatch):
 def test_it_ends_when_all_have_ended():
     async def main():
         told = Told()
-        await Crew({"a": program("print('x' * 200000)"), "b": program("")}, told).run()
+        await Crew({"a": program("print('x' * 200000)"), "b": program("")}, told, 20.0).run()
         assert {(agent, event) for agent, event, _ in told.events} == {("a", "ended"), ("b", "ended")}
         assert sum(len(text) for _, _, text in told.lines) == 200000
 
@@ -134,7 +130,7 @@ def test_it_ends_when_all_have_ended():
 @pytest.mark.parametrize("seconds", [0.5])
 def test_it_ends_after_some_seconds(seconds):
     async def main():
-        crew = Crew({"a": OBEDIENT}, Told())
+        crew = Crew({"a": OBEDIENT}, Told(), 20.0)
         await crew.run(seconds)
         assert crew._processes["a"].returncode == 0
 
@@ -144,7 +140,7 @@ def test_it_ends_after_some_seconds(seconds):
 def test_what_a_cancelled_crew_had_is_killed():
     async def main():
         told = Told()
-        crew = Crew({"a": STUBBORN}, told)
+        crew = Crew({"a": STUBBORN}, told, 20.0)
         running = asyncio.create_task(crew.run())
         await told.until(lambda: len(told.lines) == 1)
         running.cancel()
@@ -158,7 +154,7 @@ def test_what_a_cancelled_crew_had_is_killed():
 def test_one_that_was_never_up_ends_all():
     async def main():
         told = Told()
-        crew = Crew({"a": program("raise SystemExit(3)"), "b": OBEDIENT}, told)
+        crew = Crew({"a": program("raise SystemExit(3)"), "b": OBEDIENT}, told, 20.0)
         await crew.run()
         assert told.events == [("a", "failed", "has failed with status 3 before it was up: all end")]
         assert crew.failures == {"a": 1, "b": 0}

@@ -1,8 +1,8 @@
 """Teams: one process per agent, which share what they see and decide as one, or each on what it knows.
 
 A `Transport` carries the messages: a session of Zenoh between processes (`mdm.team.transport.session`, which needs
-``pip install 'mdm[team]'``), or a simulated network within one (`mdm.team.transport.network`). A `Team` says who
-decides together and how; a `Member` is one agent of it, an actor to run.
+``pip install 'markov-decision-making[team]'``), or a simulated network within one (`mdm.team.transport.network`). A
+`Team` says who decides together and how; a `Member` is one agent of it, an actor to run.
 """
 
 from mdm.team.commits import Committed

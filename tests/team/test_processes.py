@@ -107,5 +107,5 @@ async def befall(names, told, begin):
 
 @pytest.mark.parametrize(("count", "period"), [(3, 0.05), (4, 0.05), (3, None)])
 def test_processes_decide_the_same_through_crashes_hangs_and_losses(count, period):
-    pytest.importorskip("zenoh", reason="pip install 'mdm[team]'")
+    pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
     asyncio.run(run(count, period, loss=0.3))

@@ -53,7 +53,9 @@ def examine(file: str, team: Team) -> Findings:
     try:
         import zenoh  # noqa: F401, PLC0415 - an extra
     except ImportError:
-        problems.append("processes of a team talk through Zenoh, which is not installed: pip install 'mdm[team]'")
+        problems.append(
+            "processes of a team talk through Zenoh, which is not installed: pip install 'markov-decision-making[team]'"
+        )
     ends = {agent.name: agent.endpoint or "" for agent in team.agents}
     here = [name for name, endpoint in ends.items() if "/127.0.0.1:" in endpoint or "/localhost:" in endpoint]
     if 0 < len(here) < len(ends):

@@ -1,8 +1,8 @@
 """Certificates to try a team with: an authority, and a certificate of each agent.
 
-They are made by the package ``cryptography``, which ``pip install 'mdm[certificates]'`` brings: what X.509 asks for is
-no place for code of one's own, and the program ``openssl`` differs from one machine to the next. A team in earnest
-takes its certificates from whoever keeps its keys.
+They are made by the package ``cryptography`` (``pip install 'markov-decision-making[certificates]'``): what X.509 asks
+for is no place for code of one's own, and the program ``openssl`` differs from one machine to the next. A team in
+earnest takes its certificates from whoever keeps its keys.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *
         from cryptography.hazmat.primitives import hashes  # noqa: PLC0415
         from cryptography.hazmat.primitives.asymmetric import ec  # noqa: PLC0415
     except ImportError:
-        raise Error("certificates need the package cryptography: pip install 'mdm[certificates]'") from None
+        raise Error(
+            "certificates need the package cryptography: pip install 'markov-decision-making[certificates]'"
+        ) from None
     made = {check_name(agent, "an agent"): Access("", "", "") for agent in agents}
     place = Path(folder)
     now = dt.datetime.now(dt.UTC)

@@ -484,7 +484,9 @@ def _import_zenoh() -> Any:
         import zenoh  # noqa: PLC0415 - an extra
         import zenoh.handlers  # noqa: PLC0415
     except ImportError:
-        raise Error("processes of a team talk through Zenoh, which is not installed: pip install 'mdm[team]'") from None
+        raise Error(
+            "processes of a team talk through Zenoh, which is not installed: pip install 'markov-decision-making[team]'"
+        ) from None
     return zenoh
 
 

@@ -467,7 +467,7 @@ class Sessions:
 
 
 def test_agents_talk_over_real_sessions():
-    pytest.importorskip("zenoh", reason="pip install 'mdm[team]'")
+    pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
     team = Team("tigers", [("left", endpoint()), ("right", endpoint())], mode="communicating", period=0.1)
     robots = []
 

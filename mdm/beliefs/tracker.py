@@ -227,13 +227,11 @@ class BeliefTracker:
         factors = self._space.factors
         if len(observation) != len(factors):
             raise ModelError(f"an observation has {len(factors)} components, not {len(observation)}")
-        chosen = np.ix_(
-            *(
-                range(len(factor)) if component is None else [factor.index(component)]
-                for factor, component in zip(factors, observation, strict=True)
-            )
-        )
-        symbols: list[int] = np.arange(self._num_observations).reshape(self._space.shape)[chosen].ravel().tolist()
+        symbols = [0]
+        for factor, component in zip(factors, observation, strict=True):
+            size = len(factor)
+            places = range(size) if component is None else (factor.index(component),)
+            symbols = [symbol * size + place for symbol in symbols for place in places]
         return symbols
 
 

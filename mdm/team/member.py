@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 
 __all__ = ["FIRST_PORT", "Member", "MemberStatistics", "Teammates"]
 
+_PATIENCE = 3.0
+"""Seconds, beside a lease, within which all agents of a team may start."""
+
 FIRST_PORT = 7447
 """The port of the first agent on this machine, where nothing is said about endpoints; the others' follow."""
 
@@ -127,6 +130,7 @@ class Member(Actor):
         self.layers: dict[str, Replica | Centre | Outpost | Talker] = {}
         self.lost: tuple[str, ...] = ()
         self._live: tuple[str, ...] = ()
+        self._met: set[str] = set()
         self.managers = _managers(self.ensembles.values())
         self.exports = Exports(self.link, typed(exports, "exports"))
         self.imports = Imports(self.link, typed(imports, "imports"))
@@ -172,6 +176,8 @@ class Member(Actor):
         """Connect with the others: everything here listens by now."""
         self.link.watch(self._on_live, self)
         self.link.connect()
+        self._met.clear()
+        self.call_later(_PATIENCE + self.team.lease, self._tell_missing)
 
     def imported(self, name: str) -> Channel[Any]:
         """Return the channel on which another agent's is published here, such as ``robot2/patrol/belief``."""
@@ -193,9 +199,20 @@ class Member(Actor):
                     "lost_teammate", f"agent {agent!r} of team {self.team.name!r} is lost; there are {', '.join(live)}"
                 )
         self._live, self.lost = live, tuple(lost)
+        self._met.update(live, link.left)
         self._teammates.publish(Teammates(self.runtime.clock.now(), self.agent, live, self.lost))
         for layer in self.layers.values():
             layer.take_lost(lost)
+
+    def _tell_missing(self) -> None:
+        """Say whom this agent has never seen: where a team goes on without him, nothing else would."""
+        missing = [agent for agent in self.team.names if agent not in self._met]
+        if missing:
+            self.report(
+                "missing_teammate",
+                f"{' and '.join(map(repr, missing))} of team {self.team.name!r} {'were' if missing[1:] else 'was'} not "
+                "seen so far: no such agent runs, or its endpoint, or the team's name, agents or mode there, differ",
+            )
 
     def statistics(self) -> MemberStatistics:
         """Return where it stands."""

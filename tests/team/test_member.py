@@ -50,6 +50,17 @@ def test_a_teammate_that_is_lost_is_a_fault_and_is_told():
     run_virtual(main)
 
 
+def test_a_teammate_that_was_never_seen_is_told_once():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers", lease=0.5)
+        left = await Robot(tigers(), "left", network, over_beliefs(MODEL)).start(runtime)
+        await asyncio.sleep(60.0)
+        assert left.kinds() == ["missing_teammate"]
+        assert left.faults[0].detail.startswith("'right' of team 'tigers' was not seen so far")
+
+    run_virtual(main)
+
+
 def test_what_does_not_fit_is_refused():
     async def main(runtime):
         network = Network(runtime.clock, team="tigers")
@@ -257,6 +268,6 @@ def test_an_agent_that_sends_nothing_but_garbage_does_the_others_no_harm(mode):
         assert len(decided) >= 2 * len(JUNK)
         assert history(left)[-len(decided) :] == history(middle)[-len(decided) :]
         assert all(commit.missing == ("right",) for commit in decided)
-        assert {*left.kinds(), *middle.kinds()} <= {"waiting"}  # nothing failed
+        assert {*left.kinds(), *middle.kinds()} <= {"waiting", "missing_teammate"}  # nothing failed
 
     run_virtual(main)

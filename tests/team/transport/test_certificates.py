@@ -50,5 +50,5 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path):
 
 def test_without_the_package_it_is_said_how_to_install_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "cryptography", None)
-    with pytest.raises(Error, match=r"pip install 'mdm\[certificates\]'"):
+    with pytest.raises(Error, match=r"pip install 'markov-decision-making\[certificates\]'"):
         make_certificates(tmp_path, {"a": []})

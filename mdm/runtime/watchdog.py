@@ -134,17 +134,20 @@ class Watchdog:
 
 
 def _stack(frame: FrameType) -> str:
-    """Return a stack in words, the innermost call first, without what runs the loop."""
-    frames = traceback.extract_stack(frame)
-    below = [
-        number
-        for number, place in enumerate(frames)
-        if place.name == "_run" and place.filename.endswith("asyncio/events.py")
-    ]
-    if below:
-        del frames[: below[-1] + 1]
-    calls = [f"{place.filename}:{place.lineno} in {place.name} ({place.line})" for place in reversed(frames)]
-    return ", called from ".join(calls[:_FRAMES])
+    """Return a stack in words, the innermost call first, without what runs the loop.
+
+    Source is read of the frames that are told alone: each file that is opened gives the interpreter up, and who holds
+    it may keep it for long.
+    """
+    frames: list[tuple[FrameType, int]] = []
+    for one, line in traceback.walk_stack(frame):
+        code = one.f_code
+        if len(frames) == _FRAMES or (code.co_name == "_run" and code.co_filename.endswith("asyncio/events.py")):
+            break
+        frames.append((one, line))
+    places = traceback.StackSummary.extract(iter(frames))
+    calls = [f"{place.filename}:{place.lineno} in {place.name} ({place.line})" for place in places]
+    return ", called from ".join(calls)
 
 
 def check_watch(watchdog: float | None, emergency: Callable[[], object] | None, emergency_after: float | None) -> None:

@@ -454,3 +454,15 @@ def test_what_cannot_be_told_is_refused():
         with pytest.raises(mdm.ModelError) as caught:
             call()
         assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("numbers", [int, np.int64, np.int32])
+def test_numbers_of_numpy_are_digested_as_plain_ones(numbers):
+    actions = [numbers(action) for action in (2, 1, 0)]
+    vectors = np.eye(3, 2)
+    policies = [
+        AlphaVectors(vectors, actions),
+        AlphaVectors(vectors, np.array(actions), numbers(3)),
+    ]
+    digests = {mdm.Controller(policy, mdm.problems.tiger()).digest() for policy in policies}
+    assert digests == {mdm.Controller(AlphaVectors(vectors, [2, 1, 0], 3), mdm.problems.tiger()).digest()}

@@ -35,8 +35,15 @@ def of_parts(parts: Iterable[Any]) -> str:
             total.update(f"{part.dtype.str}{part.shape}".encode())
             total.update(np.ascontiguousarray(part).tobytes())
         else:
-            total.update(msgspec.msgpack.encode(part))
+            total.update(msgspec.msgpack.encode(part, enc_hook=_plain))
     return total.hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """Return a number of numpy as the plain one that it stands for: both are the same in a digest."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"a digest is of numbers, strings, lists and arrays, not of {value!r}")
 
 
 def digest(model: MDP) -> str:

@@ -71,7 +71,7 @@ class AlphaVectors(BeliefPolicy):
         for vector, action in enumerate(actions):
             if not hasattr(action, "__index__") or action < 0:
                 raise ModelError(f"alpha vector {vector} is for action {action}; actions are whole numbers from 0 on")
-        self.num_actions = max(actions) + 1 if num_actions is None else num_actions
+        self.num_actions = int(max(actions)) + 1 if num_actions is None else num_actions
         if max(actions) >= self.num_actions:
             raise ModelError(
                 f"alpha vector {int(np.argmax(actions))} is for action {max(actions)}, but the actions are "

@@ -361,7 +361,8 @@ class Actor:
                 self.report("exception", describe(error))
             return
         self.__failures += 1
-        self.report("exception", describe(error))
+        if self.parent is not None or not getattr(error, "escalated", False):  # the root itself is nobody's
+            self.report("exception", describe(error))
         if self.life == "stopping":
             return
         delay = self.__budget.delay(self.runtime.clock.now()) if self.__budget is not None else None
@@ -385,8 +386,12 @@ class Actor:
         if self.parent is None:
             self.runtime.abort(error)
             return
-        failure = ActorFailure(f"actor {self.path!r} failed: {text_of(error)}")
-        failure.__cause__ = error
+        if isinstance(error, ActorFailure) and error.escalated:
+            failure = error  # however far up it goes, it says who has failed first, and why
+        else:
+            failure = ActorFailure(f"actor {self.path!r} failed: {text_of(error)}")
+            failure.__cause__ = error
+            failure.escalated = True
         users = self.runtime.sharing.users(self)
         if users and self.__requested is not None:
             self.__requested.set()  # nobody above it stops it before its users have

@@ -31,7 +31,13 @@ LEAVING = (SystemExit, KeyboardInterrupt)
 
 
 class ActorFailure(Error):
-    """An actor failed, and nobody above it could help; the cause is the error that it raised."""
+    """An actor failed, and nobody above it could help; the cause is the error that it raised.
+
+    Attributes:
+        escalated: Whether it came from an actor below: it then names the one that failed first.
+    """
+
+    escalated = False
 
 
 class Restart(msgspec.Struct, frozen=True):

@@ -37,6 +37,26 @@ def test_escalation_ends_the_block_with_the_cause():
     assert log[-2:] == [("stop", "parent/child"), ("stop", "parent")]
 
 
+def test_a_failure_is_told_above_in_the_words_of_who_failed_first():
+    faults = []
+
+    async def main(runtime):
+        runtime.faults.subscribe(faults.append)
+        top, middle = Actor("top"), Actor("middle")
+        top.add(middle)
+        middle.add(Fragile("low", []))
+        await runtime.start(top)
+        tell(runtime, 1)
+        await asyncio.sleep(3600)
+
+    with pytest.raises(ActorFailure) as raised:
+        run_virtual(main)
+    told = "actor 'top/middle/low' failed: 1 is odd"
+    assert str(raised.value) == told
+    assert isinstance(raised.value.__cause__, ValueError)
+    assert [fault.detail for fault in faults[1:]] == [f"ActorFailure: {told}"] * 2
+
+
 def test_supervision_stop_leaves_the_others_alone():
     log = []
 

@@ -7,7 +7,8 @@ live for another where both hear each other.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
@@ -33,6 +34,10 @@ BEAT = "beat"
 
 BEATS = 5
 """Beats in a lease."""
+
+_FIRST_WAIT, _LONGEST_WAIT = 0.1, 1.0
+
+T = TypeVar("T")
 
 _encode = msgspec.msgpack.Encoder().encode
 _decode = msgspec.msgpack.Decoder(dict[str, int]).decode
@@ -166,6 +171,17 @@ class Link(Actor):
     def ask(self, expression: str, body: bytes = b"", *, seconds: float = 1.0) -> Awaitable[dict[str, bytes]]:
         """Ask all who serve the keys of an expression; the answers come by agent."""
         return self.transport.ask(expression, body, timeout=seconds)
+
+    async def ask_one(self, agent: str, key: str, body: bytes, decode: Callable[[bytes], T]) -> T:
+        """Ask an agent until it answers what can be decoded, at first soon again, then once a second."""
+        clock, wait = self.runtime.clock, _FIRST_WAIT
+        while True:
+            until = clock.now() + round(wait * 1e9)
+            answers = await self.ask(key, body, seconds=wait)
+            with suppress(KeyError, msgspec.MsgspecError, ValueError):
+                return decode(answers[agent])
+            await clock.sleep(max(until - clock.now(), 0) / 1e9)  # where nobody was there to wait for
+            wait = min(2 * wait, _LONGEST_WAIT)
 
     # -- Who is live ---------------------------------------------------------------------------------------------
 

@@ -1,7 +1,8 @@
 """Predicates and events of other agents: known here as ``agent/Name``.
 
-Who needs some asks their owner for them, once, and is told of each change from then on. A predicate is unknown when
-nothing was heard of its owner for the team's ``max_age``, or the owner is gone.
+Who needs some asks their owner for them, once, and is told of each change from then on, and of all values four times
+within the team's ``max_age``: that makes good what is lost, without asking anew. A predicate is unknown when nothing
+was heard of its owner for ``max_age``, or the owner is gone.
 """
 
 from __future__ import annotations
@@ -19,14 +20,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from mdm.actors import PredicateManager
-    from mdm.runtime import Channel, Runtime, Subscription, Timer
+    from mdm.runtime import Channel, Runtime, Subscription, Timer, Work
     from mdm.team.link import Link
     from mdm.team.transport.transport import Sample
 
 __all__ = ["Followed", "Told", "wanted"]
 
 PREDICATES = "predicates"
-_WAIT = 0.5
 
 
 class Request(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -45,7 +45,7 @@ class Reply(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class Change(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What changed or occurred, numbered from 1; of number alone, nothing did."""
+    """What changed or occurred, numbered from 1; or all values by then, with the number of the last change."""
 
     number: int
     time: int
@@ -96,13 +96,13 @@ class Told(Actor):
         self.here: list[Callable[[Change], None]] = []
 
     def on_start(self) -> None:
-        """Answer who asks, and say now and then that nothing has changed."""
+        """Answer who asks, and say all values now and then."""
         self._topics = []
         if not self._serves:
             self._serves = True
             self._link.serve(self._link.key(PREDICATES, "follow"), self._answer)
         self._listen()
-        self.every(4 / self._link.team.max_age, lambda _: self._say_nothing())
+        self.every(4 / self._link.team.max_age, lambda _: self._say_all())
 
     def on_stop(self) -> None:
         """Tell nothing more."""
@@ -160,14 +160,22 @@ class Told(Actor):
 
     def _put(self, time: int, values: Mapping[str, bool | None], events: tuple[str, ...]) -> None:
         self._number += 1
-        change = Change(self._number, time, dict(values), events)
+        self._say(Change(self._number, time, dict(values), events))
+
+    def _say_all(self) -> None:
+        if self._names:
+            values = {
+                name: manager.value(name)
+                for manager, names in self._names.items()
+                for name in names
+                if manager.names[name] == "predicate"
+            }
+            self._say(Change(self._number, self.runtime.clock.now(), values))
+
+    def _say(self, change: Change) -> None:
         for tell in self.here:
             tell(change)
         self._link.put(self._key, _encode(change))
-
-    def _say_nothing(self) -> None:
-        if self._names:
-            self._link.put(self._key, _encode(Change(self._number, self.runtime.clock.now())))
 
 
 class Followed(Actor):
@@ -191,11 +199,12 @@ class Followed(Actor):
         self._manager = manager
         self._names = names
         self._life = 0
+        self._answered = 0
         self._number = -1
         self._count = 0
-        self._asking = False
+        self._values: dict[str, bool | None] = {}
+        self._asking: Work | None = None
         self._old: Timer | None = None
-        self._known = False
         self._hears: list[Subscription[Any]] = []
         self._max_age = link.team.max_age
         self._follows = False
@@ -210,9 +219,9 @@ class Followed(Actor):
 
     def on_start(self) -> None:
         """Listen to the agent."""
-        self._life, self._asking, self._old, self._known = 0, False, None, False
+        self._life, self._asking, self._old = 0, None, None
         if self._told is not None:
-            self._take_all(self._told.reply(self._names))
+            self._take_reply(self._told.reply(self._names))
             self._told.here.append(self._take)
             return
         key = join(self._link.team.name, self._agent, PREDICATES, "changes")
@@ -229,53 +238,33 @@ class Followed(Actor):
         if life != self._life:
             self._life = life
             self._forget()
-            if life:
-                self._ask()
+            if self._asking is not None:
+                self._asking.cancel()
+            self._asking = self.spawn(self._ask(), name="follow") if life else None
 
     def _forget(self) -> None:
-        """Know nothing of the other agent until it is asked anew."""
+        """Know nothing of the other agent until it is heard again."""
         self._number = -1
-        self._known = False
         if self._old is not None:
             self._old.cancel()
             self._old = None
-        self._updates.publish(PredicateUpdate(self.runtime.clock.now(), -2, (), (), self._names.predicates))
+        self._update(dict.fromkeys(self._names.predicates))
 
-    def _ask(self) -> None:
-        if not self._asking:
-            self._asking = True
-            self.spawn(self._follow(self._life), self._asked, name="follow")
-
-    async def _follow(self, life: int) -> None:
+    async def _ask(self) -> None:
+        """Ask the other agent to tell what it is followed for."""
         key = join(self._link.team.name, self._agent, PREDICATES, "follow")
-        while self._life == life:
-            answers = await self._link.ask(key, _encode(self._names))
-            try:
-                reply = _reply(answers[self._agent])
-            except (KeyError, msgspec.MsgspecError, ValueError):
-                await self.runtime.clock.sleep(_WAIT)
-                continue
-            if self._life == life:
-                self._take_all(reply)
-            return
+        answer = await self._link.ask_one(self._agent, key, _encode(self._names), _reply)
+        self._take_reply(answer)
 
-    def _asked(self, _: object) -> None:
-        self._asking = False
-        if self._life and not self._known:
-            self.call_later(_WAIT, self._ask_anew)
-
-    def _ask_anew(self) -> None:
-        if self._life and not self._known:
-            self._ask()
-
-    def _take_all(self, reply: Reply) -> None:
-        now = self.runtime.clock.now()
-        for name, hint in reply.unknown.items():
-            self.report("follow", f"agent {self._agent!r} has no predicate or event {name!r}{hint}")
-        self._number, self._known = reply.number, True
-        self._updates.publish(PredicateUpdate(now, -2, (), (), ()))  # so that the follower takes the map
-        self._count += 1
-        self._map.publish(PredicateMap(now, self._count, reply.values))
+    def _take_reply(self, reply: Reply) -> None:
+        if self._answered != self._life or self._told is not None:
+            for name, hint in reply.unknown.items():
+                self.report("follow", f"agent {self._agent!r} has no predicate or event {name!r}{hint}")
+        self._answered = self._life
+        if reply.number >= self._number:  # else what has changed since has come before it
+            self._number = reply.number
+            self._update(reply.values)
+            self._tell_map()
         if self._told is None:
             self._watch()
 
@@ -285,36 +274,42 @@ class Followed(Actor):
         self._old = self.call_later(self._max_age, self._on_old)
 
     def _on_old(self) -> None:
-        self._old = None
-        if self._known:
-            self.report("stale", f"nothing was heard of agent {self._agent!r} for {self._max_age:g} s")
+        self.report("stale", f"nothing was heard of agent {self._agent!r} for {self._max_age:g} s")
         self._forget()
-        if self._life:
-            self._ask()
 
     def _on_sample(self, sample: Sample) -> None:
         try:
             change = _change(sample.body)
         except (msgspec.MsgspecError, ValueError):
             return
-        if sample.incarnation != self._life or not self._known:
-            return
-        self._watch()
-        happened = bool(change.values or change.events)
-        if change.number > self._number + happened:  # something was lost before
-            self._known = False
-            self._ask()
-        self._number = max(change.number, self._number)
-        self._take(change)
+        if sample.incarnation == self._life:
+            self._watch()
+            self._number = max(change.number, self._number)
+            self._take(change)
 
     def _take(self, change: Change) -> None:
-        values = {name: value for name, value in change.values.items() if name in self._names.predicates}
-        if values:
-            rising, falling, unknown = (
-                tuple(name for name, value in values.items() if value is truth) for truth in (True, False, None)
-            )
-            self._count += 1
-            self._updates.publish(PredicateUpdate(self.runtime.clock.now(), self._count, rising, falling, unknown))
+        self._update(change.values)
+        if not change.events:
+            self._tell_map()
         events = [f"{self._agent}/{name}" for name in change.events if name in self._names.events]
         if events:
             self._manager.occur(*events)
+
+    def _update(self, values: Mapping[str, bool | None]) -> None:
+        """Publish what is new of the predicates that are followed."""
+        new = {
+            name: value
+            for name, value in values.items()
+            if name in self._names.predicates and value is not self._values.get(name)
+        }
+        if new:
+            self._values |= new
+            rising, falling, unknown = (
+                tuple(name for name, value in new.items() if value is truth) for truth in (True, False, None)
+            )
+            self._count += 1
+            self._updates.publish(PredicateUpdate(self.runtime.clock.now(), self._count, rising, falling, unknown))
+
+    def _tell_map(self) -> None:
+        """Tell a manager that has just begun anew of all."""
+        self._map.publish(PredicateMap(self.runtime.clock.now(), self._count, dict(self._values)))

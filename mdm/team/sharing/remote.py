@@ -19,7 +19,7 @@ from mdm.team.transport.keys import check_name, join
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from mdm.runtime import Channel, Subscription
+    from mdm.runtime import Channel, Subscription, Work
     from mdm.team.link import Link
     from mdm.team.transport.transport import Sample
 
@@ -37,7 +37,6 @@ CHANNELS: dict[str, type[Any]] = {
 """The messages of an ensemble's own channels, by the channels' names."""
 
 _RETAINED = frozenset({"state", "belief", "reward", "mode"})
-_WAIT = 0.5
 
 
 class Wire:
@@ -184,11 +183,13 @@ class Imports(Actor):
                 raise ConfigError(f"an import is another agent's channel, agent/ensemble/channel, not {channel!r}")
         self.malformed = 0
         self._lives: dict[str, int] = {}
+        self._asking: dict[str, Work] = {}
         self._hears: list[Subscription[Any]] = []
 
     def on_start(self) -> None:
         """Listen to the others."""
         self._lives.clear()
+        self._asking.clear()
         self._hears = [
             self._link.listen(join(self._link.team.name, *name.split("/")), self._receiver(name), self)
             for name in self._wires
@@ -227,26 +228,27 @@ class Imports(Actor):
     def _on_live(self, link: Link) -> None:
         for agent in {name.split("/")[0] for name in self._wires}:
             life = link.live.get(agent)
-            if life is None and agent in self._lives:
-                del self._lives[agent]
-                for name in self._of(agent):
+            if life == self._lives.get(agent):
+                continue
+            for name in self._of(agent):
+                if name in self._asking:
+                    self._asking.pop(name).cancel()
+                if life is None:
                     self.imported(name).forget()
-            elif life is not None and self._lives.get(agent) != life:
+                else:
+                    self._asking[name] = self.spawn(self._ask(name, agent), name=f"ask {name}")
+            if life is None:
+                del self._lives[agent]
+            else:
                 self._lives[agent] = life
-                for name in self._of(agent):
-                    self.spawn(self._ask(name, agent, life), name=f"ask {name}")
 
     def _of(self, agent: str) -> list[str]:
         return [name for name in self._wires if name.split("/")[0] == agent]
 
-    async def _ask(self, name: str, agent: str, life: int) -> None:
-        """Ask for the last message, until there is an answer or the agent is gone; a newer one may come before."""
+    async def _ask(self, name: str, agent: str) -> None:
+        """Ask for the last message, until there is an answer; a newer one may come before."""
         channel, key = self.imported(name), join(self._link.team.name, *name.split("/"))
         before = channel.published
-        while self._lives.get(agent) == life and channel.published == before:
-            answers = await self._link.ask(key)
-            if agent in answers:
-                if answers[agent] and channel.published == before and self._lives.get(agent) == life:
-                    self._take(name, answers[agent])
-                return
-            await self.runtime.clock.sleep(_WAIT)
+        last = await self._link.ask_one(agent, key, b"", bytes)
+        if last and channel.published == before:
+            self._take(name, last)

@@ -17,7 +17,7 @@ from mdm.testing import probe, run_virtual
 class Walker:
     """A robot with a sensor and an event, that looks at those of the other one."""
 
-    def __init__(self, team, name, network, declare=None):
+    def __init__(self, team, name, network, declare=None, **options):
         self.did = []
         self.manager = mdm.PredicateManager()
         self.moving = self.manager.sensor("IsMoving", initial=False)
@@ -26,7 +26,9 @@ class Walker:
         self.met = self.manager.event("robot2/Arrived")
         if declare is not None:
             declare(self.manager)
-        self.ensemble = over_beliefs(problems.dec_tiger())(self, team.names.index(name), predicates=self.manager)
+        self.ensemble = over_beliefs(problems.dec_tiger())(
+            self, team.names.index(name), predicates=self.manager, **options
+        )
         self.member = team.member(name, self.ensemble, transport=network.transport(name))
 
     def act(self, name):
@@ -37,8 +39,8 @@ def walkers():
     return Team("walk", ["robot1", "robot2"], max_age=1.0)
 
 
-async def two(runtime, network, declare=None):
-    pair = [Walker(walkers(), name, network, declare) for name in walkers().names]
+async def two(runtime, network, declare=None, **options):
+    pair = [Walker(walkers(), name, network, declare, **options) for name in walkers().names]
     for walker in pair:
         await runtime.start(walker.member)
     await asyncio.sleep(0.5)
@@ -112,6 +114,57 @@ def test_what_is_lost_on_the_way_is_made_good(seed):
         network.loss = 0.0
         await asyncio.sleep(2.5)
         assert one.manager.value("robot2/IsMoving") is True
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_lossy_network_that_heals_is_soon_made_good(seed):
+    async def main(runtime):
+        network = Network(runtime.clock, team="walk", loss=0.2, seed=seed, delay=(0.001, 0.02))
+        one, two_ = await two(runtime, network)
+        for moving in (True, False):
+            network.partition({"robot1"}, {"robot2"})
+            await asyncio.sleep(5.0)
+            assert one.manager.value("robot2/IsMoving") is None
+            two_.moving.set(moving)
+            network.heal()
+            await asyncio.sleep(1.0)
+            for _ in range(20):
+                await asyncio.sleep(0.1)
+                assert one.manager.value("robot2/IsMoving") is moving
+
+    run_virtual(main)
+
+
+def test_a_change_that_is_lost_is_made_good_within_a_quarter_of_the_greatest_age():
+    async def main(runtime):
+        network = Network(runtime.clock, team="walk", delay=0.01)
+        one, two_ = await two(runtime, network)
+        network.loss = 1.0
+        two_.moving.set(True)
+        await asyncio.sleep(0.02)
+        network.loss = 0.0
+        assert one.manager.value("robot2/IsMoving") is False
+        await asyncio.sleep(0.27)
+        assert one.manager.value("robot2/IsMoving") is True
+
+    run_virtual(main)
+
+
+def test_a_manager_that_begins_anew_soon_knows_those_of_all_agents_again():
+    async def main(runtime):
+        network = Network(runtime.clock, team="walk")
+        one, two_ = await two(runtime, network, supervision=mdm.Restart())
+        two_.moving.set(True)
+        await asyncio.sleep(0.1)
+        one.manager.fail(RuntimeError("a fault"))
+        await asyncio.sleep(1.0)
+        assert one.ensemble.life == "running"
+        one.moving.set(True)
+        await asyncio.sleep(0.1)
+        assert one.manager.value("robot2/IsMoving") is True
+        assert one.manager.value("BothMove") is True
 
     run_virtual(main)
 

@@ -86,6 +86,7 @@ class Safety:
         self._lost: set[str] = set()
         self._latched = False
         self._ending = False
+        self._owed = False
         self._last = False
         self._over = False
         self._ended: list[Callable[[], None]] = []
@@ -128,7 +129,7 @@ class Safety:
         held = self.modes.held if "failure" in self.modes.causes else ()
         self.modes = Modes(ensemble.runtime.clock.now(), held)
         self._told = ("stopped", ())
-        self._latched = self._ending = self._last = self._over = False
+        self._latched = self._ending = self._owed = self._last = self._over = False
         self._ended.clear()
         self._lost.clear()
         self._channel = ensemble.channel("mode", Mode, retain=True)
@@ -311,7 +312,11 @@ class Safety:
         now = self._ensemble.runtime.clock.now()
         if failure is None:
             self._safe_at = self._ensemble.action.started
-        self._obey(self.modes.secured(failure, now), now)
+        orders = self.modes.secured(failure, now)
+        if self._ending and not self._last and Order.SECURE in orders:
+            self._owed = True  # tried once more, but not beside the safe actions of what has stopped below
+            return
+        self._obey(orders, now)
         if self._last and not self.modes.securing:
             self._finish()
 
@@ -381,6 +386,9 @@ class Safety:
         now = self._ensemble.runtime.clock.now()
         if not self._has_safe_action:
             self._obey(self.modes.stop(now), now)
+        if self._owed:
+            self._owed = False
+            self._obey((Order.SECURE,), now)
         self._obey(self.modes.end(now, kind, detail, unsafe=self.unsafe), now)
         if not self.modes.securing:
             self._ensemble.action.when_idle(self._finish)

@@ -67,6 +67,32 @@ def test_a_safe_action_that_runs_already_is_not_the_last_word_over_what_is_below
     assert log == ["Rest", "Work begins", "TOP begins", "TOP ends", "Work ends", "TOP begins", "TOP ends"]
 
 
+def test_a_safe_action_that_fails_at_the_end_is_tried_once_more_when_what_is_below_has_ended():
+    log = Log()
+
+    async def make_safe():
+        log.append("TOP begins")
+        await asyncio.sleep(2)
+        log.append("TOP ends")
+        if log.count("TOP ends") == 1:
+            raise LookupError
+
+    async def main(runtime):
+        top, below, sensor = two_levels(
+            *(log, "Below", "Rest"), safe_action=make_safe, safe_below=log.slow("BELOW", 3.0)
+        )
+        await runtime.start(top)
+        below.publish_state(0)
+        sensor.set(False)
+        await asyncio.sleep(2)  # the sensor's value is too old since a second: top is safe, and below has stopped
+
+    run_virtual(main)
+    assert log == [
+        *("Work begins", "Work ends", "TOP begins", "TOP ends"),
+        *("BELOW begins", "BELOW ends", "TOP begins", "TOP ends"),
+    ]
+
+
 @pytest.mark.parametrize("how", ["release", "input"])
 def test_while_it_ends_there_is_no_way_back(how):
     log = Log()

@@ -283,7 +283,10 @@ class Ensemble(Layer):
     # -- Deciding ------------------------------------------------------------------------------------------------
 
     def start(self, *, resume: bool = False) -> None:
-        """Begin to decide: from the initial belief, or from the present one; as soon as the layers have started."""
+        """Begin to decide: from the initial belief, or from the present one; as soon as the layers have started.
+
+        What is asked between a failure and the restart after it holds when the layers have started anew.
+        """
         if self._put_off("resume" if resume else "start"):
             return
         if resume:
@@ -298,9 +301,15 @@ class Ensemble(Layer):
 
     def _put_off(self, command: Literal["start", "resume", "stop"]) -> bool:
         """Keep a command until the layers that it is for have all started; return whether they have not."""
-        if self.life == "starting":
+        put_off = self.life in {"starting", "restarting"} or self._starts_anew
+        if put_off:
             self._asked = command
-        return self.life == "starting"
+        return put_off
+
+    @property
+    def _starts_anew(self) -> bool:
+        """Whether it has failed, and comes to its end to start anew: an end for good is a life of its own."""
+        return self.failing and self.life == "running"
 
     def reset(self) -> None:
         """Begin a new episode now."""
@@ -467,7 +476,8 @@ class Ensemble(Layer):
 
     def on_stop(self) -> None:
         """Forget the state: what was known before an end is not decided on after it."""
-        self._asked = None
+        if not self._starts_anew:
+            self._asked = None
         self.safety.waiting.end()
         self.channel("state", State, retain=True).forget()
         if self.predicates is not None and self.runtime.sharing.users(self.predicates) != (self,):

@@ -337,6 +337,51 @@ def test_what_was_told_since_a_failure_is_forgotten_where_the_manager_lives_on()
     run_virtual(main)
 
 
+@pytest.mark.parametrize("commands", [["stop"], ["start", "stop"], ["stop", "start"]])
+@pytest.mark.parametrize("pause", [0.0, 1.0, 2.5])
+def test_what_an_ensemble_is_told_between_a_failure_and_its_restart_holds_then(commands, pause):
+    """In the turn of the failure, while the safe action still runs, and in the back-off."""
+    log = Log()
+
+    async def main(runtime):
+        one, _, sensor = sensed(log, safe_action=log.slow("SAFE", 2.0), supervision=Restart(backoff=1.0))
+        await runtime.start(one)
+        sensor.set(False)
+        crash(one.state)
+        if pause:
+            await asyncio.sleep(pause)
+        for command in commands:
+            getattr(one, command)()
+        sensor.set(True)
+        await asyncio.sleep(4)
+        stopped = commands[-1] == "stop"
+        assert (one.life, one.mode) == ("running", "stopped" if stopped else "deciding")
+        assert log == ["A", "SAFE begins", "SAFE ends", *([] if stopped else ["B"])]
+        crash(one.state)
+        await asyncio.sleep(5)
+        assert one.mode == "deciding"  # it holds for one start alone
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("supervision", ["stop", Restart(backoff=1.0)])
+def test_what_an_ensemble_is_told_that_fails_for_good_does_not_hold_for_a_start_by_hand(supervision):
+    log = Log()
+
+    async def main(runtime):
+        one, _, sensor = sensed(log, safe_action=log.slow("SAFE", 2.0), supervision=supervision)
+        await runtime.start(one)
+        sensor.set(False)
+        crash(one.state)
+        one.stop()
+        await asyncio.sleep(0.1)
+        await runtime.stop(one)
+        await runtime.start(one)
+        assert one.mode == "deciding"
+
+    run_virtual(main)
+
+
 def test_a_new_ensemble_of_the_same_name_knows_no_old_state():
     log = Log()
 

@@ -47,7 +47,7 @@ class PlannerStatistics(ActorStatistics, frozen=True):
         searched: Those that the search answered.
         fallbacks: Those that the fallback answered.
         superseded: Those that another one came after, before they were answered.
-        late: Answers of the search that nobody waited for any more; they are dropped.
+        late: Answers of the search that came after the deadline, or that nobody waited for any more; they are dropped.
         expansions: Leaves that were expanded for the answers, in all.
         processes: How often a process was started.
     """
@@ -160,13 +160,19 @@ class Planner(Layer):
         self._expansions += result.expansions
         if self._open is None or self._open.number != number:
             self._late += 1
+        elif self.deadline is not None and self.runtime.clock.now() > self._open.time + round(self.deadline * 1e9):
+            self._late += 1  # the loop has come late for it, ahead of the timer
+            self._miss()
         else:
             self._answer(result.action, "search")
 
     def _on_deadline(self) -> None:
         self._timer = None
-        if self._open is None:
-            return
+        if self._open is not None:
+            self._miss()
+
+    def _miss(self) -> None:
+        """Have the fallback answer what the search has not answered by its deadline, or nothing."""
         if self.policy.fallback is None:
             self._answer(None, "nothing")
             return

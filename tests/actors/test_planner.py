@@ -7,6 +7,7 @@ import os
 import select
 import signal
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -295,6 +296,25 @@ def test_nothing_is_done_that_is_decided_long_after_the_deadline(tiger, searches
 
     (late,) = live(main)
     assert late.endswith("after its stimulus; the deadline is 20.0 s")
+
+
+@pytest.mark.parametrize(("fallback", "source"), [(LISTEN, "fallback"), (None, "nothing")])
+def test_what_the_search_finds_after_the_deadline_decides_nothing_though_the_loop_comes_late(tiger, fallback, source):
+    async def main(runtime):
+        one = ensemble(tiger, seconds=30.0, deadline=20.0, fallback=fallback)
+        await runtime.start(one)
+        await one.ready()
+        planner = one.control.planner
+        answers, faults = probe(runtime.channel("tiger/answer", Answer)), probe(runtime.faults)
+        asked = runtime.clock.now() - 20_001_000_000  # as if the loop had not turned since, a millisecond too long
+        runtime.channel("tiger/observation", Observation).publish(Observation(asked, 0, (0,), (True,)))
+        runtime.dispatcher.deliver(planner._found, (planner._open.number, SimpleNamespace(action=2, expansions=10)))
+        return [answer.source for answer in answers], faults, planner.statistics()
+
+    sources, faults, statistics = live(main)
+    assert sources == [source]
+    assert {fault.kind for fault in faults} == {"deadline"}
+    assert (statistics.searched, statistics.late) == (0, 1)
 
 
 def test_stopping_while_it_searches(tiger):

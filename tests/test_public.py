@@ -87,6 +87,25 @@ print(sorted(name for name in sys.modules if name.startswith(("mdm.team", "zenoh
     assert done.stdout.strip().endswith("[]")
 
 
+def test_the_names_of_teams_load_what_they_need():
+    program = """
+import sys
+import mdm.team
+before = set(sys.modules)
+from mdm.team import Team
+print(sorted(name for name in before if name.startswith("mdm.")))
+print(sorted(name for name in sys.modules if name.startswith(("mdm.team.agreement", "mdm.team.member", "zenoh"))))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["['mdm.team']", "[]"]
+
+
+def test_what_teams_have_not_is_refused():
+    with pytest.raises(AttributeError, match=r"module 'mdm\.team' has no attribute 'Nonsense'"):
+        _ = mdm.team.Nonsense
+    assert dir(mdm.team) == mdm.team.__all__
+
+
 def test_a_misspelt_name_gets_a_suggestion():
     with pytest.raises(AttributeError, match=r"did you mean mdm\.models\.POMDP"):
         _ = mdm.POMPD

@@ -2,25 +2,32 @@
 
 A `Transport` carries the messages: a session of Zenoh between processes (`mdm.team.transport.session`, which needs
 ``pip install 'markov-decision-making[team]'``), or a simulated network within one (`mdm.team.transport.network`). A
-`Team` says who decides together and how; a `Member` is one agent of it, an actor to run.
+`Team` says who decides together and how; a `Member` is one agent of it, an actor to run. The names here are loaded when
+they are first asked for.
 """
 
-from mdm.team.commits import Committed
-from mdm.team.communicating.communication import (
-    Always,
-    Budget,
-    CommunicationPolicy,
-    Never,
-    OnChange,
-    ValueOfCommunication,
-)
-from mdm.team.communicating.knowledge import Knowledge, SharedHistory
-from mdm.team.communicating.recollection import Experience, Recollection, RecollectionStatistics
-from mdm.team.member import Member, MemberStatistics, Teammates
-from mdm.team.placement import Placement
-from mdm.team.team import Agent, Team
-from mdm.team.transport.budget import TokenBucket
-from mdm.team.transport.network import Network
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mdm.team.commits import Committed
+    from mdm.team.communicating.communication import (
+        Always,
+        Budget,
+        CommunicationPolicy,
+        Never,
+        OnChange,
+        ValueOfCommunication,
+    )
+    from mdm.team.communicating.knowledge import Knowledge, SharedHistory
+    from mdm.team.communicating.recollection import Experience, Recollection, RecollectionStatistics
+    from mdm.team.member import Member, MemberStatistics, Teammates
+    from mdm.team.placement import Placement
+    from mdm.team.team import Agent, Team
+    from mdm.team.transport.budget import TokenBucket
+    from mdm.team.transport.network import Network
 
 __all__ = [
     "Agent",
@@ -44,3 +51,32 @@ __all__ = [
     "TokenBucket",
     "ValueOfCommunication",
 ]
+
+_HOMES = {
+    "commits": ("Committed",),
+    "communicating.communication": (
+        *("Always", "Budget", "CommunicationPolicy", "Never", "OnChange", "ValueOfCommunication"),
+    ),
+    "communicating.knowledge": ("Knowledge", "SharedHistory"),
+    "communicating.recollection": ("Experience", "Recollection", "RecollectionStatistics"),
+    "member": ("Member", "MemberStatistics", "Teammates"),
+    "placement": ("Placement",),
+    "team": ("Agent", "Team"),
+    "transport.budget": ("TokenBucket",),
+    "transport.network": ("Network",),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first asked for, so that a program loads no more than it uses."""
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'mdm.team' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"mdm.team.{_HOME_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return list(__all__)

@@ -57,24 +57,22 @@ def run(arguments: argparse.Namespace) -> int:
 async def _ask(file: str, team: Team) -> dict[str, dict[str, Any]]:
     """Return what each agent says of each of its ensembles."""
     from mdm.cli.team.asker import asking  # noqa: PLC0415
-    from mdm.cli.team.file import ensembles_of  # noqa: PLC0415
-    from mdm.team.sharing.calls import ask  # noqa: PLC0415
 
     found: dict[str, dict[str, Any]] = {}
-    async with asking(file, team) as (session, live):
-        if not live:
-            return {}
-        for name in ensembles_of(file, team):
-            states, figures = await asyncio.gather(
-                ask(session, team, "status", ensemble=name), ask(session, team, "statistics", ensemble=name)
-            )
-            for agent, status in states.items():
-                figure = figures.get(agent)
-                if isinstance(status, Error) or isinstance(figure, Error):
-                    status = {"error": str(status if isinstance(status, Error) else figure)}  # noqa: PLW2901
-                elif figure is not None:
-                    status |= _carried(figure["transport"])  # noqa: PLW2901
-                found.setdefault(agent, {})[name] = status
+    async with asking(file, team) as asker:
+        questions = [(name, call) for name in asker.ensembles for call in ("status", "statistics")]
+        answers = dict(
+            zip(questions, await asyncio.gather(*(asker.ask(call, name) for name, call in questions)), strict=True)
+        )
+    for name in asker.ensembles:
+        figures = answers[name, "statistics"]
+        for agent, status in answers[name, "status"].items():
+            figure = figures.get(agent)
+            if isinstance(status, Error) or isinstance(figure, Error):
+                status = {"error": str(status if isinstance(status, Error) else figure)}  # noqa: PLW2901
+            elif figure is not None:
+                status |= _carried(figure["transport"])  # noqa: PLW2901
+            found.setdefault(agent, {})[name] = status
     return {agent: found[agent] for agent in team.names if agent in found}
 
 

@@ -76,6 +76,8 @@ def settings(
     """
     # Microseconds that a put may wait for room, ten times as many where it is cut into parts: the event loop waits.
     longest_wait = 100
+    # A peer that hangs while a connection is opened holds the end of the session for so many milliseconds.
+    longest_opening = max(round(2000 * lease), 2000)
     sizes = ("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low")
     return {
         "mode": "peer",
@@ -86,6 +88,7 @@ def settings(
         },
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {
+            "unicast": {"open_timeout": longest_opening, "accept_timeout": longest_opening},
             "shared_memory": {"enabled": False},
             "link": {
                 "tx": {

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import signal
 import time
+from typing import ClassVar
 
 import pytest
+
+from mdm import Error
+from mdm.cli.team import commands
 
 
 def asked(mdm, team, *, agents=2, mode="deciding"):
@@ -63,6 +69,56 @@ def test_one_that_does_not_answer_is_told(mdm, free, up, tmp_path):
         status, _, errors = asked(mdm, team, agents=1)
         assert status == 1
         assert errors == "mdm team status: no answer from b\n"
+        status, output, errors = mdm("team", "stop", team)
+        assert (status, output) == (1, ["joint: stop, said to a"])
+        assert errors == "mdm team stop: joint: agent 'b' does not answer\n"
+
+
+def test_one_that_hangs_is_told_and_the_others_are_asked(mdm, free):
+    from programs import python
+
+    team = free()
+    alone = [("-m", "mdm", "team", "run", team, "--agent", agent, "--log", "json") for agent in "ab"]
+    with python(*alone[0]) as a, python(*alone[1]) as b:
+        asked(mdm, team)
+        a.send_signal(signal.SIGSTOP)
+        while json.loads(b.stderr.readline()).get("kind") != "lost_teammate":
+            pass
+        status, found, errors = asked(mdm, team, agents=1)
+        assert (status, found["silent"], errors) == (1, ["a"], "mdm team status: no answer from a\n")
+        status, output, errors = mdm("team", "stop", team)
+        assert (status, output) == (1, ["joint: stop, said to b"])
+        assert errors == "mdm team stop: joint: agent 'a' does not answer\n"
+
+
+@pytest.mark.parametrize(
+    ("states", "answers", "told"),
+    [
+        ({"a": {"live": ["a", "b"]}, "b": {"live": ["a", "b"]}}, {"a": "done"}, ["a: done"]),
+        ({"a": {"live": ["a"]}, "b": {"live": ["b"]}}, {"a": "done", "b": "done"}, ["a: done", "b: done"]),
+        (
+            {"a": {"live": ["a", "b"], "role": "refused"}, "b": {"live": ["a", "b"], "role": "leading"}},
+            {"a": Error("it was refused"), "b": "done"},
+            ["a: agent 'a' does not start: it was refused", "b: done"],
+        ),
+        (
+            {"a": {"live": ["a", "b"], "role": "leading"}, "b": {"live": ["a", "b"], "role": "refused"}},
+            {"a": "done", "b": Error("it was refused")},
+            ["a: done", "b: agent 'b' does not start: it was refused"],
+        ),
+        ({"b": Error("in another form")}, {"b": "done"}, ["a: agent 'a' does not answer", "b: done"]),
+        ({"a": {"live": ["a"]}}, {}, ["a: agent 'a' does not answer", "b: agent 'b' does not answer"]),
+    ],
+)
+def test_all_are_told_who_are_not_told_by_others(states, answers, told):
+    class Asked:
+        ensembles: ClassVar = {"joint": ["a", "b"]}
+
+        async def ask(self, call, ensemble, agent):
+            return {agent: answers[agent]} if agent in answers else {}
+
+    results = asyncio.run(commands.tell(Asked(), "start", "joint", states))
+    assert [f"{agent}: {problem or 'done'}" for _, agent, problem in results] == told
 
 
 def test_the_operator_of_a_team_with_certificates_may_ask(mdm, free, up, tmp_path):

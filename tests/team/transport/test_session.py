@@ -17,6 +17,7 @@ from transports import LOOPBACK, endpoint, free_port, key
 
 from mdm.errors import ConfigError, Error
 from mdm.runtime import VirtualEventLoop
+from mdm.team.transport import session as module
 from mdm.team.transport.envelope import Packer
 from mdm.team.transport.session import Session
 
@@ -89,6 +90,22 @@ def test_a_session_that_is_closed_leaves_no_thread_and_no_file():
             assert count == before
 
     asyncio.run(many())
+
+
+def test_who_hangs_while_a_connection_is_opened_does_not_hold_the_end():
+    async def main():
+        with socket.socket() as hung:
+            hung.bind(("127.0.0.1", 0))
+            hung.listen()
+            session = Session("team", "a", listen=endpoint(), connect=[endpoint(hung.getsockname()[1])])
+            before = set(module._open)
+            await session.open()
+            caller, _ = await asyncio.to_thread(hung.accept)
+            with caller:
+                await session.close()
+                assert module._open == before
+
+    asyncio.run(main())
 
 
 def test_a_session_listens_on_loopback_unless_told_otherwise():

@@ -58,3 +58,5 @@ def test_zenoh_takes_them():
     made = settings(listen=["tcp/127.0.0.1:1"], connect=["tcp/127.0.0.1:2"], lease=0.5, largest=1 << 20)
     taken = zenoh.Config.from_json5(json.dumps(made))
     assert json.loads(taken.get_json("transport/link/tx/lease")) == 500
+    for opening in ("open_timeout", "accept_timeout"):
+        assert json.loads(taken.get_json(f"transport/unicast/{opening}")) == 2000

@@ -35,7 +35,7 @@ ACROSS = {
     "chaos/test_planted.py": "that the scenarios find faults that are planted",
     "cli/test_commands.py": "what all verbs have in common",
     "config/test_mutations.py": "mutated files, all of them",
-    "actors/test_controller_run.py": "control layers that run the nodes of a plan",
+    "actors/control/test_controller_run.py": "control layers that run the nodes of a plan",
     "actors/test_lost_input.py": "safety: input that is lost",
     "actors/test_safe_end.py": "safety: the end of ensembles",
     "actors/test_safe_order.py": "safety: ensembles above and below each other",

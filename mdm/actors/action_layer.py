@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from mdm.actors.ensemble import Ensemble
-    from mdm.actors.predicate_manager import PredicateManager
+    from mdm.actors.predicates.predicate_manager import PredicateManager
     from mdm.runtime import Timer, Work
 
 __all__ = ["SAFE_TIMEOUT", "ActionLayer", "ActionStatistics", "Secured"]

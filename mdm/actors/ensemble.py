@@ -11,11 +11,11 @@ import msgspec
 import numpy as np
 
 from mdm.actors.action_layer import SAFE_TIMEOUT, ActionLayer
-from mdm.actors.control_layer import ControlLayer, ControlOptions
-from mdm.actors.drive import FixedRate
+from mdm.actors.control.control_layer import ControlLayer, ControlOptions
+from mdm.actors.control.drive import FixedRate
 from mdm.actors.layer import Layer
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
-from mdm.actors.predicate_manager import PredicateManager
+from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.safety import Safety, SafetyOptions
 from mdm.actors.state_layer import StateFactor, StateLayer
 from mdm.choice import check_flag
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.actors.binding import Binding, Callback
-    from mdm.actors.control_layer import Lead
+    from mdm.actors.control.control_layer import Lead
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.space import Symbol
     from mdm.runtime import Supervision

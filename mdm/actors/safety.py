@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, get_args
 
-from mdm.actors.control_layer import ControlOptions
+from mdm.actors.control.control_layer import ControlOptions
 from mdm.actors.modes import Modes, Order
 from mdm.actors.waiting import Waiting
 from mdm.choice import check_choice
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from mdm.actors.ensemble import Ensemble
-    from mdm.actors.predicate_manager import PredicateManager
+    from mdm.actors.predicates.predicate_manager import PredicateManager
     from mdm.messages import Cause
 
 __all__ = ["Reaction", "Safety", "SafetyOptions"]

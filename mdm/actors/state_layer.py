@@ -14,7 +14,7 @@ from mdm.messages import PredicateUpdate, State
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from mdm.actors.predicate_manager import PredicateManager
+    from mdm.actors.predicates.predicate_manager import PredicateManager
     from mdm.actors.wiring import Names
     from mdm.models import Factor, Space
 

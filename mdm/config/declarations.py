@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from mdm.actors import PredicateManager
-from mdm.actors.predicate_manager import ACTION_END
+from mdm.actors.predicates.predicate_manager import ACTION_END
 from mdm.config.tables import EventTable, PredicateTable
 from mdm.errors import ConfigError
 from mdm.logic import Formula, parse, similar

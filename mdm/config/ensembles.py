@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 import msgspec
 
 from mdm.actors import Binding, Ensemble, ObservationFactor, SafetyOptions, StateFactor
-from mdm.actors.drive import drive_of
+from mdm.actors.control.drive import drive_of
 from mdm.actors.ensemble import MOST_LEVELS
 from mdm.config.functions import nothing
 from mdm.config.share import Seat

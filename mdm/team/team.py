@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import msgspec
 
 from mdm.actors import FixedRate, OnEvent
-from mdm.actors.drive import drive_of
+from mdm.actors.control.drive import drive_of
 from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.runtime.clock import check_seconds

@@ -12,9 +12,9 @@ from contextlib import contextmanager
 from threading import get_ident
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from mdm.actors.backlog import Backlog
-from mdm.actors.follower import Follower
-from mdm.actors.sensor import EventSource, Sensor, truth
+from mdm.actors.predicates.backlog import Backlog
+from mdm.actors.predicates.follower import Follower
+from mdm.actors.predicates.sensor import EventSource, Sensor, truth
 from mdm.errors import ConfigError, Error
 from mdm.logic import Formula, Network, parse, similar
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdate

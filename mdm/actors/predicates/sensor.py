@@ -9,7 +9,7 @@ import numpy as np
 from mdm.errors import Error
 
 if TYPE_CHECKING:
-    from mdm.actors.predicate_manager import PredicateManager
+    from mdm.actors.predicates.predicate_manager import PredicateManager
 
 __all__ = ["EventSource", "Sensor", "truth"]
 

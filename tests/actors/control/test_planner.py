@@ -16,7 +16,7 @@ from programs import python
 
 import mdm
 from mdm.actors import ControlLayer
-from mdm.actors.search_process import SearchProcess
+from mdm.actors.control.search_process import SearchProcess
 from mdm.messages import Answer, Observation, Question, State
 from mdm.testing import capture_decisions, probe, run_virtual
 
@@ -447,7 +447,7 @@ def test_a_process_that_is_stopped_has_the_newest_question_alone_waiting(tiger):
 
 
 def test_a_process_that_is_stopped_is_told_where_nothing_else_decides(tiger, monkeypatch):
-    monkeypatch.setattr("mdm.actors.planner._SILENCE", 0.2)
+    monkeypatch.setattr("mdm.actors.control.planner._SILENCE", 0.2)
 
     async def main(runtime):
         one = ensemble(tiger, expansions=100)

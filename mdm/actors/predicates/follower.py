@@ -9,7 +9,7 @@ from mdm.messages import PredicateMap, PredicateUpdate, SensorUpdate
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from mdm.actors.predicate_manager import PredicateManager
+    from mdm.actors.predicates.predicate_manager import PredicateManager
     from mdm.runtime import Channel, Subscription
 
 __all__ = ["Follower"]

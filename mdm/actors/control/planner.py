@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import anyio
 import msgspec
 
-from mdm.actors.drive import FixedRate
+from mdm.actors.control.drive import FixedRate
+from mdm.actors.control.search_process import SearchProcess
 from mdm.actors.layer import Layer
-from mdm.actors.search_process import SearchProcess
 from mdm.errors import ConfigError, Error
 from mdm.messages import Answer, Control, Question
 from mdm.runtime import ActorStatistics, Restart, VirtualClock
@@ -25,7 +25,7 @@ from mdm.runtime.supervision import RestartBudget
 if TYPE_CHECKING:
     from typing import Literal
 
-    from mdm.actors.drive import Drive
+    from mdm.actors.control.drive import Drive
     from mdm.policies import Deliberating
     from mdm.policies.policy import Found
     from mdm.runtime import Timer

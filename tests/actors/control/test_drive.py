@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mdm import ConfigError, Error, FixedRate, OnEvent
-from mdm.actors.drive import drive_of
+from mdm.actors.control.drive import drive_of
 
 
 @pytest.mark.parametrize(

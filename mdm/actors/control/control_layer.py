@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, Unpack, cast
 import msgspec
 import numpy as np
 
-from mdm.actors.drive import Drive, FixedRate, OnEvent, drive_of
+from mdm.actors.control.drive import Drive, FixedRate, OnEvent, drive_of
+from mdm.actors.control.planner import PATIENCE, Planner
 from mdm.actors.layer import Layer
 from mdm.actors.modes import AT_INPUT, AT_KNOWN, AT_STIMULUS
-from mdm.actors.planner import PATIENCE, Planner
 from mdm.beliefs import Support
 from mdm.controller import Controller
 from mdm.errors import ConfigError, Error, ModelError

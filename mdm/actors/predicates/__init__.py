@@ -1,0 +1,1 @@
+"""Predicates and events on sensors: what is declared, told, kept and derived."""

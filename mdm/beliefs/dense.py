@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 __all__ = ["CompiledFoldedFilter", "FoldedFilter", "LikelyFilter"]
 
+_KEPT = 4_000_000
+"""The largest total size of the matrices that are kept for sets of observations."""
+
 
 class _DenseFilter:
     """The base of dense filters: one array for the belief, and one for the next.
@@ -112,6 +115,7 @@ class FoldedFilter(_DenseFilter):
         actions, observations = range(len(model.action_space)), range(len(model.observation_space))
         self._folded = [[fold(action, observation) for observation in observations] for action in actions]
         self._ones = np.ones(len(model.state_space))
+        self._sums: dict[tuple[int, ...], Vector] = {}
 
     def step(self, action: int, observation: int) -> float:
         """Update by an action and an observation; return P(observation | belief, action)."""
@@ -123,10 +127,19 @@ class FoldedFilter(_DenseFilter):
     def step_any(self, action: int, observations: Sequence[int]) -> float:
         """Update by an action and a set of possible observations; return their probability."""
         after = self._after
-        after[:] = 0
-        for observation in observations:
-            after += self._before.dot(self._folded[action][observation])
-        return self._take(float(after.sum()))
+        self._before.dot(self._sum(action, observations), after)
+        return self._take(after.dot(self._ones).item())
+
+    def _sum(self, action: int, observations: Sequence[int]) -> Vector:
+        """Return the matrix of a set of observations; those that were asked for are kept, as far as they are small."""
+        key = (action, *observations)
+        found = self._sums.get(key)
+        if found is None:
+            if len(self._sums) >= _KEPT // self._size**2:
+                self._sums.clear()
+            folded = self._folded[action]
+            found = self._sums[key] = np.sum([folded[observation] for observation in observations], axis=0)
+        return found
 
 
 class CompiledFoldedFilter(FoldedFilter):
@@ -147,6 +160,14 @@ class CompiledFoldedFilter(FoldedFilter):
     def step(self, action: int, observation: int) -> float:
         """Update by an action and an observation; return P(observation | belief, action)."""
         total = self._move(self._folded[action][observation], self._before, self._after)
+        if not total > 0:
+            return 0.0
+        self._swap()
+        return total
+
+    def step_any(self, action: int, observations: Sequence[int]) -> float:
+        """Update by an action and a set of possible observations; return their probability."""
+        total = self._move(self._sum(action, observations), self._before, self._after)
         if not total > 0:
             return 0.0
         self._swap()

@@ -270,12 +270,16 @@ class Space:
         Raises:
             ModelError: If there is no such symbol.
         """
-        # Strings first: the check for SupportsIndex costs twenty times a look-up.
+        # Strings, numbers and tuples first: the check for SupportsIndex costs twenty times a look-up.
+        if symbol.__class__ is int and -1 < symbol < self._size:
+            return symbol
         if isinstance(symbol, str):
             if len(self.factors) == 1:
                 return self.factors[0].index(symbol)
             if symbol.isdecimal():
                 return self.index(int(symbol))
+        elif isinstance(symbol, tuple | list):
+            pass
         elif isinstance(symbol, SupportsIndex) and not isinstance(symbol, bool):
             index = operator.index(symbol)
             self.unravel(index)

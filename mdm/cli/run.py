@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import signal
 import sys
-import threading
-import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import anyio
 
+from mdm.cli.attached import Attached
 from mdm.cli.usage import UsageError, count, seconds
 
 if TYPE_CHECKING:
@@ -21,9 +19,6 @@ if TYPE_CHECKING:
 
     from mdm.config import System
     from mdm.messages import Decision
-    from mdm.runtime import Runtime
-
-_PATIENCE = 30.0
 
 __all__ = ["add_arguments", "add_parser", "run"]
 
@@ -69,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         run as run_program,
     )
 
+    attached = Attached() if arguments.attached else None
     system = _load(arguments)
     first = system.top[0]
 
@@ -84,8 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
             seen: list[int] = []
             if arguments.epochs is not None:
                 runtime.decisions.subscribe(tally)
-            if arguments.attached:
-                _end_with_input(runtime)
+            if attached is not None:
+                attached.hold(runtime, sum(ensemble.patience for ensemble in system.top))
             with _releases(system, virtual=arguments.virtual):
                 await runtime.start(system)
                 with anyio.move_on_after(arguments.seconds):
@@ -138,22 +134,3 @@ def _load(arguments: argparse.Namespace) -> System:
         raise UsageError("--virtual is for a file without a team: processes have no virtual time in common")
     team.check_agent(arguments.agent, key="--agent")
     return load_system(arguments.file, agent=arguments.agent, decisions=arguments.decisions)
-
-
-def _end_with_input(runtime: Runtime) -> None:
-    """Shut the runtime down when standard input ends; what holds the event loop then has half a minute left.
-
-    A thread waits for it, which a callback that holds the loop does not keep from seeing it.
-    """
-    loop, descriptor = asyncio.get_running_loop(), sys.stdin.fileno()
-
-    def watch() -> None:
-        with suppress(OSError):
-            while os.read(descriptor, 4096):
-                pass
-        with suppress(RuntimeError):  # the loop has ended
-            loop.call_soon_threadsafe(runtime.shut_down)
-        time.sleep(_PATIENCE)
-        os.kill(os.getpid(), signal.SIGKILL)
-
-    threading.Thread(target=watch, name="mdm:attached", daemon=True).start()

@@ -5,10 +5,14 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
+
+from mdm.runtime import Restart
+from mdm.runtime.supervision import RestartBudget
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -19,6 +23,7 @@ __all__ = ["Crew"]
 
 _FIRST_WAIT = 0.5
 _LONGEST_WAIT = 10.0
+_RESTARTS, _WITHIN = 5, 60.0
 _LAST_WORDS = 1.0
 _LONGEST_LINE = 1 << 16
 
@@ -26,9 +31,9 @@ _LONGEST_LINE = 1 << 16
 class Crew:
     """The processes of a team's agents.
 
-    One that fails, or is killed, is started again, after 0.5 s at first and twice as long each time it fails within
-    10 s. One that fails before it was up for the first time ends all. They are ended in order by the end of their
-    standard input; what has not ended in time is killed.
+    One that fails, or is killed, is started again, after 0.5 s at first and twice as long each time, five times within
+    a minute at most. One that fails before it was up for the first time is not: it would fail again. The others go on
+    without it. They are ended in order by the end of their standard input; what has not ended in time is killed.
 
     Args:
         commands: The command of each agent's process; it logs JSON lines on standard error.
@@ -91,30 +96,30 @@ class Crew:
     # -- One agent -----------------------------------------------------------------------------------------------
 
     async def _live(self, agent: str) -> None:
-        """Run an agent's process, again and again."""
-        wait, loop = _FIRST_WAIT, asyncio.get_running_loop()
+        """Run an agent's process, again and again while there is sense in it."""
+        budget = RestartBudget(Restart(limit=_RESTARTS, within=_WITHIN, backoff=_FIRST_WAIT, max_backoff=_LONGEST_WAIT))
         while not self._ending.is_set():
-            began = loop.time()
             status = await self._run(agent)
             if status == 0:
                 if not self._ending.is_set():
                     self._console.tell(agent, "ended", "has ended")
                 return
             self.failures[agent] += 1
-            how = _how(status)
+            wait = budget.delay(time.monotonic_ns())
+            what = _how(status)
             if self._ending.is_set():
-                self._console.tell(agent, "failed", f"{how} when it was to end", status=status)
-                return
-            if agent not in self._up:
-                self._console.tell(agent, "failed", f"{how} before it was up: all end", status=status)
-                self.end()
-                return
-            if loop.time() - began > _LONGEST_WAIT:
-                wait = _FIRST_WAIT
-            self._console.tell(agent, "failed", f"{how}, and is started again in {wait:g} s", status=status)
-            with suppress(TimeoutError):
-                await asyncio.wait_for(self._ending.wait(), wait)
-            wait = min(2 * wait, _LONGEST_WAIT)
+                what += " when it was to end"
+            elif agent not in self._up:
+                what += " before it was up, and is not started again"
+            elif wait is None:
+                what += f", and is not started again: it was {_RESTARTS} times within {_WITHIN:g} s"
+            else:
+                self._console.tell(agent, "failed", f"{what}, and is started again in {wait:g} s", status=status)
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(self._ending.wait(), wait)
+                continue
+            self._console.tell(agent, "failed", what, status=status)
+            return
 
     async def _run(self, agent: str) -> int:
         """Run an agent's process once; return its status."""

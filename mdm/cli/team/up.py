@@ -30,7 +30,8 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
         help="run all agents on this machine",
         description=(
             "Run all agents of a team on this machine, a process each, until Ctrl-C, SIGTERM or --seconds. A process "
-            "that fails is started again. The exit status is 1 if any agent has failed."
+            "that fails is started again, five times within a minute at most; one that cannot start is not, and the "
+            "others go on without it. The exit status is 1 if any agent has failed."
         ),
         epilog="example: mdm team up examples/team/meeting.toml --seconds 20 --decisions decided",
     )

@@ -151,12 +151,41 @@ def test_what_a_cancelled_crew_had_is_killed():
     run(main)
 
 
-def test_one_that_was_never_up_ends_all():
+def test_one_that_was_never_up_is_not_started_again_and_the_others_go_on():
     async def main():
         told = Told()
         crew = Crew({"a": program("raise SystemExit(3)"), "b": OBEDIENT}, told, 20.0)
-        await crew.run()
-        assert told.events == [("a", "failed", "has failed with status 3 before it was up: all end")]
+        running = asyncio.create_task(crew.run())
+        await told.until(lambda: told.events and len(told.lines) == 1)
+        assert told.events == [("a", "failed", "has failed with status 3 before it was up, and is not started again")]
+        assert not running.done()
+        crew.end()
+        await running
         assert crew.failures == {"a": 1, "b": 0}
+
+    run(main)
+
+
+def test_one_that_fails_again_and_again_is_given_up(monkeypatch):
+    monkeypatch.setattr(module, "_FIRST_WAIT", 0.001)
+
+    async def main():
+        told = Told()
+        crew = Crew({"a": program(UP + "raise SystemExit(3)")}, told, 20.0)
+        await crew.run()
+        assert crew.failures == {"a": 6}
+        assert [text for _, event, text in told.events if event == "failed"][-1] == (
+            "has failed with status 3, and is not started again: it was 5 times within 60 s"
+        )
+
+    run(main)
+
+
+def test_all_have_ended_when_none_can_be_started():
+    async def main():
+        told = Told()
+        crew = Crew({"a": program("raise SystemExit(3)"), "b": program("raise SystemExit(3)")}, told, 20.0)
+        await crew.run()
+        assert crew.failures == {"a": 1, "b": 1}
 
     run(main)

@@ -81,14 +81,16 @@ def test_seconds_end_it(team, up):
     assert not [record for record in records if record["event"] == "failed"]
 
 
-def test_an_agent_that_cannot_start_ends_all(team, up):
+def test_an_agent_that_cannot_start_ends_with_its_reason_and_the_others_go_on(team, up):
     team.write_text(team.read_text().replace('tasks = ["printing_code:sense"]', 'tasks.b = ["nowhere:sense"]'))
     with up(team) as running:
+        running.hear(event="failed", text="has failed with status 1 before it was up, and is not started again")
+        running.hear(agent="a", event="fault", kind="missing_teammate")
+        running.process.send_signal(signal.SIGINT)
         status, records = running.end()
     assert status == 1
-    texts = [record.get("text", "") for record in records]
-    assert "has failed with status 1 before it was up: all end" in texts
-    assert any("there is no module 'nowhere'" in text for text in texts)
+    assert any("there is no module 'nowhere'" in record.get("text", "") for record in records)
+    assert records[-1]["text"] == "mdm team up: agent 'b' failed 1 time\n"
 
 
 def test_a_port_that_somebody_has_is_told_in_a_sentence(mdm, team):

@@ -36,6 +36,7 @@ BEATS = 5
 """Beats in a lease."""
 
 _FIRST_WAIT, _LONGEST_WAIT = 0.1, 1.0
+_MOST_STRANGERS = 8
 
 T = TypeVar("T")
 
@@ -69,6 +70,7 @@ class Link(Actor):
         self.opened = False
         self._leaving = False
         self._refused: set[str] = set()
+        self._strangers: set[str] = set()
         self._seen: Mapping[str, int] = {}
         self._heard_at: dict[str, int] = {}
         self._beats: dict[str, tuple[int, bool]] = {}
@@ -210,6 +212,9 @@ class Link(Actor):
         self.put(self.key(BEAT), _encode(hears), priority="step")
 
     def _on_beat(self, sample: Sample) -> None:
+        if sample.owner not in self.team.names:
+            self._tell_stranger(sample.owner)
+            return
         try:
             hears = _decode(sample.body)
         except (msgspec.MsgspecError, ValueError):
@@ -220,6 +225,17 @@ class Link(Actor):
             self._beat()  # so that it soon knows that it is heard
         if old != new:
             self._tell()
+
+    def _tell_stranger(self, name: str) -> None:
+        """Say once that there is one who takes himself for an agent of this team; nobody lives for him here."""
+        self._heard_at.pop(name, None)
+        if name not in self._strangers and len(self._strangers) < _MOST_STRANGERS:
+            self._strangers.add(name)
+            self.report(
+                "stranger",
+                f"agent {name!r} says that it is of team {self.team.name!r}, whose agents are "
+                f"{', '.join(self.team.names)} here: the team's name, or the file, is another one there",
+            )
 
     def _on_tick(self, tick: Tick) -> None:
         if not tick.missed:  # else what came meanwhile has yet to be heard

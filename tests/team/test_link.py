@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
+import msgspec
 import pytest
 
 import mdm
@@ -39,6 +40,29 @@ def test_messages_come_in_turns_of_who_listens_until_it_stops():
         a.put(a.key("news"), b"2")
         await asyncio.sleep(0.1)
         assert heard[2:] == [True]
+
+    run_virtual(main)
+
+
+def test_a_stranger_is_told_once_and_lives_for_nobody():
+    async def main(runtime):
+        network, faults = Network(runtime.clock), probe(runtime.faults)
+        a = await linked(runtime, network, "a")
+        strangers = [network.transport(name) for name in ("x", *map(str, range(20)))]
+        for stranger in strangers:
+            await stranger.open()
+        for _ in range(10):
+            for stranger in strangers:
+                stranger.put(join("team", stranger.agent, "beat"), msgspec.msgpack.encode({"a": 1}), priority="step")
+            await asyncio.sleep(0.1)
+        assert tuple(a.live) == ("a",)
+        assert a._beats == a._heard_at == {}
+        assert 0 < len(faults) <= 8
+        assert faults[0].kind == "stranger"
+        assert faults[0].detail == (
+            "agent 'x' says that it is of team 'team', whose agents are a, b, c here: the team's name, or the file, is "
+            "another one there"
+        )
 
     run_virtual(main)
 

@@ -161,6 +161,8 @@ class Router:
         """Return the answer to a question; None where there is none."""
         try:
             question = self.unpacker.unseal(key, data, of_owner=False)
+            if question.owner == self._agent:
+                self.drop("duplicate", f"another process asks as agent {self._agent!r}: two have this name")
             return self._served[key](question.body)
         except Refusal as refusal:
             self.drop(refusal.kind, str(refusal))

@@ -56,6 +56,14 @@ def test_each_kind_has_its_own_second():
     assert [kind for kind, _ in reports] == ["malformed", "foreign", "version"]
 
 
+def test_a_question_of_another_process_in_this_agent_s_name_is_told():
+    made, _, reports, _ = router()
+    made.serve("mdm/team/a/call", lambda body: b"yes")
+    assert made.answer("mdm/team/a/call", Packer("a", 7, int).seal(b"")) == b"yes"
+    assert reports == [("duplicate", "another process asks as agent 'a': two have this name")]
+    assert made.statistics().dropped == {"duplicate": 1}
+
+
 def test_what_nobody_subscribed_to_is_not_looked_at():
     made, *_ = router()
     made.deliver(KEY, b"garbage", 0)

@@ -211,7 +211,8 @@ class Member(Actor):
             self.report(
                 "missing_teammate",
                 f"{' and '.join(map(repr, missing))} of team {self.team.name!r} {'were' if missing[1:] else 'was'} not "
-                "seen so far: no such agent runs, or its endpoint, or the team's name, agents or mode there, differ",
+                "seen so far: no such agent runs, or its endpoint, the authority of its certificate, or the team's "
+                "name, agents or mode there, differ",
             )
 
     def statistics(self) -> MemberStatistics:

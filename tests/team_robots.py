@@ -13,18 +13,22 @@ from mdm.team.commits import Committed
 class Robot:
     """One agent of a team, with what it did, was told to do, and reported."""
 
-    def __init__(self, team, name, network, build, **options):
+    def __init__(self, team, name, network, build, *, member=lambda name: {}, **options):
         self.name = name
         self.did = []
         self.commits = []
         self.beliefs = []
         self.faults = []
         self.ensemble = build(self, team.names.index(name), **options)
-        self.member = team.member(name, self.ensemble, transport=network.transport(name))
+        self.member = team.member(name, self.ensemble, transport=network.transport(name), **member(name))
 
     @property
     def replica(self):
         return self.member.layers[self.ensemble.name]
+
+    @property
+    def transport(self):
+        return self.member.link.transport
 
     @property
     def role(self):
@@ -58,9 +62,9 @@ class Robot:
         return [commit.action for commit in self.commits]
 
 
-async def started(runtime, team, network, build, **options):
-    """Return the robots of a team, running."""
-    robots = [Robot(team, name, network, build, **options) for name in team.names]
+async def started(runtime, team, network, build, *, names=None, **options):
+    """Return the robots of a team, or some of them, running."""
+    robots = [Robot(team, name, network, build, **options) for name in names or team.names]
     for robot in robots:
         await robot.start(runtime)
     return robots

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import socket
 
 from mdm.runtime import VirtualClock, VirtualEventLoop
+from mdm.team.transport.access import access_settings
+from mdm.team.transport.envelope import LARGEST
 from mdm.team.transport.network import Network
-from mdm.team.transport.session import Session
+from mdm.team.transport.session import Session, _lay_over
+from mdm.team.transport.settings import settings
 
 
 def key(agent, channel="c"):
@@ -72,21 +76,33 @@ def free_port():
             return port
 
 
-def endpoint(port=None):
-    return f"tcp/127.0.0.1:{port or free_port()}"
+def endpoint(port=None, *, protocol="tcp"):
+    return f"{protocol}/127.0.0.1:{port or free_port()}"
 
 
 class Loopback:
-    """Sessions on loopback, each of which connects to those made before it."""
+    """Sessions on loopback, each of which connects to those made before it.
 
-    def __init__(self, **options):
+    Args:
+        files: The files that agents show, by name; without them no certificates are asked for.
+        agents: The agents, where there are files.
+        options: Of every session.
+    """
+
+    def __init__(self, *, files=None, agents=(), **options):
+        self.files = files
+        self.agents = agents
         self.options = options
         self.endpoints = []
         self.made = []
 
-    def transport(self, agent, **options):
-        own = endpoint()
-        made = Session("team", agent, listen=own, connect=self.endpoints, **{"lease": 2.0, **self.options, **options})
+    def transport(self, agent, *, shown=None, listen=None, **options):
+        own = listen or endpoint(protocol="tls" if self.files else "tcp")
+        if self.files:
+            shown = shown or self.files[agent]
+            options["configuration"] = access_settings(shown, "team", agent, self.agents)
+        given = {"connect": self.endpoints, "lease": 2.0, **self.options, **options}
+        made = Session("team", agent, listen=own, **given)
         self.endpoints = [*self.endpoints, own]
         self.made.append(made)
         return made
@@ -108,6 +124,50 @@ class Loopback:
 
     async def close(self):
         await asyncio.gather(*(transport.close() for transport in self.made))
+
+
+class Stranger:
+    """A session of Zenoh beside a team that keeps to none of its rules.
+
+    Args:
+        endpoints: Where it connects.
+        configuration: Further settings of Zenoh.
+    """
+
+    def __init__(self, endpoints, configuration=None):
+        import zenoh
+
+        chosen = settings(listen=[], connect=endpoints, lease=2.0, largest=LARGEST)
+        _lay_over(chosen, configuration or {})
+        self.session = zenoh.open(zenoh.Config.from_json5(json.dumps(chosen)))
+        self.block = zenoh.CongestionControl.BLOCK
+        self.tokens = []
+
+    async def __aenter__(self):
+        return self
+
+    async def __aexit__(self, *_):
+        await asyncio.to_thread(self.session.close)
+
+    def put(self, key, data):
+        self.session.put(key, data, congestion_control=self.block)
+
+    def live(self, key):
+        self.tokens.append(self.session.liveliness().declare_token(key))
+
+    def ask(self, key, data):
+        return list(self.session.get(key, payload=data, timeout=10.0))
+
+    async def reach(self, robots, agent="a"):
+        """Put garbage as an agent until it comes to each robot."""
+
+        def reached():
+            self.put(f"mdm/team/{agent}/beat", b"")
+            return all("malformed" in robot.kinds() for robot in robots)
+
+        async with asyncio.timeout(30):
+            while not reached():
+                await asyncio.sleep(0.01)
 
 
 def LOOPBACK(main, **options):  # noqa: N802 (it is a parameter of tests)

@@ -1,10 +1,9 @@
 from __future__ import annotations
 
-import asyncio
 import json
 
 import pytest
-from transports import free_port, key
+from transports import LOOPBACK, free_port, key
 
 from mdm.errors import ConfigError
 from mdm.team.transport import access
@@ -23,40 +22,15 @@ def files(tmp_path):
     return make_certificates(tmp_path / "team", {agent: ["127.0.0.1"] for agent in AGENTS})
 
 
-class Guarded:
-    """Sessions that show certificates."""
-
-    def __init__(self):
-        self.endpoints, self.made = [], []
-
-    def session(self, agent, shown):
-        own = f"tls/127.0.0.1:{free_port()}"
-        configuration = access_settings(shown, "team", agent, AGENTS)
-        made = Session("team", agent, listen=own, connect=self.endpoints, configuration=configuration, lease=2.0)
-        self.endpoints = [*self.endpoints, own]
-        self.made.append(made)
-        return made
-
-    async def until(self, condition):
-        async with asyncio.timeout(30):
-            while not condition():
-                await asyncio.sleep(0.002)
+@pytest.fixture
+def guarded(files):
+    """Run a test on sessions that show certificates."""
+    return lambda main: LOOPBACK(main, files=files, agents=AGENTS)
 
 
-def guarded(main):
-    async def run():
-        net = Guarded()
-        try:
-            await main(net)
-        finally:
-            await asyncio.gather(*(session.close() for session in net.made))
-
-    asyncio.run(run())
-
-
-def test_agents_with_certificates_talk_ask_and_see_each_other(files):
+def test_agents_with_certificates_talk_ask_and_see_each_other(guarded):
     async def main(net):
-        sessions = [net.session(agent, files[agent]) for agent in AGENTS]
+        sessions = [net.transport(agent) for agent in AGENTS]
         got, seen = {agent: [] for agent in AGENTS}, {agent: [{}] for agent in AGENTS}
         for session in sessions:
             name = session.agent
@@ -74,9 +48,9 @@ def test_agents_with_certificates_talk_ask_and_see_each_other(files):
     guarded(main)
 
 
-def test_a_forged_key_is_refused_by_zenoh(files):
+def test_a_forged_key_is_refused_by_zenoh(guarded):
     async def main(net):
-        a, b = net.session("a", files["a"]), net.session("b", files["b"])
+        a, b = net.transport("a"), net.transport("b")
         got, seen = [], [{}]
         a.subscribe("mdm/team/**", lambda sample: got.append((sample.owner, sample.body)))
         b.watch(seen.append)
@@ -95,11 +69,11 @@ def test_a_forged_key_is_refused_by_zenoh(files):
     guarded(main)
 
 
-def test_a_certificate_of_another_authority_is_not_let_in(files, tmp_path, monkeypatch):
+def test_a_certificate_of_another_authority_is_not_let_in(guarded, tmp_path, monkeypatch):
     async def main(net):
         others = make_certificates(tmp_path / "others", {"b": ["127.0.0.1"]})
         monkeypatch.setattr(access, "_check_certificate", lambda *_: None)  # it does not look at what it shows
-        a, false, true = net.session("a", files["a"]), net.session("b", others["b"]), net.session("c", files["c"])
+        a, false, true = net.transport("a"), net.transport("b", shown=others["b"]), net.transport("c")
         seen = [{}]
         a.watch(seen.append)
         await a.open()
@@ -111,9 +85,9 @@ def test_a_certificate_of_another_authority_is_not_let_in(files, tmp_path, monke
     guarded(main)
 
 
-def test_without_a_certificate_nobody_is_let_in(files):
+def test_without_a_certificate_nobody_is_let_in(guarded):
     async def main(net):
-        a = net.session("a", files["a"])
+        a = net.transport("a")
         seen = [{}]
         a.watch(seen.append)
         await a.open()
@@ -122,7 +96,7 @@ def test_without_a_certificate_nobody_is_let_in(files):
         )
         net.made.append(plain)
         await plain.open()
-        c = net.session("c", files["c"])
+        c = net.transport("c")
         await c.open()
         await net.until(lambda: "c" in seen[-1])
         assert all("b" not in live for live in seen)

@@ -120,7 +120,7 @@ class ObservationLayer(Layer):
         super().__init__(name)
         self.factors, self._misplaced = arrange(factors, space, "observation factor", complete=True)
         self.predicates = predicates
-        predicates.use(*(name for factor in self.factors for name in factor.events if name is not None))
+        predicates.declared.use(*(name for factor in self.factors for name in factor.events if name is not None))
         self.space = space
         self.conflicts = 0
         self.own = self.factors
@@ -140,7 +140,7 @@ class ObservationLayer(Layer):
         self.own = tuple(factor for factor in self.factors if factor.name in self._covers)
 
     def _is_declared(self, event: str | None) -> bool:
-        return event is not None and self.predicates.knows(event) == "event"
+        return event is not None and self.predicates.declared.knows(event) == "event"
 
     def wires(self) -> tuple[Wire, ...]:
         """Return what stands for each symbol of each factor."""
@@ -164,7 +164,7 @@ class ObservationLayer(Layer):
                 if event is None:
                     continue
                 if not self._is_declared(event) and position != factor.idle:
-                    events = [known for known, kind in self.predicates.names.items() if kind == "event"]
+                    events = [known for known, kind in self.predicates.declared.names.items() if kind == "event"]
                     yield ConfigError(
                         f"observation factor {factor.name!r} uses {event!r}, which is no declared event"
                         f"{similar(event, events)}",

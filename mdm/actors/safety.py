@@ -144,9 +144,10 @@ class Safety:
         states = [name for factor in (ensemble.state.own if ensemble.state else ()) for name in factor.predicates]
         observed = ensemble.observation.own if ensemble.observation else ()
         events = [name for factor in observed for name in factor.events if name is not None]
-        used = frozenset(given for name in (*states, *events) for given in manager.inputs_of(name))
-        others = frozenset(given for name in events for given in manager.inputs_of(name) if manager.senses(given))
-        watched = {"stale_input": used & manager.aged, "unknown_input": others - manager.aged}
+        declared = manager.declared
+        used = frozenset(given for name in (*states, *events) for given in declared.inputs_of(name))
+        others = frozenset(given for name in events for given in declared.inputs_of(name) if declared.senses(given))
+        watched = {"stale_input": used & declared.aged, "unknown_input": others - declared.aged}
 
         topics = frozenset[str]().union(*watched.values())
 
@@ -223,7 +224,7 @@ class Safety:
         """Take it that no state is known: a cause where the ensemble has acted, else it waits."""
         unknown, manager = frozenset(self.waiting.unknown()), self._ensemble.predicates
         names = ", ".join(sorted(unknown)) or "nobody tells it"
-        if unknown and manager is not None and unknown <= self._lost & manager.aged:
+        if unknown and manager is not None and unknown <= self._lost & manager.declared.aged:
             self._lose("stale_input", f"input is too old: {names}", time)
         else:
             self._lose("unknown_input", f"the state turned unknown: {names}", time)

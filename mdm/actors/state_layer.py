@@ -145,7 +145,7 @@ class StateLayer(Layer):
         super().__init__(name)
         self.factors, self._misplaced = arrange(factors, space, "state factor", complete=False)
         self.predicates = predicates
-        predicates.use(*(name for factor in self.factors for name in factor.predicates))
+        predicates.declared.use(*(name for factor in self.factors for name in factor.predicates))
         self.space = space
         self.violations = 0
         self.own = self.factors
@@ -175,7 +175,7 @@ class StateLayer(Layer):
     def inputs(self) -> frozenset[str]:
         """Return the names of all that its factors' predicates depend on, themselves included."""
         names = (name for factor in self.own for name in factor.predicates)
-        return frozenset(found for name in names for found in self.predicates.inputs_of(name))
+        return frozenset(found for name in names for found in self.predicates.declared.inputs_of(name))
 
     def unknown(self) -> tuple[str, ...]:
         """Return the predicates that keep the state unknown, sorted: of derived ones, what they are unknown by."""
@@ -188,15 +188,16 @@ class StateLayer(Layer):
             elif digit is None:
                 found = [name for name in factor.predicates if values.get(name) is None]
                 names.update(found or factor.predicates)
-        inputs = {one for name in names for one in self.predicates.inputs_of(name) if values.get(one, False) is None}
-        given = {name for name in inputs if not self.predicates.derived(name)}
+        declared = self.predicates.declared
+        inputs = {one for name in names for one in declared.inputs_of(name) if values.get(one, False) is None}
+        given = {name for name in inputs if not declared.derived(name)}
         return (*sorted(given or names), *sorted(others))
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield what is wrong with the factors: against the predicates declared and against the model."""
         for factor in self.own:
             for predicate in factor.predicates:
-                if self.predicates.knows(predicate) != "predicate":
+                if self.predicates.declared.knows(predicate) != "predicate":
                     yield ConfigError(
                         f"state factor {factor.name!r} uses {predicate!r}, which is no declared predicate"
                         f"{self._similar(predicate)}",
@@ -205,7 +206,7 @@ class StateLayer(Layer):
         yield from (ConfigError(p.message, key=".".join(filter(None, (self.key, p.key)))) for p in self._misplaced)
 
     def _similar(self, name: str) -> str:
-        return similar(name, [known for known, kind in self.predicates.names.items() if kind == "predicate"])
+        return similar(name, [known for known, kind in self.predicates.declared.names.items() if kind == "predicate"])
 
     def on_start(self) -> None:
         """Take every predicate's value, and each change from now on."""

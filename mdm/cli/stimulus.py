@@ -52,9 +52,9 @@ class Stimulus:
         if line.belief is not None:
             _check_belief(ensemble, line.belief)
         for name in line.predicates or ():
-            system.predicates.check_input(name, "predicate")
+            system.predicates.declared.check_input(name, "predicate")
         for name in line.events or ():
-            system.predicates.check_input(name, "event")
+            system.predicates.declared.check_input(name, "event")
 
     def apply(self, system: System) -> None:
         """Give the inputs to the system."""

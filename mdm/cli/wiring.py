@@ -26,8 +26,9 @@ def wiring(ensemble: Ensemble) -> dict[str, Any]:
 
 def definitions(system: System) -> dict[str, str]:
     """Return the definition of each predicate and event that is declared or used."""
-    names = dict.fromkeys((*system.predicates.names, *system.predicates.used))
-    return {name: system.predicates.definition(name) for name in names if system.predicates.knows(name) is not None}
+    declared = system.predicates.declared
+    names = dict.fromkeys((*declared.names, *declared.used))
+    return {name: declared.definition(name) for name in names if declared.knows(name) is not None}
 
 
 def lines(system: System) -> list[str]:

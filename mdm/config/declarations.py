@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from mdm.actors import PredicateManager
-from mdm.actors.predicates.predicate_manager import ACTION_END
+from mdm.actors.predicates.declarations import ACTION_END
 from mdm.config.tables import EventTable, PredicateTable
 from mdm.errors import ConfigError
 from mdm.logic import Formula, parse, similar
@@ -47,12 +47,12 @@ class Declarations:
         for name, value in self._problems.tables(document, "predicates"):
             with self._problems.collecting(f"predicates.{name}"):
                 self._predicate(name, value)
-            if self.manager.knows(name) is None:
+            if self.manager.declared.knows(name) is None:
                 self.manager.sensor(name)
         for name, value in self._problems.tables(document, "events"):
             with self._problems.collecting(f"events.{name}"):
                 self._event(name, value)
-            if self.manager.knows(name) is None:
+            if self.manager.declared.knows(name) is None:
                 self.manager.event(name)
 
     def declare_others(self, ensembles: object) -> None:
@@ -66,7 +66,8 @@ class Declarations:
         for name in dict.fromkeys(used):
             agent, slash, event = name.partition("/")
             foreign = slash and agent in self._share.team.names and agent != self._share.agent
-            if foreign and self.manager.names.get(event) == "event" and name not in self.manager.names:
+            declared = self.manager.declared.names
+            if foreign and declared.get(event) == "event" and name not in declared:
                 self.manager.event(name)
 
     def _predicate(self, name: str, value: Any) -> None:
@@ -106,7 +107,7 @@ class Declarations:
 
     def check_ends(self, actions: Collection[str]) -> None:
         """Note ends of actions that no ensemble has."""
-        for event in self.manager.used:
+        for event in self.manager.declared.used:
             action = event.rpartition(".")[0]
             if ACTION_END.fullmatch(event) and "/" not in event and action not in actions:
                 hint = similar(action, actions)
@@ -119,9 +120,9 @@ class Declarations:
             for name in sorted(formula.names):
                 if self._share is not None:
                     with self._problems.collecting(key):
-                        self._share.check_name(name, self.manager.names)
-                if self.manager.knows(name) is None:
-                    hint = similar(name, self.manager.names)
+                        self._share.check_name(name, self.manager.declared.names)
+                if self.manager.declared.knows(name) is None:
+                    hint = similar(name, self.manager.declared.names)
                     user = key.partition(".")[2]
                     self._problems.add(f"{user!r} uses {name!r}, which is not declared{hint}", key)
         return len(self._problems) > before

@@ -282,7 +282,7 @@ class Ensembles:
                     )
                 given = fields.get(names)
                 if given is not None and self._share is not None:
-                    given = fields[names] = self._share.wires(given, self._predicates.names)
+                    given = fields[names] = self._share.wires(given, self._predicates.declared.names)
                 if indices and isinstance(given, dict) and all(symbol.isdecimal() for symbol in given):
                     fields[names] = {int(symbol): source for symbol, source in given.items()}
                     idle = fields.get("idle")

@@ -209,7 +209,7 @@ class World(Actor):
         values = self.model.observation_space.unravel(index)
         if layer is not None and len(layer.factors) == len(values):
             events = [factor.events[value] for factor, value in zip(layer.factors, values, strict=True)]
-            raised = [event for event in events if event is not None and layer.predicates.raises(event)]
+            raised = [event for event in events if event is not None and layer.predicates.declared.raises(event)]
             if len(raised) == len(events):
                 layer.predicates.occur(*raised)
                 return
@@ -218,4 +218,4 @@ class World(Actor):
 
 
 def _settable(layer: StateLayer) -> bool:
-    return all(layer.predicates.senses(name) for factor in layer.factors for name in factor.predicates)
+    return all(layer.predicates.declared.senses(name) for factor in layer.factors for name in factor.predicates)

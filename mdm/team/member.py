@@ -277,9 +277,9 @@ def _followed(team: Team, link: Link, managers: Sequence[PredicateManager], told
     """Return what keeps other agents' predicates and events up to date, one for each manager and agent."""
     found = []
     for number, manager in enumerate(managers):
-        for name in manager.used:
+        for name in manager.declared.used:
             agent, slash, _ = name.partition("/")
-            if slash and manager.knows(name) == "predicate" and name not in manager.names:
+            if slash and manager.declared.knows(name) == "predicate" and name not in manager.declared.names:
                 team.check_agent(agent, key=f"predicates.{name}")
         for agent, names in wanted(manager, team.names).items():
             found.append(Followed(link, agent, manager, names, told, name=f"{agent} for {manager.name} {number}"))

@@ -32,7 +32,7 @@ def test_a_file_means_what_the_python_api_means(folder):
     assert (work.timeout, work.grace, work.on_repeat, work.plain) == (3.0, 0.5, "restart", False)
     assert top.action.bindings[0].resume
     assert top.action.bindings[0].ensemble is below
-    assert system.predicates.knows("Up") == "event"
+    assert system.predicates.declared.knows("Up") == "event"
 
     async def main(runtime):
         with capture_decisions(runtime) as decisions:

@@ -25,10 +25,11 @@ def test_predicates_and_events_are_declared_by_what_their_tables_say():
         predicates={"A": {"initial": True}, "B": "not A", "C": {"set": "A", "reset": "Up"}},
         events={"Up": "B", "Go": {}},
     ).manager
-    assert manager.names == {"A": "predicate", "B": "predicate", "C": "predicate", "Up": "event", "Go": "event"}
-    assert manager.derived("B")
-    assert manager.senses("A")
-    assert manager.raises("Go")
+    known = manager.declared
+    assert known.names == {"A": "predicate", "B": "predicate", "C": "predicate", "Up": "event", "Go": "event"}
+    assert known.derived("B")
+    assert known.senses("A")
+    assert known.raises("Go")
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,7 @@ def test_names_of_other_agents_are_those_of_the_file(tmp_path):
             b.sense("InLab", True)
             await asyncio.sleep(1.0)
             assert (a.value("Together"), b.value("Together")) == (True, True)
-            assert a.definition("Together") == "InLab and b/InLab"
+            assert a.declared.definition("Together") == "InLab and b/InLab"
             b.occur("Hello")
             await asyncio.sleep(1.0)
             assert (a.value("Heard"), b.value("Heard")) == (True, True)

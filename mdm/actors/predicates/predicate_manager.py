@@ -6,17 +6,16 @@ It owns one network of formulas, updates it in dependency order once a turn, and
 
 from __future__ import annotations
 
-import asyncio
-import re
 from contextlib import contextmanager
-from threading import get_ident
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from mdm.actors.predicates.backlog import Backlog
+from mdm.actors.predicates.batches import Batches
+from mdm.actors.predicates.declarations import ACTION_END, Declarations
 from mdm.actors.predicates.follower import Follower
 from mdm.actors.predicates.sensor import EventSource, Sensor, truth
 from mdm.errors import ConfigError, Error
-from mdm.logic import Formula, Network, parse, similar
+from mdm.logic import Formula, Network, parse
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdate
 from mdm.runtime import Actor
 from mdm.runtime.clock import check_seconds
@@ -28,13 +27,13 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+    from mdm.actors.predicates.declarations import Kind
     from mdm.logic import Change
     from mdm.runtime import Channel, Runtime, Supervision, Timer
 
-__all__ = ["ACTION_END", "PredicateManager"]
+__all__ = ["PredicateManager"]
 
 T = TypeVar("T")
-ACTION_END = re.compile(r".+\.(running|succeeded|failed|preempted|timed_out|abandoned)")
 
 
 class PredicateManager(Actor):
@@ -45,6 +44,10 @@ class PredicateManager(Actor):
     Args:
         name: Its name among actors.
         supervision: What its failure means.
+
+    Attributes:
+        declared: What is declared.
+        action_ends: The ends of actions that something here depends on, once it has started.
     """
 
     def __init__(self, name: str = "predicates", *, supervision: Supervision = "escalate") -> None:
@@ -52,20 +55,17 @@ class PredicateManager(Actor):
         self._network = Network()
         self._counter = 0
         self._event_counter = 0
+        self.declared = Declarations()
         self._sensors: dict[str, Sensor] = {}
         self._groundings: list[tuple[str, Channel[Any] | tuple[str, type[Any]], Callable[[Any], bool | None]]] = []
         self._followed: list[tuple[str, Channel[PredicateUpdate], Channel[PredicateMap]]] = []
-        self._declarations: dict[str, Callable[[Network], None]] = {}
-        self._kinds: dict[str, Literal["predicate", "event"]] = {}
-        self._formulas: dict[str, tuple[Formula, ...]] = {}
-        self._used: set[str] = set()
         self._raised: set[str] = set()
-        self._held_for: dict[str, int] = {}
-        self._max_age: dict[str, int] = {}
+        self._held_for = self.declared.held_for
+        self._max_age = self.declared.max_age
         self._seen: dict[str, int] = {}
         self._hold_timers: dict[str, Timer] = {}
         self._age_timers: dict[str, Timer] = {}
-        self._batches: dict[object, tuple[dict[str, bool | None], list[str]]] = {}
+        self._batches = Batches()
         self._backlog = Backlog()
         self._known: frozenset[str] = frozenset()
         self._senses: Callable[[SensorUpdate], None] | None = None
@@ -102,7 +102,9 @@ class PredicateManager(Actor):
         initial = truth(name, initial)
         if when is not None:
             check_plain(when, f"the 'when' of predicate {name!r}")
-        self._declare(name, "predicate", lambda network: network.add_input(name, self._told(name, initial)))
+        self._declare(
+            name, "predicate", lambda network: network.add_input(name, self._told(name, initial)), sensed=True
+        )
         if channel is not None and when is not None:
             self._groundings.append((name, channel, when))
         if max_age is not None:
@@ -123,8 +125,8 @@ class PredicateManager(Actor):
             self._declare(name, "predicate", lambda network: network.define(name, tree), tree)
         else:
             check_seconds(held_for, f"held_for of {name!r}", key=name)
-            self._held_for[name] = round(held_for * 1e9)
             self._declare(name, "predicate", lambda network: network.hold(name, tree), tree)
+            self._held_for[name] = round(held_for * 1e9)
 
     def latch(
         self,
@@ -163,120 +165,16 @@ class PredicateManager(Actor):
         """
         self._followed.append((agent, updates, map))
 
-    def knows(self, name: str) -> Literal["predicate", "event"] | None:
-        """Return what a name stands for: as declared, or by its form.
-
-        Ends of actions, such as ``Patrol.succeeded``, are events, and ``agent/Name`` is another agent's predicate.
-        """
-        if name in self._kinds:
-            return self._kinds[name]
-        if ACTION_END.fullmatch(name):
-            return "event"
-        return "predicate" if "/" in name else None
-
-    def check_input(self, name: str, kind: Literal["predicate", "event"]) -> None:
-        """Refuse a name that code cannot set, or raise.
-
-        Ends of actions and other agents' predicates are accepted where they are used.
-
-        Raises:
-            Error: If there is no such predicate or event, or it is derived; it names those closest.
-        """
-        if self.senses(name) if kind == "predicate" else self.raises(name):
-            return
-        declared = self._kinds.get(name)
-        if declared is None and self.knows(name) == kind and name in self.used:
-            return
-        if declared == kind:
-            raise Error(f"{kind} {name!r} is derived from others: give those")
-        others = [other for other, its_kind in self._kinds.items() if its_kind == kind]
-        hint = f": it is an {declared}" if declared == "event" else f": it is a {declared}" if declared else ""
-        hint = (
-            hint or similar(name, others) or f"; {'there are ' + ', '.join(others) if others else 'none is declared'}"
-        )
-        raise Error(f"there is no {kind} {name!r}{hint}")
-
-    def senses(self, name: str) -> bool:
-        """Whether a name is a predicate that code sets."""
-        return name in self._sensors
-
-    def derived(self, name: str) -> bool:
-        """Whether a name is defined by formulas over others."""
-        return bool(self._formulas.get(name))
-
-    def raises(self, name: str) -> bool:
-        """Whether a name is an event that code raises."""
-        return self._kinds.get(name) == "event" and not self._formulas[name]
-
-    def use(self, *names: str) -> None:
-        """Ask for names that are known by their form, so that the network has them; call this before the start."""
-        self._used.update(names)
-
-    @property
-    def used(self) -> tuple[str, ...]:
-        """Every name that formulas and factors use, sorted."""
-        names = {name for formulas in self._formulas.values() for formula in formulas for name in formula.names}
-        return tuple(sorted(names | self._used))
-
-    @property
-    def names(self) -> dict[str, Literal["predicate", "event"]]:
-        """Everything declared so far."""
-        return dict(self._kinds)
-
     def _declare(
-        self, name: str, kind: Literal["predicate", "event"], declaration: Callable[[Network], None], *used: Formula
+        self, name: str, kind: Kind, part: Callable[[Network], None], *formulas: Formula, sensed: bool = False
     ) -> None:
-        if name in self._kinds:
-            raise ConfigError(f"{name!r} is declared twice; a name stands for one predicate or event", key=name)
-        if self.life != "created":
+        if self.life != "created" and self.declared.names.get(name) is None:
             raise Error(f"{name!r} came too late: declare predicates and events before {self.path!r} is started")
-        self._kinds[name] = kind
-        self._declarations[name] = declaration
-        self._formulas[name] = used
-
-    def definition(self, name: str) -> str:
-        """Return in words what decides a predicate or event: code, a formula, a latch, an action's end."""
-        kind = self._kinds.get(name)
-        if kind is None:
-            return "an action's end" if ACTION_END.fullmatch(name) else "another agent's predicate"
-        formulas = self._formulas[name]
-        if len(formulas) == 2:
-            return f"set by {formulas[0]}, reset by {formulas[1]}"
-        if formulas:
-            held = f", held for {self._held_for[name] / 1e9:g} s" if name in self._held_for else ""
-            return f"{formulas[0]}{held}"
-        aged = f", unknown after {self._max_age[name] / 1e9:g} s" if name in self._max_age else ""
-        return f"{'raised' if kind == 'event' else 'set'} by code{aged}"
-
-    def inputs_of(self, name: str) -> set[str]:
-        """Return the names of all sensors and events that a predicate or event depends on, itself included."""
-        found: set[str] = set()
-        waiting = [name]
-        while waiting:
-            current = waiting.pop()
-            if current not in found:
-                found.add(current)
-                waiting += [used for formula in self._formulas.get(current, ()) for used in formula.names]
-        return found
-
-    @property
-    def aged(self) -> frozenset[str]:
-        """The predicates that become unknown when they are not refreshed."""
-        return frozenset(self._max_age)
+        self.declared.add(name, kind, part, *formulas, sensed=sensed)
 
     def network(self) -> Network:
-        """Return the compiled network of what was declared, with every error that `mdm check` should see raised."""
-        network = Network()
-        for declare in self._declarations.values():
-            declare(network)
-        for name in self.used:
-            if name in self._kinds:
-                continue
-            if ACTION_END.fullmatch(name):
-                network.add_event(name)
-            elif "/" in name:
-                network.add_input(name, self._backlog.values.get(name))
-        return network
+        """Return the network of what is declared; its compilation raises every error that `mdm check` should see."""
+        return self.declared.network(self._backlog.values)
 
     # -- Values --------------------------------------------------------------------------------------------------
 
@@ -296,17 +194,16 @@ class PredicateManager(Actor):
 
         It takes what this task reports, or outside of tasks this thread: others go on while the block awaits something.
         """
-        scope = _scope()
-        if scope in self._batches:
+        batch = self._batches.begin()
+        if batch is None:
             yield  # the outer batch takes them all
             return
-        values, events = self._batches[scope] = {}, []
         try:
             yield
         finally:
-            del self._batches[scope]
-            if values or events:
-                self._input(tuple(values.items()), tuple(events))
+            self._batches.end(batch)
+            if batch.values or batch.events:
+                self._input(tuple(batch.values.items()), tuple(batch.events))
 
     def sense(self, name: str, value: bool | np.bool_ | None) -> None:
         """Take a predicate's value, by its name. From any thread.
@@ -315,13 +212,13 @@ class PredicateManager(Actor):
             Error: If code cannot set a predicate of that name, or the value is no truth value.
         """
         if name not in self._sensors:
-            self.check_input(name, "predicate")
+            self.declared.check_input(name, "predicate")
         self.take(((name, truth(name, value)),))
 
     def take(self, readings: tuple[tuple[str, bool | None], ...]) -> None:
         """Take values of predicates as one update; `Sensor.set` calls this. From any thread."""
-        if self._batches and (batch := self._batches.get(_scope())) is not None:
-            batch[0].update(readings)
+        if self._batches.open and (batch := self._batches.present()) is not None:
+            batch.values.update(readings)
         elif self._senses is None:
             self._input(readings, ())
         else:
@@ -335,9 +232,9 @@ class PredicateManager(Actor):
         """
         for name in events:
             if name not in self._raised:
-                self.check_input(name, "event")
-        if self._batches and (batch := self._batches.get(_scope())) is not None:
-            batch[1].extend(events)
+                self.declared.check_input(name, "event")
+        if self._batches.open and (batch := self._batches.present()) is not None:
+            batch.events.extend(events)
         else:
             self._input((), events)
 
@@ -397,7 +294,8 @@ class PredicateManager(Actor):
         first = self._network.compile()
         self._known = frozenset(self._network.names)
         ends = {name for name in self._network.events if ACTION_END.fullmatch(name)}
-        self.action_ends = frozenset(name for name in ends if name not in self._kinds or self.raises(name))
+        declared = self.declared.names
+        self.action_ends = frozenset(name for name in ends if name not in declared or self.declared.raises(name))
         self._raised |= self.action_ends
         self._counter = self._event_counter = 0
         self._hold_timers.clear()
@@ -538,14 +436,6 @@ def _subject(update: SensorUpdate) -> tuple[str, ...] | None:
 def _merge(older: SensorUpdate, newer: SensorUpdate) -> SensorUpdate:
     """Return the latest values of two updates without events; they are as old as the older one."""
     return SensorUpdate(older.time, tuple({**dict(older.predicates), **dict(newer.predicates)}.items()))
-
-
-def _scope() -> object:
-    """Return what runs: an asyncio task, or else a thread."""
-    try:
-        return asyncio.current_task() or get_ident()
-    except RuntimeError:  # no event loop runs here
-        return get_ident()
 
 
 def _tree(formula: Formula | str) -> Formula:

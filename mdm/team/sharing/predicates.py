@@ -62,13 +62,13 @@ _change = msgspec.msgpack.Decoder(Change).decode
 def wanted(manager: PredicateManager, agents: Iterable[str]) -> dict[str, Request]:
     """Return what a predicate manager uses of each agent."""
     found: dict[str, tuple[list[str], list[str]]] = {}
-    for name in manager.used:
+    for name in manager.declared.used:
         agent, slash, rest = name.partition("/")
-        if slash and agent in agents and manager.knows(name) == "predicate":
+        if slash and agent in agents and manager.declared.knows(name) == "predicate":
             found.setdefault(agent, ([], []))[0].append(rest)
-    for name, kind in manager.names.items():
+    for name, kind in manager.declared.names.items():
         agent, slash, rest = name.partition("/")
-        if slash and agent in agents and kind == "event" and manager.raises(name):
+        if slash and agent in agents and kind == "event" and manager.declared.raises(name):
             found.setdefault(agent, ([], []))[1].append(rest)
     return {agent: Request(tuple(names), tuple(events)) for agent, (names, events) in found.items()}
 
@@ -121,9 +121,11 @@ class Told(Actor):
         values: dict[str, bool | None] = {}
         for names, kind in ((asked.predicates, "predicate"), (asked.events, "event")):
             for name in names:
-                manager = next((one for one in self._managers if one.names.get(name) == kind), None)
+                manager = next((one for one in self._managers if one.declared.names.get(name) == kind), None)
                 if manager is None:
-                    known = [other for one in self._managers for other, its in one.names.items() if its == kind]
+                    known = [
+                        other for one in self._managers for other, its in one.declared.names.items() if its == kind
+                    ]
                     unknown[name] = similar(name, known)
                     continue
                 self._names.setdefault(manager, set()).add(name)
@@ -168,7 +170,7 @@ class Told(Actor):
                 name: manager.value(name)
                 for manager, names in self._names.items()
                 for name in names
-                if manager.names[name] == "predicate"
+                if manager.declared.names[name] == "predicate"
             }
             self._say(Change(self._number, self.runtime.clock.now(), values))
 

@@ -50,28 +50,6 @@ def test_sensors_formulas_latches_and_events():
     run_virtual(main)
 
 
-def test_a_batch_is_one_update_and_glitch_free():
-    async def main(runtime):
-        manager = PredicateManager()
-        a, b = manager.sensor("A", initial=True), manager.sensor("B", initial=False)
-        manager.define("Both", "A and B")
-        manager.define("None", "not A and not B")
-        await runtime.start(manager)
-        updates = updates_of(runtime)
-        with manager.batch():
-            a.set(False)
-            with manager.batch():
-                b.set(True)
-            assert updates == []
-        assert [(u.rising, u.falling) for u in updates] == [(("B",), ("A",))]
-        with pytest.raises(LookupError), manager.batch():
-            a.set(True)
-            raise LookupError
-        assert manager.value("Both") is True  # what the sensors said stays true
-
-    run_virtual(main)
-
-
 def test_a_frozen_sensor_becomes_unknown_and_is_reported():
     async def main(runtime):
         manager = PredicateManager()
@@ -378,30 +356,6 @@ def test_a_message_with_no_truth_value_is_reported_and_changes_nothing(value):
 def test_a_wrong_initial_value_is_refused():
     with pytest.raises(Error, match="predicate 'A' is True, False or None"):
         PredicateManager().sensor("A", initial="no")
-
-
-def test_a_batch_that_awaits_takes_its_own_tasks_changes_alone():
-    async def main(runtime):
-        manager = PredicateManager()
-        first, second, third = (manager.sensor(name, initial=False) for name in "ABC")
-        await runtime.start(manager)
-        updates = probe(manager.updates)
-        asyncio.get_running_loop().call_later(0.5, second.set, True)
-
-        async def other():
-            await asyncio.sleep(0.7)
-            third.set(True)
-
-        task = asyncio.create_task(other())
-        with manager.batch():
-            first.set(True)
-            await asyncio.sleep(1.0)
-            first.set(False)
-            first.set(True)
-        await task
-        return [(update.time, update.rising) for update in updates]
-
-    assert run_virtual(main)[-3:] == [(500_000_000, ("B",)), (700_000_000, ("C",)), (1_000_000_000, ("A",))]
 
 
 def test_a_value_that_waited_for_longer_than_it_holds_is_unknown():

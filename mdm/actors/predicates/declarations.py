@@ -1,0 +1,167 @@
+"""Declarations: the predicates and events of a predicate manager, what each is made of, and their network."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Literal
+
+from mdm.errors import ConfigError, Error
+from mdm.logic import Network, similar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from mdm.logic import Formula
+
+__all__ = ["ACTION_END", "Declarations", "Kind"]
+
+Kind = Literal["predicate", "event"]
+
+ACTION_END = re.compile(r".+\.(running|succeeded|failed|preempted|timed_out|abandoned)")
+
+
+class Declarations:
+    """What is declared, by name; beside it, names that are known by their form, such as ``Patrol.succeeded``.
+
+    Attributes:
+        held_for: Nanoseconds for which a predicate's formula must have been true.
+        max_age: Nanoseconds after which a sensor's value becomes unknown.
+    """
+
+    __slots__ = ("_formulas", "_kinds", "_parts", "_sensors", "_used", "held_for", "max_age")
+
+    def __init__(self) -> None:
+        self._parts: dict[str, Callable[[Network], None]] = {}
+        self._kinds: dict[str, Kind] = {}
+        self._formulas: dict[str, tuple[Formula, ...]] = {}
+        self._sensors: set[str] = set()
+        self._used: set[str] = set()
+        self.held_for: dict[str, int] = {}
+        self.max_age: dict[str, int] = {}
+
+    def add(
+        self, name: str, kind: Kind, part: Callable[[Network], None], *formulas: Formula, sensed: bool = False
+    ) -> None:
+        """Declare a predicate or an event.
+
+        Args:
+            name: Its name.
+            kind: Which of the two.
+            part: Adds it to a network.
+            formulas: What it is made of; none where code sets or raises it.
+            sensed: Whether it is a predicate that code sets.
+
+        Raises:
+            ConfigError: If there is one of that name already.
+        """
+        if name in self._kinds:
+            raise ConfigError(f"{name!r} is declared twice; a name stands for one predicate or event", key=name)
+        self._kinds[name] = kind
+        self._parts[name] = part
+        self._formulas[name] = formulas
+        if sensed:
+            self._sensors.add(name)
+
+    def knows(self, name: str) -> Kind | None:
+        """Return what a name stands for: as declared, or by its form.
+
+        Ends of actions, such as ``Patrol.succeeded``, are events, and ``agent/Name`` is another agent's predicate.
+        """
+        if name in self._kinds:
+            return self._kinds[name]
+        if ACTION_END.fullmatch(name):
+            return "event"
+        return "predicate" if "/" in name else None
+
+    def check_input(self, name: str, kind: Kind) -> None:
+        """Refuse a name that code cannot set, or raise.
+
+        Ends of actions and other agents' predicates are accepted where they are used.
+
+        Raises:
+            Error: If there is no such predicate or event, or it is derived; it names those closest.
+        """
+        if self.senses(name) if kind == "predicate" else self.raises(name):
+            return
+        declared = self._kinds.get(name)
+        if declared is None and self.knows(name) == kind and name in self.used:
+            return
+        if declared == kind:
+            raise Error(f"{kind} {name!r} is derived from others: give those")
+        others = [other for other, its_kind in self._kinds.items() if its_kind == kind]
+        hint = f": it is an {declared}" if declared == "event" else f": it is a {declared}" if declared else ""
+        hint = (
+            hint or similar(name, others) or f"; {'there are ' + ', '.join(others) if others else 'none is declared'}"
+        )
+        raise Error(f"there is no {kind} {name!r}{hint}")
+
+    def senses(self, name: str) -> bool:
+        """Whether a name is a predicate that code sets."""
+        return name in self._sensors
+
+    def derived(self, name: str) -> bool:
+        """Whether a name is defined by formulas over others."""
+        return bool(self._formulas.get(name))
+
+    def raises(self, name: str) -> bool:
+        """Whether a name is an event that code raises."""
+        return self._kinds.get(name) == "event" and not self._formulas[name]
+
+    def use(self, *names: str) -> None:
+        """Ask for names that are known by their form, so that the network has them; call this before the start."""
+        self._used.update(names)
+
+    @property
+    def used(self) -> tuple[str, ...]:
+        """Every name that formulas and factors use, sorted."""
+        names = {name for formulas in self._formulas.values() for formula in formulas for name in formula.names}
+        return tuple(sorted(names | self._used))
+
+    @property
+    def names(self) -> dict[str, Kind]:
+        """Everything declared so far."""
+        return dict(self._kinds)
+
+    def definition(self, name: str) -> str:
+        """Return in words what decides a predicate or event: code, a formula, a latch, an action's end."""
+        kind = self._kinds.get(name)
+        if kind is None:
+            return "an action's end" if ACTION_END.fullmatch(name) else "another agent's predicate"
+        formulas = self._formulas[name]
+        if len(formulas) == 2:
+            return f"set by {formulas[0]}, reset by {formulas[1]}"
+        if formulas:
+            held = f", held for {self.held_for[name] / 1e9:g} s" if name in self.held_for else ""
+            return f"{formulas[0]}{held}"
+        aged = f", unknown after {self.max_age[name] / 1e9:g} s" if name in self.max_age else ""
+        return f"{'raised' if kind == 'event' else 'set'} by code{aged}"
+
+    def inputs_of(self, name: str) -> set[str]:
+        """Return the names of all sensors and events that a predicate or event depends on, itself included."""
+        found: set[str] = set()
+        waiting = [name]
+        while waiting:
+            current = waiting.pop()
+            if current not in found:
+                found.add(current)
+                waiting += [used for formula in self._formulas.get(current, ()) for used in formula.names]
+        return found
+
+    @property
+    def aged(self) -> frozenset[str]:
+        """The predicates that become unknown when they are not refreshed."""
+        return frozenset(self.max_age)
+
+    def network(self, told: Mapping[str, bool | None]) -> Network:
+        """Return the network of what is declared; other agents' predicates begin as they were told."""
+        network = Network()
+        for part in self._parts.values():
+            part(network)
+        for name in self.used:
+            if name in self._kinds:
+                continue
+            if ACTION_END.fullmatch(name):
+                network.add_event(name)
+            elif "/" in name:
+                network.add_input(name, told.get(name))
+        return network

@@ -50,7 +50,8 @@ class Centre(TeamLayer):
         self._on: tuple[dict[str, bytes], tuple[str, ...], str | None] = ({}, (), None)
         self._timer: Timer | None = None
         self._serves = False
-        self._saying: Subscription[Decided] = Subscription(None, self, self._say)
+        self._saying: Subscription[Decided] = Subscription(None, self, self._spread)
+        self._seeing = tuple(agent for agent in team.names if self.parts.of[agent])
 
     def on_start(self) -> None:
         """Listen to the own layers and to the other agents."""
@@ -132,15 +133,15 @@ class Centre(TeamLayer):
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        missing = tuple(agent for agent in self.team.names if agent not in said and self.parts.of[agent])
+        missing = tuple(agent for agent in self._seeing if agent not in said)
         self._decide({agent: part for agent, part in said.items() if part is not None}, missing)
 
     # -- Decisions -----------------------------------------------------------------------------------------------
 
     def _decide(self, inputs: dict[str, bytes], missing: tuple[str, ...] | None = None) -> None:
         if missing is None:
-            gone = self.team.names if not self.link.live else [a for a in self.team.names if a not in self.link.live]
-            missing = tuple(agent for agent in gone if self.parts.of[agent] and agent not in inputs)
+            live = self.link.live
+            missing = tuple([agent for agent in self._seeing if agent not in live and agent not in inputs])
         self._on = (inputs, missing, None)
         known, before = not self.ensemble.control.blind, self._last.step
         self.copy.step(inputs, missing, self.runtime.clock.now())
@@ -158,7 +159,7 @@ class Centre(TeamLayer):
             self._publish(None)
 
     def _publish(self, action: Action | None) -> None:
-        """Send a decision to all."""
+        """Have a decision sent to all."""
         controller = self.ensemble.controller
         inputs, missing, command = self._on
         self._last = Decided(
@@ -170,14 +171,22 @@ class Centre(TeamLayer):
             inputs=inputs,
             missing=missing,
             command=command,
-            digest=self.copy.digest(),
+            digest="",
             taken={},
         )
-        # In a turn of its own, so that this agent's callback does not wait while Zenoh and its threads take the core.
+        # Behind this agent's callback, which does not wait for what is for the others.
         self.runtime.dispatcher.deliver(self._saying, self._last)
-        told = None if action is None else action.index
+
+    def _spread(self, decided: Decided) -> None:
+        """Send a new decision to all, and tell of it here."""
+        self._last = decided = msgspec.structs.replace(decided, digest=self.copy.digest())
+        self._say(decided)
         life = (1, self.agent, self.link.transport.incarnation)
-        self.tell(life, self._last.step, inputs, missing, command, action=told, digest=self._last.digest)
+        self.tell(
+            *(life, decided.step, decided.inputs, decided.missing, decided.command),
+            action=decided.action,
+            digest=decided.digest,
+        )
 
     def _put(self) -> None:
         """Send the last decision once more."""

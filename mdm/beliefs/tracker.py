@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 __all__ = ["BeliefTracker"]
 
+_MOST_KEPT = 1024
+"""Observations with missing components of which it is kept which joint observations agree with them."""
+
 Observed: TypeAlias = "Symbol | Sequence[str | int | None] | None"
 """A joint observation by index or name, its components (None for a missing one), or None for no observation."""
 
@@ -70,6 +73,7 @@ class BeliefTracker:
         self._step = self._filter.step
         self._belief: Vector | None = None
         self._support: Support | None = None
+        self._agreeing: dict[tuple[int | None, ...], list[int]] = {}
         self.reset()
 
     @property
@@ -227,10 +231,19 @@ class BeliefTracker:
         factors = self._space.factors
         if len(observation) != len(factors):
             raise ModelError(f"an observation has {len(factors)} components, not {len(observation)}")
+        pairs = zip(factors, observation, strict=True)
+        given = tuple([None if component is None else factor.index(component) for factor, component in pairs])
+        symbols = self._agreeing.get(given)
+        if symbols is None:
+            if len(self._agreeing) >= _MOST_KEPT:
+                self._agreeing.clear()
+            symbols = self._agreeing[given] = self._that_agree(given)
+        return symbols
+
+    def _that_agree(self, given: tuple[int | None, ...]) -> list[int]:
         symbols = [0]
-        for factor, component in zip(factors, observation, strict=True):
-            size = len(factor)
-            places = range(size) if component is None else (factor.index(component),)
+        for size, component in zip(self._space.shape, given, strict=True):
+            places = range(size) if component is None else (component,)
             symbols = [symbol * size + place for symbol in symbols for place in places]
         return symbols
 

@@ -90,7 +90,7 @@ class Actor:
         self.__shared: list[Actor] = []
         self.__life: Life = "created"
         self.__runtime: Runtime | None = None
-        self.__channels: dict[Channel[Any], None] = {}
+        self.__channels: dict[str, Channel[Any]] = {}
         self.__subscriptions: list[Subscription[Any]] = []
         self.__timers: WeakSet[Timer | Ticker] = WeakSet()
         self.__work: dict[Work, None] = {}
@@ -239,10 +239,11 @@ class Actor:
 
     def channel(self, name: str, type: type[T], *, retain: bool = False) -> Channel[T]:  # noqa: A002
         """Return the channel ``<path>/<name>``, made at the first call."""
-        path = self.path
-        channel = self.runtime.channel(f"{path}/{name}" if path else name, type, retain=retain)
-        if channel not in self.__channels:
-            self.__channels[channel] = None
+        channel = self.__channels.get(name) if name.__class__ is str else None
+        if channel is None or channel.type is not type:
+            path = self.path
+            channel = self.runtime.channel(f"{path}/{name}" if path else name, type, retain=retain)
+            self.__channels[name] = channel
             channel.claim()
         return channel
 
@@ -450,7 +451,7 @@ class Actor:
                     break
         finally:
             self.__change("failed" if self.__asked("fail") or error is not None else "stopped")
-            runtime.desert(self.__channels)
+            runtime.desert(self.__channels.values())
             self.__channels.clear()
             start.failed(error)
             if self.__ended is not None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["Outpost"]
 
 _RETRY = 0.05
+_RETRY_NS = round(_RETRY * 1e9)
 _PATIENCE = 1.0
 _MOST_WAITING = 64
 _CONTROLLER = frozenset({"lost_controller"})
@@ -48,6 +49,7 @@ class Outpost(TeamLayer):
         self._waiting: deque[Said] = deque()
         self._number = 0
         self._retry: Timer | None = None
+        self._said = 0
         self._life = 0
         self._last: Decided | None = None
         self._here = False
@@ -92,12 +94,19 @@ class Outpost(TeamLayer):
             self._say()
 
     def _say(self) -> None:
-        if self._retry is not None:
-            self._retry.cancel()
-            self._retry = None
+        """Say what has waited longest, now and every 50 ms until the controller has it."""
         if self._waiting:
             self.link.put(self._key, encode(self._waiting[0]), priority="step")
-            self._retry = self.call_later(_RETRY, self._say)
+            self._said = self.runtime.clock.now()
+            if self._retry is None:
+                self._retry = self.call_at(self._said + _RETRY_NS, self._say_again)
+
+    def _say_again(self) -> None:
+        due, self._retry = self._said + _RETRY_NS, None
+        if self._waiting and due > self.runtime.clock.now():  # it is another one, said since
+            self._retry = self.call_at(due, self._say_again)
+        else:
+            self._say()
 
     # -- What the controller says --------------------------------------------------------------------------------
 

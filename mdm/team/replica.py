@@ -203,10 +203,12 @@ class Replica(TeamLayer):
 
     def _set_timer(self, now: int) -> None:
         when = self.agreement.next_time
-        if self._timer is not None and self._timer.when != when:
+        if when is None:
+            return
+        if self._timer is not None and self._timer.when > when:
             self._timer.cancel()
             self._timer = None
-        if when is not None and self._timer is None:
+        if self._timer is None:  # else one that is too early finds nothing to do, and the next is set then
             self._timer = self.call_at(max(when, now), self._on_time)
 
     def _speak_up(self, now: int) -> None:

@@ -111,7 +111,7 @@ class Symbols:
             if len(observation) != len(space.factors):
                 raise ModelError(f"an observation has {len(space.factors)} components, not {len(observation)}")
             pairs = zip(space.factors, observation, strict=True)
-            return None, tuple(None if word is None else factor.index(word) for factor, word in pairs)
+            return None, tuple([None if word is None else factor.index(word) for factor, word in pairs])
         index = space.index(observation)
         return index, space.unravel(index)
 

@@ -255,7 +255,7 @@ class Ensemble(Layer):
             ModelError: If there is no such observation.
         """
         index, values = self.controller.symbols.observed(observation)
-        mask = tuple(value is not None for value in values)
+        mask = tuple([value is not None for value in values])
         now = self.runtime.clock.now()
         name = "observation" if self.control.lead is None else "own_observation"
         self.channel(name, Observation).publish(Observation(now, index, values, mask))

@@ -142,33 +142,32 @@ class Copy:
             part = _decode(body)
         except (msgspec.MsgspecError, ValueError):
             part = Part(0, ())
-        sizes = (self.parts.sizes[place] for place in places)
-        if len(part.values) == len(places) and all(
-            value is None or 0 <= value < size for value, size in zip(part.values, sizes, strict=True)
-        ):
-            return part
+        sizes = self.parts.sizes
+        if len(part.values) == len(places):
+            for place, value in zip(places, part.values, strict=True):
+                if value is not None and not 0 <= value < sizes[place]:
+                    break
+            else:
+                return part
         self.malformed += 1
         return None
 
     def _observe(self, said: Mapping[str, Part], silent: set[str], time: int) -> None:
-        parts = self.parts
-        new = {
-            place: value
-            for agent, part in said.items()
-            for place, value in zip(parts.of[agent], part.values, strict=True)
-            if value is not None
-        }
-        values: tuple[int | None, ...] = (None,) * len(parts.names)
-        if new:  # else time has passed, and nobody has seen anything
-            values = tuple(
-                new.get(place, None if owner in silent else self._kept[place])
-                for place, owner in enumerate(parts.owners)
-            )
-            for place, value in new.items():
-                if parts.hold[place]:
-                    self._kept[place] = value
-        mask = tuple(place in new for place in range(len(values)))
-        self._tell(Observation(time, parts.index(values), values, mask))
+        parts, kept = self.parts, self._kept
+        values: list[int | None] = [None] * len(kept)
+        mask = [False] * len(kept)
+        for agent, part in said.items():
+            for place, value in zip(parts.of[agent], part.values, strict=True):
+                if value is not None:
+                    values[place] = value
+                    mask[place] = True
+        if True in mask:  # else time has passed, and nobody has seen anything
+            for place, owner in enumerate(parts.owners):
+                if not mask[place]:
+                    values[place] = None if owner in silent else kept[place]
+                elif parts.hold[place]:
+                    kept[place] = values[place]
+        self._ensemble.take(Observation(time, parts.index(values), tuple(values), tuple(mask)))
 
     def _see(self, said: Mapping[str, Part], silent: set[str], time: int) -> None:
         parts = self.parts
@@ -188,7 +187,7 @@ class Copy:
         )
         same, self._last = values == self._last, values
         if not (same and self._event_driven):
-            self._tell(State(time, parts.index(values), values))
+            self._ensemble.take(State(time, parts.index(values), values))
 
     def _take_times(self, said: Mapping[str, Part]) -> None:
         """Move the time of this process on by the agents' clocks, which may differ: each counts from its first word.
@@ -200,10 +199,6 @@ class Copy:
             if agent in self._gone or agent not in self._ahead:
                 self._ahead[agent] = part.time - before
             self._now = max(self._now, part.time - self._ahead[agent])
-
-    def _tell(self, message: State | Observation) -> None:
-        """Decide."""
-        self._ensemble.take(message)
 
     def named(self, inputs: Mapping[str, bytes]) -> dict[str, str | tuple[str | None, ...] | None]:
         """Return in names what agents say of a step: of one factor its symbol, of several a tuple."""

@@ -138,7 +138,7 @@ class TeamLayer(Layer):
 
     def _on_own_observation(self, observation: Observation) -> None:
         new = [observation.values[place] if observation.mask[place] else None for place in self._places]
-        if all(value is None for value in new):
+        if new.count(None) == len(new):
             return
         if not self.team.event_driven:
             self._seen = [old if value is None else value for old, value in zip(self._seen, new, strict=True)]

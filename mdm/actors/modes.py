@@ -51,6 +51,7 @@ WAYS_BACK: Final = {
     "lost_teammate": "team",
     "lost_majority": "team",
     "lost_controller": "team",
+    "refused": "restart",
     "failure": "restart",
     "end": "never",
 }

@@ -76,7 +76,7 @@ class CentralisedStatistics(ActorStatistics, frozen=True):
 
     Attributes:
         role: ``leading`` at the controller; else ``following``, ``joining`` before the first decision, ``waiting``
-            where the controller is not there, or ``refused``.
+            where the controller is not there. ``refused`` at any agent that cannot take part.
         leader: The controller.
         step: The last decision, counted from 1.
         digest: Of the controller after it.

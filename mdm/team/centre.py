@@ -75,14 +75,25 @@ class Centre(TeamLayer):
         self._close(late=False)
         self.assess(self.runtime.clock.now())
 
+    def retire(self, reason: str) -> None:
+        """Decide nothing more."""
+        self._open = None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        super().retire(reason)
+
     # -- What the agents say -------------------------------------------------------------------------------------
 
     def ask_for(self, command: str) -> None:
         """Do what was asked for, at all agents."""
-        self._command(command)
+        if self.refusal is None:
+            self._command(command)
 
     def offer(self, part: bytes | None) -> None:
         """Take what this agent has seen."""
+        if self.refusal is not None:
+            return
         if not self.team.event_driven:
             self._open = self.tick
             if self._timer is not None:
@@ -93,6 +104,8 @@ class Centre(TeamLayer):
             self._decide({self.agent: part})
 
     def _on_said(self, sample: Sample) -> None:
+        if self.refusal is not None:
+            return
         try:
             said = centralised.said(sample.body)
         except (msgspec.MsgspecError, ValueError):
@@ -201,7 +214,7 @@ class Centre(TeamLayer):
         """Return where it stands."""
         return CentralisedStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role="leading",
+            role="leading" if self.refusal is None else "refused",
             leader=self.agent,
             step=self._last.step,
             digest=self._last.digest,

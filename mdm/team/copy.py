@@ -12,7 +12,8 @@ import msgspec
 
 from mdm.errors import ModelError
 from mdm.messages import Control, Observation, State
-from mdm.models.digest import digest, of_parts
+from mdm.models.digest import of_parts
+from mdm.team.configuration import difference, facts
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -56,6 +57,7 @@ class Copy:
 
     Attributes:
         begun: Whether it was ever started.
+        facts: What must be the same at every agent, by what it is.
         malformed: Parts that were none of its agent's; they count as missing.
     """
 
@@ -77,7 +79,7 @@ class Copy:
         self._digest: str | None = None
         if parts.takes != "state":
             self._kept = list(parts.idle)
-        self.facts = self._facts(team)
+        self.facts = facts(team, ensemble, parts, self.snapshot())
 
     @property
     def running(self) -> bool:
@@ -254,37 +256,4 @@ class Copy:
 
     def difference(self, theirs: Mapping[str, str], there: str) -> str | None:
         """Return in words the first fact of another agent's configuration that is another here; None if none is."""
-        for fact in sorted(self.facts.keys() | theirs.keys()):
-            here, other = self.facts.get(fact), theirs.get(fact)
-            if here != other:
-                return f"{fact} is {here or 'nothing'} at {self._agent} and {other or 'nothing'} at {there}"
-        return None
-
-    def _facts(self, team: Team) -> dict[str, str]:
-        """Return what must be the same at every agent, by what it is."""
-        controller = self._ensemble.controller
-        return {
-            "program's version": _version(),
-            "team": team.name,
-            "team's agents": ", ".join(team.names),
-            "team's mode": team.mode,
-            "team's drive": "events" if team.period is None else f"a period of {team.period:g} s",
-            "team's quorum": team.quorum,
-            "team's max_age": f"{team.max_age:g} s",
-            "model": "none" if controller.model is None else digest(controller.model),
-            "policy": type(controller.policy).__name__,
-            **self.parts.facts(),
-            "horizon": str(controller.horizon),
-            "on_impossible": controller.on_impossible,
-            "policy, rewards and options": controller.configuration,
-            "start, by the initial belief and the seed": of_parts([self.snapshot()]),
-        }
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - it takes longer than all else here
-
-    try:
-        return version("markov-decision-making")
-    except PackageNotFoundError:
-        return "(not installed)"
+        return difference(self.facts, self._agent, theirs, there)

@@ -84,7 +84,7 @@ class TeamLayer(Layer):
             self.subscribe(channel("own_observation", Observation), self._on_own_observation)
         if self.team.period is not None:
             self.every(1 / self.team.period, self._on_tick)
-        self._hears = [self.link.watch(self.take_live, self)]
+        self._hears = [self.link.watch(self._on_live, self)]
 
     def on_stop(self) -> None:
         """Listen no more."""
@@ -93,6 +93,21 @@ class TeamLayer(Layer):
     def hear(self, expression: str, handler: Callable[[Sample], None]) -> None:
         """Handle what other agents put under the keys of an expression, until this layer stops."""
         self._hears.append(self.link.listen(expression, handler, self))
+
+    @property
+    def refusal(self) -> str | None:
+        """Why this agent cannot take part in the team; None where it can."""
+        return self.link.refusal
+
+    def _on_live(self, link: Link) -> None:
+        if link.refusal is None:
+            self.take_live(link)
+        else:
+            self.retire(link.refusal)
+
+    def retire(self, reason: str) -> None:  # noqa: ARG002 - for layers that say it
+        """Decide nothing more: this agent cannot take part in the team."""
+        self.assess(self.runtime.clock.now())
 
     # -- What a kind of team does --------------------------------------------------------------------------------
 
@@ -166,8 +181,11 @@ class TeamLayer(Layer):
         self.assess(self.runtime.clock.now())
 
     def assess(self, now: int) -> None:
-        """Go safe, hold or go on, by who is lost."""
+        """Go safe, hold or go on, by who is lost; safe for good where this agent is refused."""
         safety = self.ensemble.safety
+        if self.link.refusal is not None:
+            safety.endanger("refused", self.link.refusal, now)
+            return
         if safety.on_lost_teammate == "safe_action":
             if self.lost:
                 safety.endanger("lost_teammate", f"lost: {', '.join(sorted(self.lost))}", now)

@@ -3,6 +3,9 @@
 Who is live is told by beats: each agent says several times a lease whom it hears. The event loop itself says it, so
 that an agent whose loop is held is not taken for live, however well its transport keeps the connection. An agent is
 live for another where both hear each other.
+
+A beat says besides what must be the same at all agents for them to decide together at all. Of two agents in which that
+differs one is refused: it says so, leaves, and decides nothing.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.runtime import Actor, Subscription
+from mdm.team.configuration import difference
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
@@ -38,10 +42,33 @@ BEATS = 5
 _FIRST_WAIT, _LONGEST_WAIT = 0.1, 1.0
 _MOST_STRANGERS = 8
 
+_SETTLED = 4.0
+"""Seconds, beside a lease, after which an agent has been there longer than one that has just come."""
+
+
 T = TypeVar("T")
 
+
+class Beat(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """What an agent says several times a lease.
+
+    Args:
+        agents: The agents of its team.
+        hears: Whom it hears, by incarnation.
+        facts: What must be the same at all agents.
+        settled: Whether it has been there for some time.
+        company: How many agents are live for it, itself included.
+    """
+
+    agents: tuple[str, ...]
+    hears: dict[str, int]
+    facts: dict[str, str]
+    settled: bool
+    company: int
+
+
 _encode = msgspec.msgpack.Encoder().encode
-_decode = msgspec.msgpack.Decoder(dict[str, int]).decode
+_decode = msgspec.msgpack.Decoder(Beat).decode
 
 
 class Link(Actor):
@@ -52,15 +79,20 @@ class Link(Actor):
     Args:
         team: The team.
         transport: What carries the messages of one of its agents.
+        facts: What must be the same at all agents for them to hear each other, by what it is.
 
     Attributes:
         live: The agents that this one hears and that hear it, by incarnation, itself included; without those who said
             that they leave.
         left: Those who have left in order, with the incarnation that has.
         opened: Whether the transport is open.
+        differing: Those of another configuration, with the incarnation that has it.
+        refusal: Why this agent cannot take part in the team; None where it can.
     """
 
-    def __init__(self, team: Team, transport: Transport, *, name: str = "link") -> None:
+    def __init__(
+        self, team: Team, transport: Transport, facts: Mapping[str, str] | None = None, *, name: str = "link"
+    ) -> None:
         super().__init__(name)
         self.team = team
         self.transport = transport
@@ -68,6 +100,10 @@ class Link(Actor):
         self.live: dict[str, int] = {}
         self.left: dict[str, int] = {}
         self.opened = False
+        self.differing: dict[str, int] = {}
+        self.refusal: str | None = None
+        self._facts = dict(facts or {})
+        self._since = 0
         self._leaving = False
         self._refused: set[str] = set()
         self._strangers: set[str] = set()
@@ -103,6 +139,7 @@ class Link(Actor):
 
     def _on_open(self, _: None) -> None:
         self.opened = True
+        self._since = self.runtime.clock.now()
         self._beat()
         self._tell()
 
@@ -111,6 +148,13 @@ class Link(Actor):
         if self.opened and not self._leaving:
             self.transport.put(self.key(FAREWELL), b"", priority="step")
         self._leaving = True
+
+    def refuse(self, reason: str) -> None:
+        """Take no part in the team, and leave it: whoever watches who is live is told."""
+        if self.refusal is None:
+            self.refusal = reason
+            self.say_farewell()
+            self._tell()
 
     async def on_stopping(self) -> None:
         """Close the transport."""
@@ -209,18 +253,29 @@ class Link(Actor):
     def _beat(self) -> None:
         """Say whom this agent hears."""
         hears = {agent: life for agent, (life, _) in self._beats.items()}
-        self.put(self.key(BEAT), _encode(hears), priority="step")
+        settled, company = self._standing()
+        self.put(self.key(BEAT), _encode(Beat(self.team.names, hears, self._facts, settled, company)), priority="step")
+
+    def _standing(self) -> tuple[bool, int]:
+        return self.runtime.clock.now() - self._since > self._lease + _SETTLED * 1e9, max(len(self.live), 1)
 
     def _on_beat(self, sample: Sample) -> None:
-        if sample.owner not in self.team.names:
-            self._tell_stranger(sample.owner)
-            return
         try:
-            hears = _decode(sample.body)
+            beat = _decode(sample.body)
         except (msgspec.MsgspecError, ValueError):
+            beat = None
+        stranger = sample.owner not in self.team.names
+        if stranger:
+            self._tell_stranger(sample.owner)
+        if beat is None or (stranger and (self.agent not in beat.agents or len(self.differing) > _MOST_STRANGERS)):
             return
+        if stranger or beat.facts != self._facts:
+            self._part(sample, beat)
+            return
+        self.differing.pop(sample.owner, None)
         old = self._beats.get(sample.owner)
-        new = self._beats[sample.owner] = (sample.incarnation, hears.get(self.agent) == self.transport.incarnation)
+        new = (sample.incarnation, beat.hears.get(self.agent) == self.transport.incarnation)
+        self._beats[sample.owner] = new
         if old is None or old[0] != new[0]:
             self._beat()  # so that it soon knows that it is heard
         if old != new:
@@ -236,6 +291,25 @@ class Link(Actor):
                 f"agent {name!r} says that it is of team {self.team.name!r}, whose agents are "
                 f"{', '.join(self.team.names)} here: the team's name, or the file, is another one there",
             )
+
+    def _part(self, sample: Sample, beat: Beat) -> None:
+        """Part with an agent of another configuration: who has been there longer, or has more company, stays."""
+        other = sample.owner
+        if self.refusal is not None or not self.opened or self.left.get(other) == sample.incarnation:
+            return
+        told = difference(self._facts, self.agent, beat.facts, other)
+        if told is None:
+            return
+        mine, theirs = self._standing(), (beat.settled, beat.company)
+        refused = theirs > mine or (theirs == mine and other < self.agent)
+        if refused or self.differing.get(other) != sample.incarnation:
+            who = self.agent if refused else other
+            self.report("refused", f"{who} cannot take part in the team: {told}")
+        self.differing[other] = sample.incarnation
+        if refused:
+            self.refuse(told)
+        elif self._beats.pop(other, None) is not None:
+            self._tell()
 
     def _on_tick(self, tick: Tick) -> None:
         if not tick.missed:  # else what came meanwhile has yet to be heard
@@ -260,9 +334,11 @@ class Link(Actor):
             for agent, life in self._seen.items()
             if self.left.get(agent, -1) < life and self._beats.get(agent) == (life, True)
         }
+        if self.refusal is not None:
+            live.clear()
         live[self.agent] = self.transport.incarnation
         live = {agent: live[agent] for agent in self.team.names if agent in live}
-        if live != self.live:
+        if live != self.live or self.refusal is not None:
             self.live = live
             for subscription in tuple(self._watching):
                 self.runtime.dispatcher.deliver(subscription, self)

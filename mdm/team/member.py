@@ -125,8 +125,8 @@ class Member(Actor):
             )
         if transport.agent != agent:
             raise ConfigError(f"the transport is that of agent {transport.agent!r}, not of {agent!r}", key="transport")
-        self.link = Link(team, transport)
         given = dict(placement or {})
+        self.link = Link(team, transport, _facts(team, self.ensembles, given))
         self.layers: dict[str, Replica | Centre | Outpost | Talker] = {}
         self.lost: tuple[str, ...] = ()
         self._live: tuple[str, ...] = ()
@@ -191,6 +191,11 @@ class Member(Actor):
 
     def _on_live(self, link: Link) -> None:
         live = tuple(link.live)
+        self._met.update(link.differing)
+        if link.refusal is not None:
+            self._live, self.lost = live, ()
+            self._teammates.publish(Teammates(self.runtime.clock.now(), self.agent, live, ()))
+            return
         lost = [agent for agent in self.team.names if agent not in live and agent not in link.left]
         lost = [agent for agent in lost if agent in self._live or agent in self.lost]
         for agent in lost:
@@ -206,13 +211,16 @@ class Member(Actor):
 
     def _tell_missing(self) -> None:
         """Say whom this agent has never seen: where a team goes on without him, nothing else would."""
+        if self.link.refusal is not None:
+            return
+        self._met.update(self.link.differing)
         missing = [agent for agent in self.team.names if agent not in self._met]
         if missing:
             self.report(
                 "missing_teammate",
                 f"{' and '.join(map(repr, missing))} of team {self.team.name!r} {'were' if missing[1:] else 'was'} not "
                 "seen so far: no such agent runs, or its endpoint, the authority of its certificate, or the team's "
-                "name, agents or mode there, differ",
+                "name or the order of its agents there, differ",
             )
 
     def statistics(self) -> MemberStatistics:
@@ -232,6 +240,16 @@ def _layer(team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> 
         decides = controlling(team, ensemble, placement) == link.agent
         return (Centre if decides else Outpost)(team, ensemble, link, placement)
     return (Talker if team.mode == "communicating" else Replica)(team, ensemble, link, placement)
+
+
+def _facts(team: Team, ensembles: Iterable[str], placement: Mapping[str, Placement]) -> dict[str, str]:
+    """Return what must be the same at all agents for them to decide together at all."""
+    told = {"team's agents": ", ".join(team.names), "team's mode": team.mode}
+    for name in sorted({*ensembles, *placement}):
+        control = placement.get(name, Placement()).control
+        if control is not None or team.mode == "centralised":
+            told[f"who decides ensemble {name!r}"] = control or team.controller
+    return told
 
 
 def _session(team: Team, agent: str, allowance: Allowance | None, access: Access | None) -> Transport:

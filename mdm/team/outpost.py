@@ -54,7 +54,6 @@ class Outpost(TeamLayer):
         self._last: Decided | None = None
         self._here = False
         self._checked: int | None = None
-        self._refusal: str | None = None
         self._unsaid = 0
 
     def on_start(self) -> None:
@@ -125,7 +124,7 @@ class Outpost(TeamLayer):
         if self._waiting and decided.taken.get(self.agent, 0) >= self._waiting[0].number:
             self._waiting.popleft()
             self._say()
-        if self._checked == sample.incarnation and self._refusal is None:
+        if self._checked == sample.incarnation and self.refusal is None:
             self._obey(decided)
 
     def _obey(self, decided: Decided) -> None:
@@ -169,10 +168,11 @@ class Outpost(TeamLayer):
             except (KeyError, msgspec.MsgspecError, ValueError):
                 await self.runtime.clock.sleep(_RETRY)
                 continue
-            self._refusal = self.copy.difference(theirs, self._controller)
+            differing = self.copy.difference(theirs, self._controller)
             self._checked = life
-            if self._refusal is not None:
-                self.report("refused", f"{self.agent} cannot take part in the team: {self._refusal}")
+            if differing is not None and self.refusal is None:
+                self.report("refused", f"{self.agent} cannot take part in the team: {differing}")
+                self.link.refuse(differing)
             return
 
     # -- Who is there --------------------------------------------------------------------------------------------
@@ -194,12 +194,12 @@ class Outpost(TeamLayer):
 
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there; the way back from a lost controller is its next decision."""
-        if not self._here:
+        if not self._here and self.refusal is None:
             self.ensemble.safety.endanger("lost_controller", f"agent {self._controller!r} is not there", now)
         super().assess(now)
 
     def _on_patience(self) -> None:
-        if self._last is None and self._refusal is None:
+        if self._last is None and self.refusal is None:
             self.report("waiting", f"cannot act: agent {self._controller!r}, which decides, is not there")
 
     def statistics(self) -> CentralisedStatistics:
@@ -207,7 +207,7 @@ class Outpost(TeamLayer):
         role = "following" if self._last is not None else "joining"
         return CentralisedStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role="refused" if self._refusal is not None else role if self._here else "waiting",
+            role="refused" if self.refusal is not None else role if self._here else "waiting",
             leader=self._controller,
             step=0 if self._last is None else self._last.step,
             digest="" if self._last is None else self._last.digest,

@@ -177,6 +177,11 @@ class Replica(TeamLayer):
         """Take note of who is live."""
         self._send(self.agreement.members(link.live, self.runtime.clock.now()))
 
+    def retire(self, reason: str) -> None:
+        """Agree on nothing more."""
+        self.agreement.refuse(reason)
+        self._send([])
+
     def _on_time(self) -> None:
         self._timer = None
         self._send(self.agreement.tick(self.runtime.clock.now()))
@@ -190,6 +195,9 @@ class Replica(TeamLayer):
             for kind, text in reports:
                 self.report("lost_majority" if kind == "majority" else kind, text)
         self._role = agreement.role
+        if agreement.refusal is not None and self.link.refusal is None:
+            parting: Subscription[str] = Subscription(None, self, self.link.refuse)
+            self.runtime.dispatcher.deliver(parting, agreement.refusal)  # behind what it has to say yet
         if self._behind and agreement.fetching is None:
             self._behind = False
             self.ensemble.control.catch_up(now, over=True)
@@ -238,10 +246,9 @@ class Replica(TeamLayer):
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there."""
         safety = self.ensemble.safety
-        if self._role in {"waiting", "refused"}:
-            detail = f"{self.agent} is without a majority of team {self.team.name!r}"
-            safety.endanger("lost_majority", self.agreement.refusal or detail, now)
-        elif self._role != "joining":
+        if self._role == "waiting":
+            safety.endanger("lost_majority", f"{self.agent} is without a majority of team {self.team.name!r}", now)
+        elif self._role not in {"joining", "refused"}:
             safety.reopen(_MAJORITY, now)
         super().assess(now)
 

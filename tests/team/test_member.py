@@ -61,6 +61,87 @@ def test_a_teammate_that_was_never_seen_is_told_once():
     run_virtual(main)
 
 
+@pytest.mark.parametrize(
+    ("theirs", "told"),
+    [
+        ({"mode": "centralised"}, "team's mode is centralised at right and replicated at left"),
+        ({"mode": "communicating", "period": 0.5}, "team's mode is communicating at right and replicated at left"),
+        ({"agents": ["right", "left"]}, "team's agents is right, left at right and left, right at left"),
+        ({"agents": ["right", "extra"]}, "team's agents is right, extra at right and left, right at left"),
+    ],
+)
+@pytest.mark.parametrize("first", [0.0, 20.0])
+def test_an_agent_of_another_kind_of_team_is_refused_and_safe(theirs, told, first):
+    """Whatever it is that keeps agents from comparing their ensembles."""
+    theirs = dict(theirs)
+    other = Team("tigers", theirs.pop("agents", ["left", "right"]), **theirs)
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        left = Robot(tigers(), "left", network, over_beliefs(MODEL))
+        await left.start(runtime)
+        await asyncio.sleep(first)
+        agent = other.names.index("right")
+        build = over_beliefs(MODEL)
+
+        def safe(robot, _):
+            return build(robot, agent, safe_action=robot.act("SAFE"))
+
+        right = await Robot(other, "right", network, safe).start(runtime)
+        await asyncio.sleep(30.0)
+        assert [kind for kind in right.kinds() if kind != "stranger"] == ["refused"]
+        assert right.faults[-1].detail == f"right cannot take part in the team: {told}"
+        assert right.role == "refused"
+        assert right.member.link.refusal == told
+        assert [cause.kind for cause in right.ensemble.causes] in ([], ["refused"])
+        assert right.did in ([], ["SAFE"])
+        assert right.commits == []
+        assert [kind for kind in left.kinds() if kind != "missing_teammate"] == ["refused"]
+        assert left.role == "leading"
+        left.observe("hear-left", None)
+        await asyncio.sleep(1.0)
+        assert left.commits[-1].input == {"left": "hear-left"}
+        assert right.commits == []
+
+    run_virtual(main)
+
+
+def test_two_that_would_both_decide_for_all_do_not():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        teams = [tigers(mode="centralised", controller=name) for name in ("left", "right")]
+        left = await Robot(teams[0], "left", network, over_beliefs(MODEL)).start(runtime)
+        right = await Robot(teams[1], "right", network, over_beliefs(MODEL)).start(runtime)
+        await asyncio.sleep(2.0)
+        assert (left.role, right.role) == ("leading", "refused")
+        assert right.faults[0].detail.endswith("who decides ensemble 'joint' is right at right and left at left")
+        commits = len(right.commits)
+        right.observe(None, "hear-left")
+        right.ensemble.reset()
+        await asyncio.sleep(2.0)
+        assert len(right.commits) == commits
+
+    run_virtual(main)
+
+
+def test_of_a_team_the_one_that_differs_is_refused_even_where_its_name_comes_first():
+    async def main(runtime):
+        network = Network(runtime.clock, team="fire")
+        names = ["one", "two", "three"]
+        model = random_team(7, agents=3)
+        team = Team("fire", names, period=0.5)
+        others = [await Robot(team, name, network, over_beliefs(model)).start(runtime) for name in ("two", "three")]
+        await asyncio.sleep(1.0)
+        odd = Team("fire", names, period=0.5, mode="centralised")
+        one = await Robot(odd, "one", network, over_beliefs(model)).start(runtime)
+        await asyncio.sleep(3.0)
+        assert one.role == "refused"
+        assert {robot.role for robot in others} == {"leading", "following"}
+        assert all(robot.commits[-1].missing == ("one",) for robot in others)
+
+    run_virtual(main)
+
+
 def test_what_does_not_fit_is_refused():
     async def main(runtime):
         network = Network(runtime.clock, team="tigers")

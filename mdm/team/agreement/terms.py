@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from mdm.team.agreement.ballot import Ballot
 from mdm.team.agreement.entries import START, Call, Ended, Refused, Stale, Term
 from mdm.team.agreement.steps import Steps
+from mdm.team.configuration import difference
 
 if TYPE_CHECKING:
     from mdm.team.agreement.entries import Joined
@@ -112,8 +113,8 @@ class Terms(Steps):
     def _on_call(self, caller: str, call: Call, now: int) -> None:
         if call.members.get(self.agent) != self.incarnation or call.term.leader != caller:
             return
-        if call.configuration != self.configuration:
-            self._on_difference(caller, call, now)
+        if call.configuration != self.configuration and (differing := self._difference(caller, call)) is not None:
+            self._on_difference(caller, call, differing, now)
         elif call.term == self.term:
             self._send(caller, self._own())
             if "call" in self.timers:
@@ -135,11 +136,11 @@ class Terms(Steps):
             self.timers["retry"] = now + self.retry
             self._review(now)
 
-    def _on_difference(self, caller: str, call: Call, now: int) -> None:
+    def _difference(self, caller: str, call: Call) -> str | None:
+        return difference(self.configuration, self.agent, call.configuration, caller)
+
+    def _on_difference(self, caller: str, call: Call, reason: str, now: int) -> None:
         """Part with an agent of another configuration: whoever has applied less is refused, else who was called."""
-        theirs, mine = call.configuration, self.configuration
-        fact = next(fact for fact in sorted({*mine, *theirs}) if mine.get(fact) != theirs.get(fact))
-        reason = f"{fact} is {mine.get(fact)} at {self.agent} and {theirs.get(fact)} at {caller}"
         if call.position >= self.history.position:
             self._refuse(reason)
             self._send(caller, Refused(self.term, self.agent, reason))
@@ -153,12 +154,16 @@ class Terms(Steps):
         elif message.agent == sender:
             self._exclude(sender, message.reason, now)
 
+    def refuse(self, reason: str) -> None:
+        """Take no part any more."""
+        self.refusal = self.refusal or reason
+        self._stop()
+        self.ballot = None
+        self.timers.clear()
+
     def _refuse(self, reason: str) -> None:
         if self.refusal is None:
-            self.refusal = reason
-            self._stop()
-            self.ballot = None
-            self.timers.clear()
+            self.refuse(reason)
             self._report("refused", f"{self.agent} cannot take part in the team: {reason}")
 
     def _exclude(self, agent: str, reason: str, now: int) -> None:

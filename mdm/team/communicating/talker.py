@@ -127,6 +127,12 @@ class Talker(TeamLayer):
         self._say()
         self._close()
 
+    def retire(self, reason: str) -> None:
+        """Decide nothing more."""
+        self._refused = True
+        self._shut()
+        super().retire(reason)
+
     # -- Episodes ------------------------------------------------------------------------------------------------
 
     def _begin(self) -> None:
@@ -183,7 +189,7 @@ class Talker(TeamLayer):
         self.tick = tick.number
         if self._first_tick is None:
             self._first_tick = tick.number
-        if self.episode is None or not self.episode.running or tick.number < self.episode.origin:
+        if self._refused or self.episode is None or not self.episode.running or tick.number < self.episode.origin:
             return
         if self._open is not None:
             self._decide()
@@ -392,6 +398,8 @@ class Talker(TeamLayer):
             difference = f"{agent} has another configuration"
         who = self.agent if self._refused else agent
         self.report("refused", f"{who} cannot take part in the team: {difference}")
+        if self._refused:
+            self.link.refuse(str(difference))
 
     def _report_once(self, kind: str, agent: str, text: str) -> None:
         if (kind, agent) not in self._reported:

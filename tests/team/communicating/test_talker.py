@@ -263,7 +263,7 @@ def test_who_crashes_is_lost_and_takes_part_again_when_it_comes_back():
         team = tigers(lease=0.5)
 
         def build(robot, agent):
-            safe = {"safe_action": robot.act("SAFE"), "on_lost_teammate": "safe_action"} if agent == 0 else {}
+            safe = {"safe_action": robot.act("SAFE"), "on_lost_teammate": "safe_action"}
             return over_beliefs(TIGER)(robot, agent, **safe)
 
         left, right = await started(runtime, team, network, build)

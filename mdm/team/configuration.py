@@ -1,0 +1,122 @@
+"""The configuration of an agent: the facts that must be the same at every agent of a team, and where two differ.
+
+A fact is a name and what it is here, in words. Those that one can read come first, then hashes of what is too long.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mdm.models.digest import digest, of_parts
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from mdm.actors import Ensemble
+    from mdm.controller import Controller
+    from mdm.team.ownership import Parts
+    from mdm.team.team import Team
+
+__all__ = ["ANY", "difference", "facts"]
+
+ANY = ""
+"""What a fact is at an agent that it does not concern: no difference to anything."""
+
+_MANY = 8
+_HASH = 12
+
+
+def difference(here: Mapping[str, str], agent: str, theirs: Mapping[str, str], there: str) -> str | None:
+    """Return in words the first fact that is another at one agent than at another; None if there is none.
+
+    Args:
+        here: The facts of one agent.
+        agent: Its name.
+        theirs: The facts of the other.
+        there: Its name.
+    """
+    for fact in dict.fromkeys((*here, *theirs)):
+        one, other = here.get(fact), theirs.get(fact)
+        if one != other and ANY not in {one, other}:
+            return f"{fact} is {one} at {agent} and {other} at {there}"
+    return None
+
+
+def facts(team: Team, ensemble: Ensemble, parts: Parts, start: bytes) -> dict[str, str]:
+    """Return what must be the same of an ensemble at every agent of a team, by what it is.
+
+    Args:
+        team: The team.
+        ensemble: The ensemble.
+        parts: Its factors, and whose they are.
+        start: The copy as it begins.
+    """
+    controller = ensemble.controller
+    return {
+        "program's version": _version(),
+        "team's drive": "events" if team.period is None else f"a period of {team.period:g} s",
+        "team's deadline": f"{team.deadline:g} s",
+        "team's lease": f"{team.lease:g} s",
+        "team's quorum": team.quorum,
+        "team's max_age": f"{team.max_age:g} s",
+        **_words(controller),
+        **parts.facts(),
+        "horizon": str(controller.horizon),
+        "on_impossible": controller.on_impossible,
+        "deadline": "none" if ensemble.control.deadline is None else f"{ensemble.control.deadline:g} s",
+        "safe_action": ANY if ensemble.action.idle else _safe_action(ensemble),
+        "on_lost_teammate": ensemble.safety.on_lost_teammate or "continue",
+        "initial belief": _belief(controller),
+        "hash of the model": "none" if controller.model is None else digest(controller.model)[:_HASH],
+        "hash of the policy": of_parts(getattr(controller.policy, "parameters", list)())[:_HASH],
+        "hash of the policy, the rewards and the options": controller.configuration[:_HASH],
+        "hash of the beginning, by the initial belief and the seed": of_parts([start])[:_HASH],
+    }
+
+
+def _words(controller: Controller) -> dict[str, str]:
+    """Return what the model and the policy are, and which value the policy has at its beginning."""
+    model, policy = controller.model, controller.policy
+    told = {"model": "none", "policy": _sizes(type(policy).__name__, getattr(policy, "facts", dict)())}
+    if model is not None:
+        spaces = {"states": model.state_space, "actions": model.action_space}
+        if (observations := getattr(model, "observation_space", None)) is not None:
+            spaces["observations"] = observations
+        sizes = {name: len(space) for name, space in spaces.items()}
+        told["model"] = f"{_sizes(type(model).__name__, sizes)}, discounted by {model.discount:g}"
+    if controller.belief is not None and hasattr(policy, "value_at") and not getattr(policy, "deliberates", False):
+        value = policy.value_at(controller.belief)
+        told["policy's value of the initial belief"] = "none" if value is None else f"{value:.9g}"
+    return told
+
+
+def _sizes(name: str, sizes: Mapping[str, object]) -> str:
+    listed = [f"{count} {what}" for what, count in sizes.items() if count is not None]
+    return f"{name} of {', '.join(listed)}" if listed else name
+
+
+def _belief(controller: Controller) -> str:
+    belief = controller.belief
+    if belief is None:
+        return "none"
+    return of_parts([belief])[:_HASH] if len(belief) > _MANY else ", ".join(f"{chance:.6g}" for chance in belief)
+
+
+def _safe_action(ensemble: Ensemble) -> str:
+    """Return what the safe action is, where it is one that all agents of the model have by its name."""
+    action, space = ensemble.action, ensemble.controller.symbols.action_space
+    if action.safe is None:
+        return "none"
+    if action.safe not in action.bindings or space is None:
+        return "a function"
+    name = action.names[action.bindings.index(action.safe)]
+    return repr(name) if all(name in factor.names for factor in space.factors) else "an action of the agent's own"
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - it takes longer than all else here
+
+    try:
+        return version("markov-decision-making")
+    except PackageNotFoundError:
+        return "(not installed)"

@@ -2,14 +2,14 @@
 
 from mdm.actors.action_layer import ActionLayer, ActionStatistics
 from mdm.actors.binding import Binding, bind
-from mdm.actors.control.control_layer import ControlLayer, ControlOptions, ControlStatistics
+from mdm.actors.control.control_layer import ControlLayer, ControlStatistics
 from mdm.actors.control.drive import Drive, FixedRate, OnEvent
 from mdm.actors.control.planner import Planner, PlannerStatistics
 from mdm.actors.ensemble import Ensemble, EnsembleStatistics
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
+from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.predicates.sensor import EventSource, Sensor
-from mdm.actors.safety import SafetyOptions
 from mdm.actors.state_layer import StateFactor, StateLayer
 
 __all__ = [

@@ -11,12 +11,13 @@ import msgspec
 import numpy as np
 
 from mdm.actors.action_layer import SAFE_TIMEOUT, ActionLayer
-from mdm.actors.control.control_layer import ControlLayer, ControlOptions
+from mdm.actors.control.control_layer import ControlLayer
 from mdm.actors.control.drive import FixedRate
 from mdm.actors.layer import Layer
 from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
+from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
-from mdm.actors.safety import Safety, SafetyOptions
+from mdm.actors.safety import Safety
 from mdm.actors.state_layer import StateFactor, StateLayer
 from mdm.choice import check_flag
 from mdm.errors import ConfigError, Error

@@ -6,10 +6,10 @@ the way back. All of it happens in the very call that notices a cause.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, get_args
 
-from mdm.actors.control.control_layer import ControlOptions
 from mdm.actors.modes import Modes, Order
+from mdm.actors.options import LostTeammate, Reaction
 from mdm.actors.waiting import Waiting
 from mdm.choice import check_choice
 from mdm.errors import ConfigError
@@ -20,41 +20,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from mdm.actors.ensemble import Ensemble
+    from mdm.actors.options import SafetyOptions
     from mdm.actors.predicates.predicate_manager import PredicateManager
     from mdm.messages import Cause
 
-__all__ = ["Reaction", "Safety", "SafetyOptions"]
-
-Reaction = Literal["safe", "continue"]
-
-LostTeammate = Literal["continue", "hold", "safe_action"]
+__all__ = ["Safety"]
 
 _REACTIONS = ("on_failed_action", "on_lost_input", "on_unknown")
 _OPTIONS = {"stale_input": "on_lost_input", "unknown_input": "on_unknown"}
-
-
-class SafetyOptions(ControlOptions, total=False):
-    """What configures an ensemble's layers and modes: those of its control layer, see `ControlOptions`, and these.
-
-    Attributes:
-        safe_timeout: Seconds that the safe action may take (10 by default).
-        on_failed_action: An action that failed, timed out or was abandoned, where no predicate or event depends on that
-            end: ``safe`` (the default where there is a safe action) or ``continue``.
-        on_lost_input: A sensor's value that became older than its ``max_age``: the same two.
-        on_unknown: A state, or a sensor of observations, that turns unknown otherwise: the same two.
-        on_lost_teammate: In a team, what an agent that was there and has not left in order means to this one:
-            ``continue`` (the default: the team decides without it), ``hold`` (what is decided is not begun here until
-            it is back), or ``safe_action``.
-        after_safe: What becomes of the belief where the safe action is none of the model's: it starts anew (``reset``,
-            the default), or goes on by prediction (``keep``).
-    """
-
-    safe_timeout: float
-    on_failed_action: Reaction | None
-    on_lost_input: Reaction | None
-    on_unknown: Reaction | None
-    on_lost_teammate: LostTeammate | None
-    after_safe: Literal["reset", "keep"]
 
 
 class Safety:

@@ -13,15 +13,16 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, Unpack, cast
 import msgspec
 import numpy as np
 
-from mdm.actors.control.drive import Drive, FixedRate, OnEvent, drive_of
+from mdm.actors.control.drive import FixedRate, OnEvent, drive_of
 from mdm.actors.control.planner import PATIENCE, Planner
 from mdm.actors.layer import Layer
 from mdm.actors.modes import AT_INPUT, AT_KNOWN, AT_STIMULUS
+from mdm.actors.options import ControlOptions
 from mdm.beliefs import Support
 from mdm.controller import Controller
 from mdm.errors import ConfigError, Error, ModelError
 from mdm.messages import Action, Answer, Belief, Control, Decision, Fault, Observation, Question, Reward, State, Tick
-from mdm.options import ControllerOptions, check_options
+from mdm.options import check_options
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.clock import check_seconds
 from mdm.runtime.supervision import text_of
@@ -35,27 +36,9 @@ if TYPE_CHECKING:
     from mdm.policies import Deliberating
     from mdm.runtime import Ticker
 
-__all__ = ["ControlLayer", "ControlOptions", "ControlStatistics"]
+__all__ = ["ControlLayer", "ControlStatistics"]
 
 Observed = int | tuple[int | None, ...] | None
-
-
-class ControlOptions(ControllerOptions, total=False):
-    """What configures a control layer: its controller's options, see `mdm.controller.ControllerOptions`, and these.
-
-    Attributes:
-        drive: When to decide: ``OnEvent()`` or ``"event"`` (the default), on each state or observation; or
-            ``FixedRate(rate)`` or a number, so many times a second.
-        on_no_observation: What a fixed-rate tick without a new observation means: ``predict`` (the default: time
-            passes, nothing seen), ``repeat`` the last one, or the name of an observation.
-        deadline: Seconds from stimulus to decision, or from the first of the ticks that were missed before it; a later
-            decision is reported, and where there is a safe action the ensemble goes safe in place of it. What the
-            fallback of a search says at the deadline is in time for a tenth of a second more.
-    """
-
-    drive: Drive | float | str | None
-    on_no_observation: str
-    deadline: float | None
 
 
 class Guard(Protocol):

@@ -1,0 +1,57 @@
+"""The options of control layers and of ensembles: one typed dictionary each, for Python, files and commands."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from mdm.options import ControllerOptions
+
+if TYPE_CHECKING:
+    from mdm.actors.control.drive import Drive
+
+__all__ = ["ControlOptions", "LostTeammate", "Reaction", "SafetyOptions"]
+
+Reaction = Literal["safe", "continue"]
+LostTeammate = Literal["continue", "hold", "safe_action"]
+
+
+class ControlOptions(ControllerOptions, total=False):
+    """What configures a control layer: its controller's options, see `mdm.controller.ControllerOptions`, and these.
+
+    Attributes:
+        drive: When to decide: ``OnEvent()`` or ``"event"`` (the default), on each state or observation; or
+            ``FixedRate(rate)`` or a number, so many times a second.
+        on_no_observation: What a fixed-rate tick without a new observation means: ``predict`` (the default: time
+            passes, nothing seen), ``repeat`` the last one, or the name of an observation.
+        deadline: Seconds from stimulus to decision, or from the first of the ticks that were missed before it; a later
+            decision is reported, and where there is a safe action the ensemble goes safe in place of it. What the
+            fallback of a search says at the deadline is in time for a tenth of a second more.
+    """
+
+    drive: Drive | float | str | None
+    on_no_observation: str
+    deadline: float | None
+
+
+class SafetyOptions(ControlOptions, total=False):
+    """What configures an ensemble's layers and modes: those of its control layer, see `ControlOptions`, and these.
+
+    Attributes:
+        safe_timeout: Seconds that the safe action may take (10 by default).
+        on_failed_action: An action that failed, timed out or was abandoned, where no predicate or event depends on that
+            end: ``safe`` (the default where there is a safe action) or ``continue``.
+        on_lost_input: A sensor's value that became older than its ``max_age``: the same two.
+        on_unknown: A state, or a sensor of observations, that turns unknown otherwise: the same two.
+        on_lost_teammate: In a team, what an agent that was there and has not left in order means to this one:
+            ``continue`` (the default: the team decides without it), ``hold`` (what is decided is not begun here until
+            it is back), or ``safe_action``.
+        after_safe: What becomes of the belief where the safe action is none of the model's: it starts anew (``reset``,
+            the default), or goes on by prediction (``keep``).
+    """
+
+    safe_timeout: float
+    on_failed_action: Reaction | None
+    on_lost_input: Reaction | None
+    on_unknown: Reaction | None
+    on_lost_teammate: LostTeammate | None
+    after_safe: Literal["reset", "keep"]

@@ -129,7 +129,7 @@ class Ensemble(Layer):
                 safe_timeout=options.get("safe_timeout", SAFE_TIMEOUT),
             )
             if controller.symbols.action_space is None:
-                self.control.action_names = names
+                self.control.output.action_names = names
             if controller.on_impossible == "safe_action" and self.action.safe is None:
                 raise ConfigError("on_impossible asks for the safe action, but there is none", key="safe_action")
             self.subensembles = tuple(

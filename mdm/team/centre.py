@@ -57,7 +57,7 @@ class Centre(TeamLayer):
         """Listen to the own layers and to the other agents."""
         self._open = self._timer = None
         super().on_start()
-        self.ensemble.control.relay(self._publish)
+        self.ensemble.control.output.relay(self._publish)
         self.hear(join(self.team.name, "*", self.ensemble.name, "part"), self._on_said)
         if not self._serves:
             self._serves = True

@@ -11,25 +11,25 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Unpack, cast
 
 import msgspec
-import numpy as np
 
-from mdm.actors.control.drive import FixedRate, OnEvent, drive_of
+from mdm.actors.control.drive import FixedRate, OnEvent, drive_of, unobserved
+from mdm.actors.control.output import Output
 from mdm.actors.control.planner import PATIENCE, Planner
 from mdm.actors.layer import Layer
 from mdm.actors.modes import AT_INPUT, AT_KNOWN, AT_STIMULUS
 from mdm.actors.options import ControlOptions
-from mdm.beliefs import Support
 from mdm.controller import Controller
 from mdm.errors import ConfigError, Error, ModelError
-from mdm.messages import Action, Answer, Belief, Control, Decision, Fault, Observation, Question, Reward, State, Tick
+from mdm.messages import Action, Answer, Belief, Control, Fault, Observation, Question, State, Tick
 from mdm.options import check_options
-from mdm.runtime import ActorStatistics, Histogram, Latencies
+from mdm.runtime import ActorStatistics, Histogram
 from mdm.runtime.clock import check_seconds
 from mdm.runtime.supervision import text_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator
 
+    from mdm.actors.control.output import Observed
     from mdm.controller import Step
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.matrices import Vector
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from mdm.runtime import Ticker
 
 __all__ = ["ControlLayer", "ControlStatistics"]
-
-Observed = int | tuple[int | None, ...] | None
 
 
 class Guard(Protocol):
@@ -83,10 +81,6 @@ class ControlStatistics(ActorStatistics, frozen=True):
     latency: Histogram
 
 
-def _ignore(_: Action) -> None:
-    """Do nothing of what is decided."""
-
-
 class ControlLayer(Layer):
     """Drives a `Controller`: tells it what is seen or observed, and publishes what it decides.
 
@@ -107,6 +101,7 @@ class ControlLayer(Layer):
         lead: Who calls `take` with what it decides on; None where it listens to channels. It then goes on deciding in
             safe modes, as the team's other copies do, and only what is decided is not done.
         controller: What decides.
+        output: What publishes it.
         planner: Who searches, where the policy's answer comes later; else None.
     """
 
@@ -130,7 +125,7 @@ class ControlLayer(Layer):
         if self.deadline is not None:
             check_seconds(self.deadline, "a deadline", key="deadline")
         self.on_no_observation: str = own.get("on_no_observation", "predict")
-        self._no_observation = self._no_observation_symbol()
+        self._no_observation = unobserved(self.on_no_observation, self.controller.symbols.observation_space)
         self.guard: Guard | None = None
         self.lead: Lead | None = None
         self.running = False
@@ -138,19 +133,11 @@ class ControlLayer(Layer):
         self._alarmed = self._taking = False
         self._catching_up = False
         self._informed = False
-        self._acted: int | None = None
         self.superseded = 0
         self.undecided = 0
         self.missed = 0
-        self._overdue = 0
-        self.action_names: Sequence[str] = (
-            () if self.controller.symbols.action_space is None else self.controller.symbols.action_space.names
-        )
         self._takes_states = self.controller.takes == "state"
-        self._deadline_ns = None if self.deadline is None else round(self.deadline * 1e9)
         self._event_driven = isinstance(self.drive, OnEvent)
-        self._latencies = Latencies()
-        self._record = self._latencies.record
         self._see = self.controller.see
         self._last_epoch = sys.maxsize if self.controller.horizon is None else self.controller.horizon
         self._state: int | None = None
@@ -167,33 +154,12 @@ class ControlLayer(Layer):
                 cast("Deliberating", self.controller.policy), drive=self.drive, deadline=self.deadline
             )
             self.add(self.planner)
-            if self.deadline is not None:  # at which the fallback answers, and the loop may be a little late
-                self._deadline_ns = round((self.deadline + PATIENCE) * 1e9)
+        # At its deadline the planner's fallback answers, and the loop may be a little late.
+        patience = 0.0 if self.planner is None else PATIENCE
+        deadline = None if self.deadline is None else round((self.deadline + patience) * 1e9)
+        self.output = Output(self.controller, deadline, self._refuses)
 
     # -- Checks --------------------------------------------------------------------------------------------------
-
-    def _no_observation_symbol(self) -> int | Literal["predict", "repeat"]:
-        if not isinstance(self.on_no_observation, str):
-            raise ConfigError(
-                f"on_no_observation is 'predict', 'repeat' or an observation's name, not {self.on_no_observation!r}",
-                key="on_no_observation",
-            )
-        if self.on_no_observation == "predict":
-            return "predict"
-        if self.on_no_observation == "repeat":
-            return "repeat"
-        space = self.controller.symbols.observation_space
-        if space is None:
-            raise ConfigError(
-                f"on_no_observation names {self.on_no_observation!r}, but there is no model with observations",
-                key="on_no_observation",
-            )
-        try:
-            return int(space.index(self.on_no_observation))
-        except ModelError as error:
-            raise ConfigError(
-                f"on_no_observation is 'predict', 'repeat' or an observation's name: {error}", key="on_no_observation"
-            ) from None
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield nothing: a control layer that could be built can start."""
@@ -231,12 +197,7 @@ class ControlLayer(Layer):
         """Listen; deciding begins with `start`."""
         channel = self.owner.channel
         self._now = self.runtime.clock.reader()
-        self._actions = channel("action", Action)
-        self._do: Callable[[Action], object] = self._actions.emit
-        self._reward_channel = channel("reward", Reward, retain=True)
-        self._beliefs = channel("belief", Belief, retain=True)
-        self._decisions = self.runtime.decisions
-        self._path = self.owner.path
+        self.output.open(self)
         self.running = self._held = False
         self._ticker = None
         self._state = None
@@ -319,7 +280,7 @@ class ControlLayer(Layer):
     @property
     def acted(self) -> int | None:
         """The last action that was published in this episode, or None."""
-        return self._acted
+        return self.output.acted
 
     @property
     def blind(self) -> bool:
@@ -343,7 +304,7 @@ class ControlLayer(Layer):
         self._moved = False
         self._unanswered = ("release", None)
         if done is not None:
-            self.controller.last_action = self._acted = done
+            self.controller.last_action = self.output.acted = done
 
     def let_go(self) -> None:
         """Take it that the ensemble is stopped."""
@@ -382,36 +343,18 @@ class ControlLayer(Layer):
             over: Whether it is.
         """
         self._catching_up = not over
-        self._do = self._actions.emit if over else _ignore
+        self.output.mute(muted=not over)
         if over and self.running and self.blind and self.guard is not None:
             self.guard.blind(time)
         elif over:
             self.repeat(time)
-
-    def relay(self, tell: Callable[[Action], object]) -> None:
-        """Tell somebody of each decision besides, until the layer stops; once it has started."""
-        emit = self._actions.emit
-
-        def do(action: Action) -> None:
-            emit(action)
-            tell(action)
-
-        self._do = do
 
     def carry_out(self, action: Action, belief: Vector | None = None) -> None:
         """Publish what was decided elsewhere, as if it had been decided here; on a belief, where one is known."""
         self._alarmed = False
         self._taking = True
         self.running = True
-        self._acted = action.index
-        self._actions.emit(action)
-        if belief is not None:
-            self._beliefs.emit(Belief(action.time, belief))
-        if self._decisions.heard:
-            index = action.index
-            name = self.action_names[index] if self.action_names else self.controller.symbols.action_name(index)
-            told = (action.time, self._path, action.epoch, "team", None, None, belief, index, name, None)
-            self._decisions.publish(Decision(*told))
+        self.output.publish_foreign(action, belief)
         if self.guard is not None:
             self.guard.reopen(AT_KNOWN | {"lost_controller"}, action.time)
         self._taking = False
@@ -420,7 +363,7 @@ class ControlLayer(Layer):
         """Publish what whoever leads this layer has had its controller decide, as if it had come of an input here."""
         self._alarmed = False
         self._taking = True
-        self._publish(step, time, cause, observation, None)
+        self.output.publish(step, time, cause, observation, None)
         if self.guard is not None and not self._alarmed:
             self.guard.reopen(AT_KNOWN, time)
         self._taking = False
@@ -431,12 +374,12 @@ class ControlLayer(Layer):
 
     def repeat(self, time: int) -> None:
         """Publish the present action once more, where there is one."""
-        if self.running and self._acted is not None:
-            self._actions.emit(Action(time, max(self.controller.epoch - 1, 0), self._acted))
+        if self.running:
+            self.output.repeat(time)
 
     def snapshot(self) -> bytes:
         """Return what it takes to go on from here elsewhere; for whoever leads the layer."""
-        held = [self.controller.snapshot(), self.running, self._state, self._acted]
+        held = [self.controller.snapshot(), self.running, self._state, self.output.acted]
         return msgspec.msgpack.encode(held)
 
     def restore(self, snapshot: bytes) -> None:
@@ -450,7 +393,7 @@ class ControlLayer(Layer):
         except (msgspec.MsgspecError, TypeError, ValueError) as error:
             raise ModelError(f"this is not a snapshot of a control layer: {error}") from None
         self.controller.restore(controller)
-        self.running, self._state, self._acted = running, state, acted
+        self.running, self._state, self.output.acted = running, state, acted
 
     def _reopen(self, kinds: frozenset[str], time: int) -> None:
         if self.guard is not None:
@@ -481,7 +424,7 @@ class ControlLayer(Layer):
         self._open = None
         self._observation = None
         self._last_observation = None
-        self._acted = None
+        self.output.acted = None
         self.controller.reset(keep=keep)
 
     # -- Stimuli -------------------------------------------------------------------------------------------------
@@ -503,7 +446,7 @@ class ControlLayer(Layer):
         except ModelError as error:
             self._alarm(Fault(state.time, self.path, "state", text_of(error)))
         else:
-            self._publish(step, state.time, cause, None, index)
+            self.output.publish(step, state.time, cause, None, index)
 
     def _on_state_aside(self, state: State) -> None:
         """Take a state on which nothing is decided: it is unknown, or the ensemble is safe."""
@@ -538,12 +481,12 @@ class ControlLayer(Layer):
         if not self.running and not self._tick_safely(tick):
             return
         cause, symbol = "tick", None
-        self._overdue = 0
+        self.output.overdue = 0
         if tick.missed:
             assert isinstance(self.drive, FixedRate)
             self.missed += tick.missed
-            self._overdue = round(tick.missed * 1e9 / self.drive.rate)
-            self._record(tick.late + self._overdue)
+            self.output.overdue = round(tick.missed * 1e9 / self.drive.rate)
+            self.output.record(tick.late + self.output.overdue)
         observation, self._observation = self._observation, None
         if self.controller.over:
             self._begin_episode()
@@ -591,7 +534,7 @@ class ControlLayer(Layer):
         self.report("belief", "refused a belief from outside: the team's agents share theirs", time=belief.time)
 
     def _refuse_belief(self, channel: str, belief: Belief, error: Exception) -> None:
-        self.report("belief", f"refused a belief on {self._path}/{channel}: {text_of(error)}", time=belief.time)
+        self.report("belief", f"refused a belief on {self.owner.path}/{channel}: {text_of(error)}", time=belief.time)
 
     # -- Decisions -----------------------------------------------------------------------------------------------
 
@@ -636,7 +579,7 @@ class ControlLayer(Layer):
         except ModelError as error:
             self._alarm(Fault(time, self.path, "state" if self._takes_states else "policy", text_of(error)))
             return
-        self._publish(step, time, cause, observation, state)
+        self.output.publish(step, time, cause, observation, state)
 
     def _deliberate(self, time: int, cause: str, observation: Observed, state: int | None) -> None:
         """Ask the planner; a question that is still open is asked no more, and the answer decides for both."""
@@ -658,46 +601,16 @@ class ControlLayer(Layer):
         if answer.action is None:
             self._late(self._now() - time, time)
             return
-        self._publish(self.controller.decide(answer.action), time, cause, observation, state)
+        self.output.publish(self.controller.decide(answer.action), time, cause, observation, state)
 
-    def _publish(self, step: Step, time: int, cause: str, observation: Observed, state: int | None) -> None:
-        """Publish a decision, the action first."""
-        latency = self._now() - time
-        self._record(latency)
-        if self._deadline_ns is not None and latency + self._overdue > self._deadline_ns:
-            if self.lead is None:  # what was done before is still what is done
-                self.controller.last_action = self._acted
-            if self._late(latency + self._overdue, time) and self.lead is None:
-                return
-            self.controller.last_action = step.action
-        self._do(Action(time, step.epoch, step.action))
-        self._acted = step.action
-        if step.reward is not None:
-            self._reward_channel.emit(Reward(time, step.epoch, step.reward))
-        if not self._takes_states:
-            self._publish_belief(time)
-        if self._decisions.heard:
-            name = self.action_names[step.action] if self.action_names else step.action_name
-            self._decisions.publish(
-                Decision(
-                    *(time, self._path, step.epoch, cause, state, observation),
-                    *(self.controller.belief, step.action, name, step.reward),
-                )
-            )
-
-    def _publish_belief(self, time: int) -> None:
-        """Publish the belief, if one is tracked; of a belief by its support an array is made only for somebody."""
-        current = self.controller.decided_by
-        if current.__class__ is np.ndarray:
-            self._beliefs.emit(Belief(time, current))
-        elif isinstance(current, Support) and not self._beliefs.heard:
-            size = self.controller.symbols.num_states
-            assert size is not None
-            self._beliefs.emit_later(time, lambda: Belief(time, current.dense(size)))
-        else:
-            belief = self.controller.belief
-            if belief is not None:
-                self._beliefs.emit(Belief(time, belief))
+    def _refuses(self, step: Step, latency: int, time: int) -> bool:
+        """Report a decision that comes too late; return whether it is not carried out."""
+        if self.lead is None:  # what was done before is still what is done
+            self.controller.last_action = self.output.acted
+        if self._late(latency, time) and self.lead is None:
+            return True
+        self.controller.last_action = step.action
+        return False
 
     def _late(self, latency: int, time: int) -> bool:
         """Report a missed deadline; return whether the ensemble is safe in place of doing what was decided."""
@@ -719,9 +632,9 @@ class ControlLayer(Layer):
     @property
     def decisions(self) -> int:
         """The number of actions published."""
-        return self._actions.published if self.life != "created" else 0
+        return self.output.decisions
 
     @property
     def latency(self) -> Histogram:
         """The histogram of times from stimulus to decision."""
-        return self._latencies.snapshot()
+        return self.output.latency

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Literal
+
 import msgspec
 
-from mdm.errors import ConfigError
+from mdm.errors import ConfigError, ModelError
 from mdm.number import is_number
 from mdm.runtime.scheduler import check_rate
 
-__all__ = ["Drive", "FixedRate", "OnEvent", "drive_of"]
+if TYPE_CHECKING:
+    from mdm.models import Space
+
+__all__ = ["Drive", "FixedRate", "OnEvent", "drive_of", "unobserved"]
 
 
 class OnEvent(msgspec.Struct, frozen=True):
@@ -44,3 +49,29 @@ def drive_of(given: Drive | float | str | None) -> Drive:
         f"a drive is 'event', a number of decisions per second, OnEvent() or FixedRate(rate), not {given!r}",
         key="drive",
     )
+
+
+def unobserved(given: str, space: Space | None) -> int | Literal["predict", "repeat"]:
+    """Return what a tick without a new observation means: itself, or the index of the observation that it names.
+
+    Raises:
+        ConfigError: If it is nothing of these.
+    """
+    if not isinstance(given, str):
+        raise ConfigError(
+            f"on_no_observation is 'predict', 'repeat' or an observation's name, not {given!r}", key="on_no_observation"
+        )
+    if given == "predict":
+        return "predict"
+    if given == "repeat":
+        return "repeat"
+    if space is None:
+        raise ConfigError(
+            f"on_no_observation names {given!r}, but there is no model with observations", key="on_no_observation"
+        )
+    try:
+        return int(space.index(given))
+    except ModelError as error:
+        raise ConfigError(
+            f"on_no_observation is 'predict', 'repeat' or an observation's name: {error}", key="on_no_observation"
+        ) from None

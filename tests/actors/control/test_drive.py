@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mdm import ConfigError, Error, FixedRate, OnEvent
-from mdm.actors.control.drive import drive_of
+from mdm.actors.control.drive import drive_of, unobserved
+from mdm.problems import tiger
 
 
 @pytest.mark.parametrize(
@@ -50,3 +51,21 @@ def test_numbers_of_any_kind_are_rates(given):
 def test_what_is_no_number_is_no_rate(rate):
     with pytest.raises(ConfigError, match=r"^drive: a rate is at least 0\.000001"):
         FixedRate(rate)
+
+
+@pytest.mark.parametrize(
+    ("given", "means"), [("predict", "predict"), ("repeat", "repeat"), ("hear-left", 0), ("hear-right", 1)]
+)
+def test_a_tick_without_an_observation_means_something_by_its_name(given, means):
+    assert unobserved(given, tiger().observation_space) == means
+
+
+@pytest.mark.parametrize("given", ["hear", 1, None])
+def test_what_means_nothing_is_refused(given):
+    with pytest.raises(
+        ConfigError, match="on_no_observation is 'predict', 'repeat' or an observation's name"
+    ) as caught:
+        unobserved(given, tiger().observation_space)
+    assert caught.value.key == "on_no_observation"
+    with pytest.raises(ConfigError, match="no model with observations"):
+        unobserved("hear-left", None)

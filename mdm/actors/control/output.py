@@ -1,0 +1,151 @@
+"""Output: what is decided becomes messages, the action first."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.beliefs import Support
+from mdm.messages import Action, Belief, Decision, Reward
+from mdm.runtime import Latencies
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from mdm.actors.layer import Layer
+    from mdm.controller import Controller, Step
+    from mdm.models.matrices import Vector
+    from mdm.runtime import Channel, Histogram
+
+__all__ = ["Observed", "Output"]
+
+Observed = int | tuple[int | None, ...] | None
+"""An observation by its index, or by components, None where one is missing."""
+
+
+def _ignore(_: Action) -> None:
+    """Do nothing of what is decided."""
+
+
+class Output:
+    """Publishes decisions: ``action``, ``reward`` and ``belief`` of an ensemble, and `Decision` on the runtime's.
+
+    Args:
+        controller: What decides.
+        deadline: Nanoseconds from stimulus to decision, or None.
+        refuses: Told of a decision that comes later, by the step, the nanoseconds since its stimulus and that one's
+            time; says whether it is not published.
+
+    Attributes:
+        action_names: By index; empty where the controller itself knows them.
+        acted: The last action that was published in this episode, or None.
+        overdue: Nanoseconds from the first of the ticks that were missed to the present one.
+    """
+
+    def __init__(self, controller: Controller, deadline: int | None, refuses: Callable[[Step, int, int], bool]) -> None:
+        space = controller.symbols.action_space
+        self.action_names: Sequence[str] = () if space is None else space.names
+        self.acted: int | None = None
+        self.overdue = 0
+        self._controller = controller
+        self._deadline = deadline
+        self._refuses = refuses
+        self._has_belief = controller.takes != "state"
+        self._latencies = Latencies()
+        self.record = self._latencies.record
+        self._actions: Channel[Action] | None = None
+
+    def open(self, layer: Layer) -> None:
+        """Publish under the name of a layer's ensemble."""
+        channel = layer.owner.channel
+        self._now = layer.runtime.clock.reader()
+        self._actions = actions = channel("action", Action)
+        self._do: Callable[[Action], object] = actions.emit
+        self._rewards = channel("reward", Reward, retain=True)
+        self._beliefs = channel("belief", Belief, retain=True)
+        self._decisions = layer.runtime.decisions
+        self._path = layer.owner.path
+
+    @property
+    def decisions(self) -> int:
+        """The number of actions published."""
+        return 0 if self._actions is None else self._actions.published
+
+    @property
+    def latency(self) -> Histogram:
+        """The histogram of times from stimulus to decision."""
+        return self._latencies.snapshot()
+
+    def publish(self, step: Step, time: int, cause: str, observation: Observed, state: int | None) -> None:
+        """Publish a decision on a stimulus of that time, unless it comes too late and is refused."""
+        # Hot path.
+        latency = self._now() - time
+        self.record(latency)
+        late = self._deadline is not None and latency + self.overdue > self._deadline
+        if late and self._refuses(step, latency + self.overdue, time):
+            return
+        self._do(Action(time, step.epoch, step.action))
+        self.acted = step.action
+        if step.reward is not None:
+            self._rewards.emit(Reward(time, step.epoch, step.reward))
+        if self._has_belief:
+            self._publish_belief(time)
+        if self._decisions.heard:
+            name = self.action_names[step.action] if self.action_names else step.action_name
+            self._decisions.publish(
+                Decision(
+                    *(time, self._path, step.epoch, cause, state, observation),
+                    *(self._controller.belief, step.action, name, step.reward),
+                )
+            )
+
+    def _publish_belief(self, time: int) -> None:
+        """Publish the belief, if one is tracked; of a belief by its support an array is made only for somebody."""
+        current = self._controller.decided_by
+        if current.__class__ is np.ndarray:
+            self._beliefs.emit(Belief(time, current))
+        elif isinstance(current, Support) and not self._beliefs.heard:
+            size = self._controller.symbols.num_states
+            assert size is not None
+            self._beliefs.emit_later(time, lambda: Belief(time, current.dense(size)))
+        else:
+            belief = self._controller.belief
+            if belief is not None:
+                self._beliefs.emit(Belief(time, belief))
+
+    # -- For whoever leads the layer -----------------------------------------------------------------------------
+
+    def publish_foreign(self, action: Action, belief: Vector | None) -> None:
+        """Publish what was decided elsewhere, on a belief where one is known."""
+        self.acted = action.index
+        self._emit(action)
+        if belief is not None:
+            self._beliefs.emit(Belief(action.time, belief))
+        if self._decisions.heard:
+            index = action.index
+            name = self.action_names[index] if self.action_names else self._controller.symbols.action_name(index)
+            told = (action.time, self._path, action.epoch, "team", None, None, belief, index, name, None)
+            self._decisions.publish(Decision(*told))
+
+    def repeat(self, time: int) -> None:
+        """Publish the present action once more, where there is one."""
+        if self.acted is not None:
+            self._emit(Action(time, max(self._controller.epoch - 1, 0), self.acted))
+
+    def mute(self, *, muted: bool) -> None:
+        """Let no action of what is decided begin, or let it again."""
+        self._do = _ignore if muted else self._emit
+
+    def relay(self, tell: Callable[[Action], object]) -> None:
+        """Tell somebody of each decision besides, until the layer starts anew."""
+
+        def do(action: Action) -> None:
+            self._emit(action)
+            tell(action)
+
+        self._do = do
+
+    def _emit(self, action: Action) -> None:
+        assert self._actions is not None
+        self._actions.emit(action)

@@ -38,16 +38,19 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+def add_arguments(parser: argparse.ArgumentParser, *, virtual: bool = True) -> None:
+    """Add the verb's arguments; without ``virtual`` time is real."""
     parser.add_argument("file", metavar="FILE", help="the TOML file")
     parser.add_argument("--agent", metavar="NAME", help="of a team's file, which agent this process is")
     parser.add_argument(
         "--decisions", metavar="PATH", help="of a team's file, add each joint step to this file, as a line of JSON"
     )
-    parser.add_argument(
-        "--virtual", action="store_true", help="in virtual time: without waiting, until nothing is pending"
-    )
+    if virtual:
+        parser.add_argument(
+            "--virtual", action="store_true", help="in virtual time: without waiting, until nothing is pending"
+        )
+    else:
+        parser.set_defaults(virtual=False)
     parser.add_argument("--epochs", metavar="N", type=count, help="stop after N decisions of the first ensemble")
     parser.add_argument("--seconds", metavar="N", type=seconds, help="stop after N seconds")
     parser.add_argument(

@@ -18,6 +18,39 @@ def test_an_agent_runs_alone_for_some_seconds(free, tmp_path, verb):
     assert [json.loads(line)["command"] for line in decided.read_text().splitlines()] == ["begin"]
 
 
+ACTING = """
+import asyncio
+
+def stay():
+    print("stays")
+
+def go():
+    print("goes")
+
+async def sense(system):
+    for number in range(10**9):
+        system.predicates.sense("InLab", number % 2 == (system.agent == "a"))
+        await asyncio.sleep(0.1)
+"""
+
+
+def test_an_agent_ends_after_so_many_decisions(free, tmp_path):
+    team = free()
+    (tmp_path / "acting_code.py").write_text(ACTING)
+    team.write_text(team.read_text().replace("team_code:", "acting_code:"))
+    command = ("-m", "mdm", "team", "run", team, "--agent")
+    with (
+        python(*command, "b", "--seconds", 60),
+        python(*command, "a", "--epochs", 3, "--decisions", tmp_path / "a.jsonl") as process,
+    ):
+        output, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    decided = [json.loads(line)["action"] for line in (tmp_path / "a.jsonl").read_text().splitlines()]
+    made = len([action for action in decided if action is not None])
+    assert made in {3, 4}  # one more may have come with the third
+    assert 1 <= len(output.splitlines()) <= made
+
+
 def test_it_ends_with_its_input(free):
     import subprocess
     import sys
@@ -44,6 +77,7 @@ def test_it_ends_with_its_input(free):
         (["TIGER", "--agent", "a"], 2, "--agent is for a team's file"),
         (["TIGER", "--decisions", "a"], 2, "--decisions is for a team's file"),
         (["FILE", "--agent"], 2, "expected one argument"),
+        (["FILE", "--agent", "a", "--epochs", "0"], 2, "a whole number of 1 or more was expected, not '0'"),
     ],
 )
 def test_wrong_usage(mdm, free, arguments, status, words):
@@ -52,3 +86,18 @@ def test_wrong_usage(mdm, free, arguments, status, words):
     assert found == status
     assert words in errors
     assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["FILE"], "say which agent this process is"),
+        (["FILE", "--agent", "a", "--virtual"], "unrecognized arguments: --virtual"),
+        (["TIGER"], "describes no team: a table [team] is missing"),
+    ],
+)
+def test_wrong_usage_of_the_verb_of_teams(mdm, free, arguments, words):
+    files = {"FILE": free(), "TIGER": EXAMPLES / "tiger.toml"}
+    found, _, errors = mdm("team", "run", *(files.get(argument, argument) for argument in arguments))
+    assert found == 2
+    assert words in errors

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import subprocess
 import sys
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 from places import ROOT
 
-from mdm import ModelError, problems, save_model
+from mdm import ModelError, Runtime, problems, run, save_model
 from mdm.models import MDP, POMDP, Factor, Space
+from mdm.team import Network
 
 
 def read(page):
@@ -142,5 +144,35 @@ def test_the_programs_of_the_page_about_replicated_and_centralised_teams_run():
     page = read("docs/teams.md").partition("\n## Agreement\n")[0]
     scope: dict[str, object] = {"stand_still": print, "open_left": print, "open_right": print}
     for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
-        exec(block.replace('mdm.run(robot("left"))', 'member = robot("left")'), scope)
+        program = block.replace('mdm.run(robot("left"))', 'member = robot("left")')
+        exec(program.replace("mdm.run(agent(sys.argv[1]))", ""), scope)
     assert scope["member"].agent == "left"
+
+
+def test_the_program_of_the_page_about_placement_decides_off_board(capsys):
+    section = read("docs/teams.md").partition("\n### Placement\n")[2].partition("\n## ")[0]
+    program = re.search(r"```python\n(.*?)```", section, re.DOTALL)[1]
+    scope: dict[str, object] = {}
+    exec(program.replace("mdm.run(agent(sys.argv[1]))", ""), scope)
+
+    async def main():
+        async with Runtime(log=None) as runtime:
+            network = Network(runtime.clock, team="rover")
+            for name in ("robot", "base"):
+                await runtime.start(scope["agent"](name, transport=network.transport(name)))
+            await asyncio.sleep(30)
+
+    run(main, virtual=True)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 40
+    assert all(line.startswith("robot ") for line in lines)
+    assert {"hears", "opens"} == {line.split()[1] for line in lines}
+
+
+def test_the_program_of_the_page_about_testing_teams_runs():
+    section = read("docs/teams.md").partition("\n## Testing a team\n")[2].partition("\n## ")[0]
+    program = re.search(r"```python\n(.*?)```", section, re.DOTALL)[1]
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=100
+    )
+    assert (done.returncode, done.stderr) == (0, "")

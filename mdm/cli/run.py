@@ -94,7 +94,11 @@ def run(arguments: argparse.Namespace) -> int:
         run_program(main, virtual=arguments.virtual)
     except DeadlockError:
         print("mdm run: ended, because no timer is pending and no input can come", file=sys.stderr)
-    return 0
+    finally:
+        failings = [] if system.member is None else system.member.failings()
+        for failing in failings:
+            print(f"mdm {arguments.command}: {failing}", file=sys.stderr)
+    return 1 if failings else 0
 
 
 @contextmanager

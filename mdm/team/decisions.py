@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, TypeAlias
+
+import msgspec
 
 from mdm.errors import Error
 from mdm.runtime import Actor
@@ -15,9 +17,18 @@ if TYPE_CHECKING:
 
 __all__ = ["Decisions"]
 
+Place: TypeAlias = "tuple[str, tuple[int, str, int], int, str | None]"
+"""Which step a line tells: of which ensemble, the term, the number, and the command where it is one."""
+
+_TAIL = 4 << 20
+"""Bytes at the end of a file whose steps are known; an agent that returns is told a few hundred anew at most."""
+
 
 class Decisions(Actor):
     """Writes what an agent's team decides to a file, on a thread of its own; what was there before stays.
+
+    An agent that returns is told steps that it had applied before: each step is written once. A last line that was
+    broken off, as by a crash, is removed.
 
     Args:
         path: The file, which ends in ``.jsonl``; it is made where there is none.
@@ -33,6 +44,14 @@ class Decisions(Actor):
             raise Error(f"decisions are lines of JSON: name a file that ends in .jsonl, not {self.path_of_file}")
         self._file: IO[bytes] | None = None
         self._writer = Writer()
+        self._known: set[Place] = set()
+        self._lost = 0
+        self._told = False
+
+    @property
+    def lost(self) -> int:
+        """How many lines could not be written."""
+        return self._lost + self._writer.statistics().lost
 
     def on_start(self) -> None:
         """Open the file and listen.
@@ -41,9 +60,11 @@ class Decisions(Actor):
             Error: If it cannot be written.
         """
         try:
+            self._known = _known(self.path_of_file)
             self._file = self.path_of_file.open("ab", buffering=0)
         except OSError as error:
             raise Error(f"decisions cannot be written to {self.path_of_file}: {error.strerror}") from None
+        self._told = False
         self._writer = Writer()
         self._writer.open()
         above = self.parent.path if self.parent is not None else ""
@@ -52,14 +73,51 @@ class Decisions(Actor):
 
     def _write(self, committed: Committed) -> None:
         assert self._file is not None
+        place = (committed.ensemble, committed.term, committed.step, committed.command)
+        if self._known and place in self._known:
+            return
         self._writer.put(self._file.write, committed.line())
+        self._tell_lost()
+
+    def _tell_lost(self) -> None:
+        if self.lost and not self._told:
+            self._told = True
+            self.report("decisions", f"lines cannot be written to {self.path_of_file}: what is decided goes on untold")
 
     def on_stop(self) -> None:
         """Write what waits, and close the file."""
         self._writer.close()
-        lost = self._writer.statistics().lost
-        if lost:
-            self.report("decisions", f"{lost} lines could not be written to {self.path_of_file}")
+        self._tell_lost()
+        self._lost, self._writer = self.lost, Writer()
         if self._file is not None:
             self._file.close()
             self._file = None
+
+
+class _Line(msgspec.Struct):
+    """What a line of a file says of its place."""
+
+    ensemble: str
+    term: tuple[int, str, int]
+    step: int
+    command: str | None = None
+
+
+def _known(path: Path) -> set[Place]:
+    """Return the last steps that a file has, and remove a last line that was broken off."""
+    if not path.is_file():
+        return set()
+    with path.open("r+b") as file:
+        size = file.seek(0, 2)
+        begin = file.seek(max(0, size - _TAIL))
+        *lines, rest = file.read().split(b"\n")
+        if rest and (begin == 0 or lines):
+            file.truncate(size - len(rest))
+    found: set[Place] = set()
+    for line in lines:
+        try:
+            one = msgspec.json.decode(line, type=_Line)
+        except (msgspec.MsgspecError, ValueError):
+            continue
+        found.add((one.ensemble, one.term, one.step, one.command))
+    return found

@@ -96,6 +96,7 @@ class Member(Actor):
     Attributes:
         link: What connects it with the others.
         layers: What a team adds to each of its ensembles, by name.
+        decisions: What writes them to a file; None where nothing does.
     """
 
     def __init__(
@@ -136,6 +137,9 @@ class Member(Actor):
         self.imports = Imports(self.link, typed(imports, "imports"))
         told = Told(self.link, self.managers)
         self._followed = _followed(team, self.link, self.managers, told)
+        self.decisions = None if decisions is None else Decisions(decisions)
+        if self.decisions is not None:
+            self.add(self.decisions)  # first: where it cannot write, nothing else starts, and it stops last
         self.add(self.link)
         for name, ensemble in self.ensembles.items():
             layer = self.layers[name] = _layer(team, ensemble, self.link, given.pop(name, Placement()))
@@ -149,8 +153,6 @@ class Member(Actor):
             Answers(self.link, self.ensembles, self.layers),
         ):
             self.add(actor)
-        if decisions is not None:
-            self.add(Decisions(decisions))
         if given:
             raise ConfigError(
                 f"there is no ensemble {next(iter(given))!r} to place; there are {', '.join(self.ensembles)}",
@@ -186,6 +188,15 @@ class Member(Actor):
     async def on_stopping(self) -> None:
         """Tell the others that this agent leaves, before anything of it ends."""
         self.link.say_farewell()
+
+    def failings(self) -> list[str]:
+        """Return in words what it did not do that it was to do."""
+        told = []
+        if self.link.refusal is not None:
+            told.append(f"agent {self.agent!r} took no part in team {self.team.name!r}: {self.link.refusal}")
+        if self.decisions is not None and self.decisions.lost:
+            told.append(f"{self.decisions.lost} decisions could not be written to {self.decisions.path_of_file}")
+        return told
 
     # -- Teammates -----------------------------------------------------------------------------------------------
 

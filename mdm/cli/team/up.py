@@ -73,6 +73,12 @@ def _folder(name: str, agents: Sequence[str]) -> Path:
     for agent in agents:
         if (folder / f"{agent}.jsonl").exists():
             raise Error(f"{folder / agent}.jsonl is there already: name another folder, or remove it first")
+    for agent in agents:
+        file = folder / f"{agent}.jsonl"
+        try:
+            file.touch(exist_ok=False)
+        except OSError as error:
+            raise Error(f"decisions cannot be written to {file}: {error.strerror}") from None
     return folder
 
 

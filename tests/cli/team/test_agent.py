@@ -51,6 +51,21 @@ def test_an_agent_ends_after_so_many_decisions(free, tmp_path):
     assert 1 <= len(output.splitlines()) <= made
 
 
+def test_an_agent_that_is_refused_has_failed(free, tmp_path):
+    team = free()
+    other = tmp_path / "other.toml"
+    other.write_text(team.read_text().replace("[team]", "[team]\nmax_age = 7.5"))
+    run = ("-m", "mdm", "team", "run")
+    with (
+        python(*run, team, "--agent", "a", "--seconds", 6) as first,
+        python(*run, other, "--agent", "b", "--seconds", 6) as second,
+    ):
+        told = [process.communicate(timeout=60)[1] for process in (first, second)]
+    failed = [text for process, text in zip((first, second), told, strict=True) if process.returncode == 1]
+    assert len(failed) == 1, told
+    assert "took no part in team 'rooms': team's max_age is" in failed[0].splitlines()[-1]
+
+
 def test_it_ends_with_its_input(free):
     import subprocess
     import sys

@@ -133,6 +133,15 @@ def test_decisions_of_another_run_are_not_written_over(mdm, team, tmp_path):
     assert (status, "b.jsonl is there already" in errors) == (1, True)
 
 
+def test_decisions_that_cannot_be_written_are_told_before_anything_starts(mdm, team, tmp_path):
+    (tmp_path / "decided").mkdir()
+    (tmp_path / "decided" / "b.jsonl").symlink_to(tmp_path / "nowhere" / "b.jsonl")
+    status, printed, errors = mdm("team", "up", team, "--decisions", tmp_path / "decided")
+    assert (status, printed) == (1, [])
+    assert errors.count("\n") == 1
+    assert "decided/b.jsonl" in errors
+
+
 def test_problems_are_told_once_and_not_by_each_agent(mdm, team):
     team.write_text(team.read_text().replace('owner = "b"', 'owner = "c"'))
     status, _, errors = mdm("team", "up", team)

@@ -96,13 +96,13 @@ class Loopback:
         self.endpoints = []
         self.made = []
 
-    def transport(self, agent, *, shown=None, listen=None, **options):
-        own = listen or endpoint(protocol="tls" if self.files else "tcp")
+    def transport(self, agent, *, shown=None, **options):
+        options = {"connect": self.endpoints, "lease": 2.0, **self.options, **options}
+        own = options.setdefault("listen", endpoint(protocol="tls" if self.files else "tcp"))
         if self.files:
             shown = shown or self.files[agent]
             options["configuration"] = access_settings(shown, "team", agent, self.agents)
-        given = {"connect": self.endpoints, "lease": 2.0, **self.options, **options}
-        made = Session("team", agent, listen=own, **given)
+        made = Session("team", agent, **options)
         self.endpoints = [*self.endpoints, own]
         self.made.append(made)
         return made

@@ -115,7 +115,7 @@ class Centre(TeamLayer):
             self._collect(sample.owner, said.tick, said.part)
             return
         life, last = self._taken.get(sample.owner, (0, 0))
-        if (life, last) >= (sample.incarnation, said.number):
+        if life == sample.incarnation and last >= said.number:
             self._put()  # it was taken before, and the word of that was lost
             return
         self._taken[sample.owner] = (sample.incarnation, said.number)

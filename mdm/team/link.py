@@ -245,7 +245,7 @@ class Link(Actor):
 
     def _on_seen(self, seen: Mapping[str, int]) -> None:
         self._seen = seen
-        self.left = {agent: life for agent, life in self.left.items() if seen.get(agent, life) <= life}
+        self.left = {agent: life for agent, life in self.left.items() if seen.get(agent, life) == life}
         if self.opened:
             self._beat()
             self._tell()
@@ -332,7 +332,7 @@ class Link(Actor):
         live = {
             agent: life
             for agent, life in self._seen.items()
-            if self.left.get(agent, -1) < life and self._beats.get(agent) == (life, True)
+            if self.left.get(agent) != life and self._beats.get(agent) == (life, True)
         }
         if self.refusal is not None:
             live.clear()

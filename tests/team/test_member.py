@@ -106,6 +106,39 @@ def test_an_agent_of_another_kind_of_team_is_refused_and_safe(theirs, told, firs
     run_virtual(main)
 
 
+@pytest.mark.parametrize("mode", ["replicated", "centralised", "communicating"])
+@pytest.mark.parametrize("crash", [True, False])
+def test_an_agent_returns_where_its_clock_was_set_back(mode, crash):
+    """The number of a life is the time of its start, and a robot without a battery for its clock starts in 1970."""
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers", lease=0.5)
+        team = tigers(mode=mode, period=0.5)
+        network._incarnations["right"] = 10
+        left, right = await started(runtime, team, network, over_beliefs(MODEL))
+        await asyncio.sleep(3.0)
+        if crash:
+            network.crash("right")
+        await runtime.stop(right.member)
+        await asyncio.sleep(2.0)
+        for life in (4, 2):
+            network._incarnations["right"] = life
+            back = await Robot(team, "right", network, over_beliefs(MODEL)).start(runtime)
+            await asyncio.sleep(4.0)
+            assert back.member.link.live == {"left": 1, "right": life + 1}
+            assert left.member.link.live == back.member.link.live
+            assert left.commits[-1].missing == ()
+            assert back.commits[-1].step == left.commits[-1].step
+            back.ensemble.reset()
+            await asyncio.sleep(2.0)
+            assert any(commit.command is not None for commit in left.commits[-6:])
+            await runtime.stop(back.member)
+            await asyncio.sleep(1.0)
+        assert left.member.link.transport.statistics().dropped.get("stale") is None
+
+    run_virtual(main)
+
+
 def test_two_that_would_both_decide_for_all_do_not():
     async def main(runtime):
         network = Network(runtime.clock, team="tigers")

@@ -29,6 +29,8 @@ _START = struct.Struct("<2sH?QB")  # magic, version, whether of a step, incarnat
 _REST = struct.Struct("<Qq")  # number, time; then the body
 _MOST_KEYS = 4096
 _NONE = -2  # a number that no other follows
+_FAR = 1024  # further behind than that an owner's messages do not come, whatever overtakes them
+_ENOUGH = 8
 
 
 class Refusal(Exception):
@@ -42,6 +44,24 @@ class Refusal(Exception):
     def __init__(self, kind: str, reason: str) -> None:
         super().__init__(reason)
         self.kind = kind
+
+
+class _Doubt:
+    """Whether the last number under a key was one of its owner's: messages far behind it follow each other."""
+
+    __slots__ = ("ahead", "count", "number")
+
+    def __init__(self, number: int, ahead: int) -> None:
+        self.number = number
+        self.count = 1
+        self.ahead = ahead
+
+    def confirms(self, number: int, ahead: int) -> bool:
+        """Take note of one more message; return whether there were so many that they count."""
+        follows = number == self.number + 1 and ahead == self.ahead
+        self.count = self.count + 1 if follows else 1
+        self.number, self.ahead = number, ahead
+        return self.count >= _ENOUGH
 
 
 class Packer:
@@ -97,19 +117,39 @@ class Unpacker:
         agent: Who receives.
         largest: The largest message in bytes.
         missing: Called with a key and the number of its messages that were lost before the one that came.
+        renumbered: Called with a key whose last number cannot have been its owner's, such as a forged one far ahead:
+            some messages far behind it that follow each other are then gone on from.
     """
 
-    def __init__(self, team: str, agent: str, missing: Callable[[str, int], None], *, largest: int = LARGEST) -> None:
+    def __init__(
+        self,
+        team: str,
+        agent: str,
+        missing: Callable[[str, int], None],
+        renumbered: Callable[[str], None] = lambda _: None,
+        *,
+        largest: int = LARGEST,
+    ) -> None:
         self.largest = largest
         self._team = team
         self._agent = agent
         self._missing = missing
+        self._renumbered = renumbered
         self._present: dict[str, int] = {}
         self._last: dict[str, _Last] = {}
         self._excused: dict[str, int] = {}
+        self._seen: dict[str, int] = {}
+        self._doubts: dict[str, _Doubt] = {}
 
     def present(self, owner: str, incarnation: int) -> None:
-        """Take this for the present life of an agent, because it is seen to live; what other lives sent is stale."""
+        """Take this for the present life of an agent, because it is seen to live; what other lives sent is stale.
+
+        It may be less than that of an earlier life, where a clock was set back.
+        """
+        self._seen[owner] = incarnation
+        self._begin(owner, incarnation)
+
+    def _begin(self, owner: str, incarnation: int) -> None:
         if self._present.get(owner) != incarnation:
             self._present[owner] = incarnation
             for last in self._last.values():
@@ -148,23 +188,39 @@ class Unpacker:
         if owner == self._agent:
             raise Refusal("foreign", f"another process sent under {key}, of this agent")
         present = self._present.get(owner, 0)
-        if incarnation < present:
+        if incarnation < present and incarnation != self._seen.get(owner):
             raise Refusal("stale", f"a message under {key} is of an earlier life of agent {owner!r}")
-        self.present(owner, incarnation)
+        self._begin(owner, incarnation)
         if last is None:
             if len(self._last) >= _MOST_KEYS:
                 oldest = next(iter(self._last))
                 del self._last[oldest]
                 self._excused.pop(oldest, None)
+                self._doubts.pop(oldest, None)
         elif last.incarnation == incarnation and last.number != _NONE:
             missed = number - last.number - 1
             if missed < 0:
-                raise Refusal("repeated", f"a message under {key} came again, or after a newer one")
+                self._doubt(key, number, last.number)
+                missed = 0
             missed -= self._excused.pop(key, 0)
             if missed > 0:
                 self._missing(key, missed)
         self._last[key] = _Last(owner, incarnation, number, data[:start])
         return Sample(key, owner, incarnation, data[start + _REST.size :], time)
+
+    def _doubt(self, key: str, number: int, ahead: int) -> None:
+        """Refuse a message that is behind the last of its key, unless that cannot have been its owner's.
+
+        Raises:
+            Refusal: Nearly always.
+        """
+        if ahead - number > _FAR:
+            doubt = self._doubts.setdefault(key, _Doubt(number, ahead))
+            if doubt.number != number and doubt.confirms(number, ahead):
+                del self._doubts[key]
+                self._renumbered(key)
+                return
+        raise Refusal("repeated", f"a message under {key} came again, or after a newer one")
 
     def unseal(self, key: str, data: bytes, *, of_owner: bool) -> Sample:
         """Return a question or an answer; an answer is of the owner of the key.

@@ -52,7 +52,7 @@ class Router:
         failed: Callable[[BaseException], None],
         largest: int = LARGEST,
     ) -> None:
-        self.unpacker = Unpacker(team, agent, self._missing, largest=largest)
+        self.unpacker = Unpacker(team, agent, self._missing, self._renumbered, largest=largest)
         self.live: dict[str, int] = {}
         self._team = team
         self._agent = agent
@@ -221,6 +221,9 @@ class Router:
 
     def _missing(self, key: str, count: int) -> None:
         self.drop("missing", f"messages under {key} were lost on the way", count)
+
+    def _renumbered(self, key: str) -> None:
+        self.drop("renumbered", f"the last number under {key} was far ahead of its owner's: what comes counts again")
 
     def drop(self, kind: str, reason: str, count: int = 1) -> None:
         """Count what is dropped, and report it: at once, but once a second at most."""

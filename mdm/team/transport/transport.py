@@ -27,7 +27,7 @@ class Sample(msgspec.Struct, frozen=True, gc=False):
     Args:
         key: The full key under which it was put.
         owner: The agent that put it.
-        incarnation: Which life of that agent; it grows with each restart.
+        incarnation: Which life of that agent: another one after each restart, and mostly a greater.
         body: What was put.
         time: When, by the clock of its owner, in nanoseconds.
     """
@@ -56,6 +56,7 @@ class TransportStatistics(msgspec.Struct, frozen=True):
 
             - ``malformed``, ``version`` (of a newer program), ``oversize``, ``foreign`` (under the key of another
               agent), ``stale`` (of an earlier life of its owner), ``repeated`` (not newer than the last of its key);
+            - ``renumbered``: not a message, but the numbers of a key went on far behind its last, which was forged;
             - ``missing``: a gap in the numbers of a key says that they were lost on the way;
             - ``overflow``: more came than the handlers could take, and newer ones of the same keys took their place;
             - ``duplicate``: not a message, but another live agent of this one's name was seen;
@@ -85,7 +86,7 @@ class Transport(Protocol):
 
     @property
     def incarnation(self) -> int:
-        """Which life of the agent this is; a later one has a greater number."""
+        """Which life of the agent this is; a later one has another number, a greater where no clock was set back."""
 
     async def open(self) -> None:
         """Take part; return once messages to the handlers given so far arrive wherever this agent is seen.

@@ -11,8 +11,9 @@ KEY = join("rescue", "robot1", "patrol", "state")
 NAMES = st.text(st.characters(exclude_characters="/*$#?@", exclude_categories=["C", "Z"]), min_size=1, max_size=64)
 
 
-def reader(missing=None, **options):
-    return Unpacker("rescue", "receiver", missing or (lambda key, count: pytest.fail("nothing is missing")), **options)
+def reader(missing=None, *more, **options):
+    missing = missing or (lambda key, count: pytest.fail("nothing is missing"))
+    return Unpacker("rescue", "receiver", missing, *more, **options)
 
 
 def packer(owner="robot1", incarnation=1, **options):
@@ -93,6 +94,45 @@ def test_what_comes_again_or_late_is_refused():
     receiver.unpack(KEY, second)
     assert kind_of(receiver, KEY, second) == "repeated"
     assert kind_of(receiver, KEY, first) == "repeated"
+
+
+@pytest.mark.parametrize("ahead", [2000, 2**64 - 1])
+def test_a_forged_number_far_ahead_silences_nobody_for_long(ahead):
+    told = []
+    sender, forger = packer(), packer()
+    receiver = reader(lambda key, count: None, told.append)
+    receiver.unpack(KEY, sender.pack(KEY, b""))
+    forger._numbers[KEY] = ahead - 1
+    receiver.unpack(KEY, forger.pack(KEY, b"forged"))
+    dropped = [kind_of(receiver, KEY, sender.pack(KEY, b"")) for _ in range(7)]
+    assert dropped == ["repeated"] * 7
+    assert told == []
+    for _ in range(100):
+        assert receiver.unpack(KEY, sender.pack(KEY, b"honest")).body == b"honest"
+    assert told == [KEY]
+
+
+def test_messages_that_come_again_one_after_the_other_are_refused_all_the_same():
+    sender, receiver = packer(), reader(lambda key, count: None, lambda key: pytest.fail("these are repeated"))
+    messages = [sender.pack(KEY, b"") for _ in range(1000)]
+    for message in messages:
+        receiver.unpack(KEY, message)
+    for message in messages:
+        assert kind_of(receiver, KEY, message) == "repeated"
+    early = sender.pack(KEY, b"")
+    receiver.unpack(KEY, [sender.pack(KEY, b"") for _ in range(3000)][-1])
+    for _ in range(20):
+        assert kind_of(receiver, KEY, early) == "repeated"
+
+
+def test_a_forged_life_silences_nobody_who_is_seen_to_live():
+    receiver = reader(lambda key, count: None)
+    receiver.present("robot1", 3)
+    sender, forger = packer(incarnation=3), packer(incarnation=2**63)
+    receiver.unpack(KEY, sender.pack(KEY, b""))
+    receiver.unpack(KEY, forger.pack(KEY, b""))
+    for _ in range(3):
+        assert receiver.unpack(KEY, sender.pack(KEY, b"honest")).body == b"honest"
 
 
 def test_gaps_are_told_and_those_that_are_excused_are_not():

@@ -6,7 +6,6 @@ observations, and decides. The same calls give the same steps. Control layers, s
 
 from __future__ import annotations
 
-import copy
 import sys
 from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 
@@ -16,46 +15,28 @@ import numpy as np
 from mdm.beliefs import KnownState
 from mdm.beliefs.information import restore, snapshot
 from mdm.choice import check_choice
+from mdm.controller.construction import expectation, horizon_of, informed, reward_rows, seeded, with_false_negatives
+from mdm.controller.foreign_belief import checked_belief, copied
+from mdm.controller.step import Step
 from mdm.errors import ConfigError, ModelError
 from mdm.loading import model_of, policy_of
-from mdm.models import POMDP
 from mdm.models.digest import digest, of_parts
 from mdm.options import ControllerOptions, OnImpossible, check_options
 from mdm.policies import mismatch
 from mdm.symbols import Symbols
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     import numpy.typing as npt
 
-    from mdm.beliefs import Information
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models import MDP
     from mdm.models.matrices import Vector
     from mdm.models.space import Symbol
     from mdm.policies import Policy
 
-__all__ = ["Controller", "Step"]
-
-
-class Step(msgspec.Struct, frozen=True, gc=False):
-    """A decision.
-
-    Attributes:
-        epoch: Its number in the episode, from 0.
-        action: The (joint) action's index.
-        action_name: Its name.
-        reward: The expected immediate reward; None if it is not known.
-        probability: P(observation | information, action) of the observation before; 0 if it was impossible, None at
-            the start and for policies over states.
-    """
-
-    epoch: int
-    action: int
-    action_name: str
-    reward: float | None
-    probability: float | None = None
+__all__ = ["Controller"]
 
 
 class Controller:
@@ -107,7 +88,7 @@ class Controller:
         self.model: MDP | None = None if model is None else model_of(model)
         false_negative = options.get("false_negative")
         if false_negative is not None:
-            self.model = _with_false_negatives(self.model, false_negative)
+            self.model = with_false_negatives(self.model, false_negative)
         whole = policy_of(policy, self.model)
         wrong = None if self.model is None else mismatch(whole, self.model)
         if wrong is not None:
@@ -115,10 +96,11 @@ class Controller:
         self.symbols = Symbols(whole, self.model, agent)
         self.policy: Policy = self.symbols.policy
         if (seed := options.get("seed")) is not None:
-            self.policy = _seeded(self.policy, seed)
+            self.policy = seeded(self.policy, seed)
         # What a plan knows at its start it takes from the team's model; an agent's own part knows nothing of it.
-        self.information = self._informed(None if agent is not None else self.model, options.get("tracker"))
-        tracked = getattr(self.policy, "input", "belief") == "belief" and options.get("tracker") is None
+        tracker = options.get("tracker")
+        self.information = informed(self.policy, None if agent is not None else self.model, tracker)
+        tracked = getattr(self.policy, "input", "belief") == "belief" and tracker is None
         if false_negative is not None and not tracked:
             raise ConfigError(
                 "false negatives need a policy over beliefs, and the model's own belief tracker",
@@ -126,12 +108,16 @@ class Controller:
             )
         self.takes: Literal["state", "observation"] = getattr(self.information, "takes", "observation")
         self.symbols.takes = self.takes
-        self.horizon = self._horizon(options.get("horizon"))
+        self.horizon = horizon_of(self.information, options.get("horizon"))
         self.on_impossible: OnImpossible = options.get("on_impossible", "predict")
         check_choice(self.on_impossible, get_args(OnImpossible), "on_impossible", key="on_impossible")
-        self._own_tracker = options.get("tracker") is not None
-        self._expected = self._expectation()
-        self._rewards = self._reward_rows(options.get("rewards"))
+        self._own_tracker = tracker is not None
+        self._expected = expectation(self.information, own=self._own_tracker)
+        if self._expected is None and options.get("rewards") is not None:
+            raise ConfigError("a plan has no belief to expect rewards by: give no rewards", key="rewards")
+        self._rewards: list[Vector] | None = None
+        if self._expected is not None:
+            self._rewards = reward_rows(options.get("rewards"), self.model, self.symbols)
         self._initial: Vector | None = None
         self.epoch = 0
         self.impossible = 0
@@ -291,7 +277,7 @@ class Controller:
         """
         current = self.information.current
         if self._own_tracker:
-            current = self._checked_belief(current)
+            current = checked_belief(current, self.symbols.num_states)
         if action is None:
             action = self._choose(current)
         if action.__class__ is not int or not -1 < action < self._num_actions:
@@ -353,7 +339,7 @@ class Controller:
             return None
         belief: Any = getattr(self.information, "belief", Ellipsis)
         tracked: Vector | None = self.information.current if belief is Ellipsis else belief
-        return _copied(tracked) if self._own_tracker and tracked is not None else tracked
+        return copied(tracked) if self._own_tracker and tracked is not None else tracked
 
     @property
     def nodes(self) -> tuple[int, ...] | None:
@@ -435,72 +421,7 @@ class Controller:
         self._initial = None if initial is None else np.array(initial)
         self.problem = None
 
-    # -- Construction --------------------------------------------------------------------------------------------
-
-    def _informed(self, model: MDP | None, tracker: Information | None) -> Information:
-        if tracker is None:
-            return self.policy.information(model)
-        if getattr(self.policy, "input", "belief") != "belief":
-            raise ConfigError("a tracker needs a policy over beliefs", key="tracker")
-        if isinstance(tracker, type):
-            raise ConfigError(
-                f"a tracker is an object, not the class {tracker.__name__}: make one of it", key="tracker"
-            )
-        missing = [name for name in ("current", "reset", "update") if not hasattr(tracker, name)]
-        if missing:
-            raise ConfigError(
-                f"the tracker {type(tracker).__name__} has no {' and no '.join(missing)}; see mdm.beliefs.Information",
-                key="tracker",
-            )
-        return tracker
-
-    def _horizon(self, given: int | None) -> int | None:
-        stages: int | None = getattr(self.information, "horizon", None)
-        if given is None:
-            return stages
-        if isinstance(given, bool) or not isinstance(given, int) or given < 1:
-            raise ConfigError(f"a horizon is at least 1 decision, not {given!r}", key="horizon")
-        if stages is not None and given > stages:
-            raise ConfigError(
-                f"the policy is for episodes of at most {stages} decisions, not of {given}", key="horizon"
-            )
-        return given
-
-    def _expectation(self) -> Callable[[Vector], float] | None:
-        """Return the expectation of functions of the state; None if the information state has no states."""
-        known: Callable[[Vector], float] | None = getattr(self.information, "expected", None)
-        if known is None and self._own_tracker:
-            return lambda values: float(values.dot(self.information.current))
-        return known
-
-    def _reward_rows(self, given: npt.ArrayLike | None) -> list[Vector] | None:
-        """Return R as a row of S numbers for each action."""
-        if self._expected is None:
-            if given is not None:
-                raise ConfigError("a plan has no belief to expect rewards by: give no rewards", key="rewards")
-            return None
-        if given is None and self.model is None:
-            return None
-        rewards = self.model.rewards if given is None and self.model is not None else given
-        try:
-            array = np.asarray(rewards, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise ConfigError(f"rewards are a states x actions array of numbers: {error}", key="rewards") from None
-        if array.ndim != 2:
-            raise ConfigError(f"rewards are a states x actions array, not of shape {array.shape}", key="rewards")
-        if not np.isfinite(array).all():
-            state, action = (int(place[0]) for place in np.nonzero(~np.isfinite(array)))
-            raise ConfigError(
-                f"the reward of action {action} in state {state} is {array[state, action]}", key="rewards"
-            )
-        states, actions = array.shape
-        if (states, actions) != (self.symbols.num_states or states, self.policy.num_actions):
-            raise ConfigError(
-                f"the rewards are for {states} states and {actions} actions, but the policy is for "
-                f"{self.symbols.num_states} and {self.policy.num_actions}",
-                key="rewards",
-            )
-        return list(np.ascontiguousarray(array.T))
+    # -- Checks --------------------------------------------------------------------------------------------------
 
     def _observed(self, observation: Any) -> int | tuple[int | None, ...] | None:
         """Return an observation by index or components, as information states take it."""
@@ -516,8 +437,6 @@ class Controller:
         if state is None:
             raise ModelError("the policy has seen no state yet: tell it one with see()")
         return state
-
-    # -- Checks --------------------------------------------------------------------------------------------------
 
     def _impossible(self, observation: Any) -> None:
         assert self.last_action is not None
@@ -540,48 +459,3 @@ class Controller:
                 return int(action)
             raise ModelError(f"the policy chose action {action}, but its actions are 0 to {self._num_actions - 1}")
         raise ModelError(f"the policy chose {action!r}, but an action's index is needed")
-
-    def _checked_belief(self, belief: Any) -> Vector:
-        """Return a copy of the belief of a user's tracker, which may change its own in place; refuse an invalid one."""
-        try:
-            array = _copied(belief)
-        except (TypeError, ValueError):
-            raise ModelError(f"the tracker's belief is not an array of numbers, but {belief!r}") from None
-        size = self.symbols.num_states
-        if array.shape != (array.size if size is None else size,):
-            raise ModelError(f"the tracker's belief has the shape {array.shape}, but there are {size} states")
-        if not (np.isfinite(array).all() and (array >= 0).all() and abs(array.sum() - 1) < 1e-6):
-            raise ModelError(
-                "the tracker's belief is not a distribution: its numbers are negative, not finite, or do not sum to 1"
-            )
-        return array
-
-
-def _copied(belief: Any) -> Vector:
-    """Return a belief as an immutable array of its own."""
-    array = np.array(belief, dtype=np.float64)
-    array.flags.writeable = False
-    return array
-
-
-def _with_false_negatives(model: MDP | None, symbol: Symbol) -> POMDP:
-    if not isinstance(model, POMDP):
-        raise ConfigError(
-            "false negatives need a POMDP to track the belief, but there is none",
-            key="false_negative",
-        )
-    try:
-        return model.with_false_negatives(symbol)
-    except ModelError as error:
-        raise ConfigError(str(error), key="false_negative") from None
-
-
-def _seeded(policy: Policy, seed: int) -> Policy:
-    """Return a policy that draws by a seed; the one that was given stays as it is."""
-    if not hasattr(policy, "seed"):
-        raise ConfigError("a seed is for policies that draw their actions, which this one does not", key="seed")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise ConfigError(f"a seed is a whole number from 0 on, not {seed!r}", key="seed")
-    own = copy.copy(policy)
-    own.seed(int(seed))
-    return own

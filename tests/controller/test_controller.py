@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from places import EXAMPLES
 from random_models import flat_models
+from trackers import Halving
 
 import mdm
 from mdm.controller import Controller
@@ -228,21 +229,6 @@ def test_digests_differ_where_controllers_do():
     assert moved.digest() != seen[0]
 
 
-class Halving:
-    """An information state of a user's own, with no more than the protocol asks for."""
-
-    def __init__(self):
-        self.reset()
-
-    def reset(self, belief=None):
-        self.current = np.full(2, 0.5) if belief is None else np.asarray(belief)
-
-    def update(self, action, observation):
-        if observation is not None:
-            self.current = np.eye(2)[observation] * 0.5 + self.current / 2
-        return 1.0
-
-
 def test_a_tracker_of_one_s_own():
     controller = Controller(EXAMPLES / "tiger.vf", tiger(), tracker=Halving())
     assert controller.start().reward == -1
@@ -319,49 +305,6 @@ def test_a_state_that_is_not_seen_again_stays():
     with pytest.raises(mdm.ModelError, match="there is no state 7"):
         controller.advance(7)
     assert [controller.see(1).action, controller.observe().action, controller.observe().epoch] == [1, 1, 0]
-
-
-class Broken(Halving):
-    def update(self, action, observation):
-        self.current = np.array([np.nan, 1.0])
-        return 1.0
-
-
-def test_no_belief_that_is_none_is_acted_on():
-    controller = Controller(EXAMPLES / "tiger.vf", tiger(), tracker=Broken())
-    controller.start()
-    with pytest.raises(mdm.ModelError, match="the tracker's belief is not a distribution"):
-        controller.observe(0)
-
-
-class Shifting(Halving):
-    """Changes its array in place."""
-
-    def update(self, action, observation):
-        self.current[:] = [0.25, 0.75]
-        return 1.0
-
-
-def test_a_tracker_that_changes_its_array_in_place_changes_nothing_that_was_told():
-    controller = Controller(EXAMPLES / "tiger.vf", tiger(), tracker=Shifting())
-    controller.start()
-    told, decided_by = controller.belief, controller.decided_by
-    controller.observe(0)
-    np.testing.assert_array_equal([told, decided_by, controller.belief], [[0.5, 0.5], [0.5, 0.5], [0.25, 0.75]])
-    with pytest.raises(ValueError, match="read-only"):
-        controller.belief[0] = 1.0
-
-
-@pytest.mark.parametrize(
-    ("belief", "words"),
-    [("left", "is not an array of numbers, but 'left'"), ([0.2, 0.3, 0.5], r"has the shape \(3,\), but there are 2")],
-)
-def test_what_is_no_belief_of_a_tracker_is_refused(belief, words):
-    tracker = Halving()
-    controller = Controller(EXAMPLES / "tiger.vf", tiger(), tracker=tracker)
-    tracker.reset = lambda _=None: setattr(tracker, "current", belief)
-    with pytest.raises(mdm.ModelError, match=words):
-        controller.start()
 
 
 class Minus(StatePolicy):

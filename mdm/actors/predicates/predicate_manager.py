@@ -349,13 +349,7 @@ class PredicateManager(Actor):
                         self._watch(name)
         if change is None:
             return
-        rising, falling, unknown, events, armed, disarmed = change
-        if events or armed or disarmed or self.map.heard:
-            self._publish(update.time, change)
-        else:  # hot path: predicates alone have changed
-            self._counter = counter = self._counter + 1
-            message = PredicateUpdate(update.time, counter, rising, falling, unknown)
-            self.updates.emit_on(message, rising, falling, unknown)
+        self._publish(update.time, change)
 
     def _fresh(self, update: SensorUpdate) -> tuple[tuple[str, bool | None], ...]:
         """Return the values of an update, unknown where they waited for longer than they hold."""
@@ -368,13 +362,13 @@ class PredicateManager(Actor):
         return tuple((name, None if name in stale else value) for name, value in update.predicates)
 
     def _publish(self, time: int, change: Change) -> None:
-        rising, falling, unknown, events, armed, disarmed = change
-        if armed or disarmed:
-            for name in disarmed:
+        rising, falling, unknown, events = change.rising, change.falling, change.unknown, change.events
+        if change.armed or change.disarmed:
+            for name in change.disarmed:
                 timer = self._hold_timers.pop(name, None)
                 if timer is not None:
                     timer.cancel()
-            for name in armed:
+            for name in change.armed:
                 self._arm(name, time)
         if rising or falling or unknown:
             self._counter = counter = self._counter + 1

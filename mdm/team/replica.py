@@ -33,6 +33,8 @@ __all__ = ["Replica", "ReplicaStatistics"]
 _PATIENCE = 1.0
 _ALL = "all"
 _MAJORITY = frozenset({"lost_majority"})
+_BEHIND = (Entries, Snapshot)
+"""Messages that tell of steps which others took before."""
 
 
 class ReplicaStatistics(ActorStatistics, frozen=True):
@@ -96,6 +98,8 @@ class Replica(TeamLayer):
         self._timer: Timer | None = None
         self._age: Timer | None = None
         self._saying: Subscription[list[Send]] = Subscription(None, self, self._say)
+        self._concluding: Subscription[None] = Subscription(None, self, self._conclude)
+        self._concludes = False
 
     @property
     def agreement(self) -> Agreement:
@@ -121,7 +125,7 @@ class Replica(TeamLayer):
     def on_start(self) -> None:
         """Listen to the own layers and to the other agents."""
         self._timer = self._age = None
-        self._asked = self._behind = False
+        self._asked = self._behind = self._concludes = False
         if self._saved is not None:  # the ensemble has failed, and begins anew: the team has gone on
             self.restore(self._saved)
         super().on_start()
@@ -148,16 +152,28 @@ class Replica(TeamLayer):
         self._send(self.agreement.propose(None, self.runtime.clock.now(), command))
 
     def _send(self, sends: list[Send]) -> None:
-        """Put what the agreement says, and do what follows from where it stands."""
+        """Have said what the agreement says, and done what follows from where it stands.
+
+        Both come behind this agent's callback, but for what may keep it from being called.
+        """
+        agreement = self.agreement
+        if self._behind or agreement.reports or agreement.role != self._role:
+            self._follow_up()
         if sends:
-            # In a turn of its own, so that this agent's callback does not wait while Zenoh and its threads take the
-            # core.
             self.runtime.dispatcher.deliver(self._saying, sends)
-        self._follow_up()
+        if not self._concludes:
+            self._concludes = True
+            self.runtime.dispatcher.deliver_behind(self._concluding, None)
 
     def _say(self, sends: list[Send]) -> None:
         for send in sends:
             self.link.put(f"{self._key}/{send.to or _ALL}", encode(send.message), priority="step")
+
+    def _conclude(self, _: None) -> None:
+        """Do at the end of a turn what nobody waits for."""
+        self._concludes = False
+        self._follow_up()
+        self.copy.digest()  # for which the next step then need not wait
 
     # -- What the others say -------------------------------------------------------------------------------------
 
@@ -168,7 +184,7 @@ class Replica(TeamLayer):
             self.malformed += 1
             return
         now = self.runtime.clock.now()
-        if isinstance(message, Entries | Snapshot) and not self._behind:
+        if isinstance(message, _BEHIND) and not self._behind:
             self._behind = True
             self.ensemble.control.catch_up(now, over=False)
         self._send(self.agreement.receive(sample.owner, sample.incarnation, message, now))

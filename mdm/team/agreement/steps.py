@@ -73,7 +73,7 @@ class Steps(Standing):
         if not self.components and not self.commands:
             return False
         step, applied = self.history.position.step, self.applied
-        if sum(1 for known in applied.values() if known == step) < self.majority:
+        if list(applied.values()).count(step) < self.majority:
             return False
         if self.overdue:
             return True

@@ -38,6 +38,8 @@ ACROSS = {
     "cli/test_commands.py": "what all verbs have in common",
     "config/test_mutations.py": "mutated files, all of them",
     "actors/control/test_controller_run.py": "control layers that run the nodes of a plan",
+    "actors/test_failed_actions.py": "the action layer: actions that fail, or do not end",
+    "actors/test_hierarchy.py": "ensembles above and below each other",
     "actors/test_lost_input.py": "safety: input that is lost",
     "actors/test_safe_end.py": "safety: the end of ensembles",
     "actors/test_safe_order.py": "safety: ensembles above and below each other",

@@ -18,6 +18,7 @@ VERBS = {
     "stop": "mdm.cli.team.commands",
     "reset": "mdm.cli.team.commands",
     "check": "mdm.cli.team.check",
+    "decisions": "mdm.cli.team.decisions",
     "certificates": "mdm.cli.team.certificates",
 }
 

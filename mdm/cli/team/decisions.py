@@ -1,0 +1,173 @@
+"""``mdm team decisions``: whether agents have decided the same, and how long they have decided nothing."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from mdm.errors import Error
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterable
+
+__all__ = ["Line", "Told", "add_parser", "read", "run", "tell"]
+
+
+class Line(msgspec.Struct, frozen=True):
+    """A joint step as an agent has told it in its file."""
+
+    agent: str
+    ensemble: str
+    term: tuple[int, str, int]
+    step: int
+    time: float
+    input: dict[str, Any]
+    missing: tuple[str, ...]
+    action: str | None
+    digest: str
+    command: str | None = None
+
+    @property
+    def place(self) -> str:
+        """Which step it is, in words."""
+        return f"step {self.step} of term {self.term[0]}, which {self.term[1]!r} leads"
+
+
+class Told(msgspec.Struct, frozen=True):
+    """What the files tell of an ensemble.
+
+    Attributes:
+        agents: The steps in each agent's file.
+        steps: The steps in any file.
+        shared: The steps in more than one.
+        differing: How many of these are not the same.
+        difference: The first of them, in words.
+        pause: The longest time in seconds from one step to the next that any agent has told; not after a stop.
+        before: The step before that time.
+        after: The step after it.
+    """
+
+    agents: dict[str, int]
+    steps: int
+    shared: int
+    differing: int
+    difference: str | None
+    pause: float
+    before: str | None
+    after: str | None
+
+
+def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help="compare files of decisions",
+        description=(
+            "Read the files that --decisions has made, and say whether all agents have decided the same, and what was "
+            "the longest time without a decision of any of them. The exit status is 1 if a step differs."
+        ),
+        epilog="example: mdm team decisions decided/",
+    )
+    parser.add_argument("paths", metavar="PATH", nargs="+", help="a file of decisions, or a folder of such files")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compare the files; return the exit status."""
+    told = tell(read(arguments.paths))
+    if arguments.json:
+        print(msgspec.json.encode(told).decode())
+    else:
+        for ensemble, one in told.items():
+            print("\n".join(_text(ensemble, one)))
+    return int(any(one.differing for one in told.values()))
+
+
+def read(paths: Iterable[str | Path]) -> list[Line]:
+    """Return the steps in files of decisions, or in those of folders.
+
+    Raises:
+        Error: If there is no such file, or a line is no step.
+    """
+    files: list[Path] = []
+    for path in map(Path, paths):
+        files += sorted(path.glob("*.jsonl")) if path.is_dir() else [path]
+    lines = [line for file in files for line in _lines(file)]
+    if not lines:
+        raise Error(f"there is no decision in {', '.join(map(str, files or paths))}")
+    return lines
+
+
+def _lines(file: Path) -> list[Line]:
+    try:
+        *whole, _ = file.read_bytes().split(b"\n")  # the last line is empty, or was broken off by a crash
+    except OSError as error:
+        raise Error(f"{file}: {error.strerror}") from None
+    found = []
+    for number, text in enumerate(whole, 1):
+        try:
+            found.append(msgspec.json.decode(text, type=Line))
+        except (msgspec.MsgspecError, ValueError) as error:
+            raise Error(f"{file}, line {number}: this is no decision of a team: {error}") from None
+    return found
+
+
+def tell(lines: Iterable[Line]) -> dict[str, Told]:
+    """Return what steps tell, by ensemble."""
+    by_ensemble: dict[str, list[Line]] = {}
+    for line in lines:
+        by_ensemble.setdefault(line.ensemble, []).append(line)
+    return {ensemble: _told(found) for ensemble, found in by_ensemble.items()}
+
+
+def _told(lines: list[Line]) -> Told:
+    agents: dict[str, set[Any]] = {}
+    steps: dict[Any, dict[str, Line]] = {}
+    for line in sorted(lines, key=lambda line: line.time):
+        place = (line.term, line.step)
+        agents.setdefault(line.agent, set()).add(place)
+        steps.setdefault(place, {}).setdefault(line.agent, line)
+    differences = [found for each in steps.values() if (found := _difference(list(each.values()))) is not None]
+    firsts = [next(iter(each.values())) for each in steps.values()]
+    follows = [(before, after) for before, after in pairwise(firsts) if before.command != "stop"]
+    longest = max(follows, key=lambda pair: pair[1].time - pair[0].time, default=None)
+    return Told(
+        agents={agent: len(places) for agent, places in sorted(agents.items())},
+        steps=len(steps),
+        shared=sum(len(each) > 1 for each in steps.values()),
+        differing=len(differences),
+        difference=differences[0] if differences else None,
+        pause=longest[1].time - longest[0].time if longest else 0.0,
+        before=longest[0].place if longest else None,
+        after=longest[1].place if longest else None,
+    )
+
+
+def _difference(lines: list[Line]) -> str | None:
+    """Return what differs first in one step as agents tell it."""
+    one = lines[0]
+    for other in lines[1:]:
+        for field in ("input", "missing", "command", "action", "digest"):
+            mine, its = getattr(one, field), getattr(other, field)
+            if mine != its:
+                return f"{one.place}: {field} is {mine!r} at {one.agent!r} and {its!r} at {other.agent!r}"
+    return None
+
+
+def _text(ensemble: str, told: Told) -> list[str]:
+    agents = ", ".join(f"{count:,} of {agent}" for agent, count in told.agents.items())
+    same = "the same at all of them" if told.difference is None else f"and {told.differing:,} of these differ"
+    text = [
+        f"{ensemble}: {told.steps:,} steps ({agents})",
+        f"  {told.shared:,} of them told by more than one agent, {same}",
+    ]
+    if told.difference is not None:
+        text.append(f"  first: {told.difference}")
+    if told.before is not None:
+        text.append(f"  longest time without a decision: {told.pause:.3f} s, from {told.before}, to {told.after}")
+    return text

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
+from mdm.errors import Error
+
 if TYPE_CHECKING:
     from mdm.runtime.actor import Actor
 
@@ -41,10 +43,19 @@ class Sharing:
         return () if loan is None else tuple(loan.users)
 
     def reserve(self, actor: Actor, user: Actor) -> str:
-        """Take a user down; return what the actor's path begins with: the path of its first one."""
+        """Take a user down; return what the actor's path begins with: the path of its first one.
+
+        Raises:
+            Error: If it lives in another runtime, whose channels its user does not hear.
+        """
         loan = self._loans.get(actor)
         if loan is None:
             if actor.parent is not None:
+                if actor.life != "created" and actor.runtime is not user.runtime:
+                    raise Error(
+                        f"actor {user.path!r} cannot use {actor.path!r}, for {actor.path!r} lives in another runtime: "
+                        "give each runtime one of its own"
+                    )
                 return ""
             loan = self._loans[actor] = _Loan(user.path)
         loan.users[user] = None

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 from recorded import Recorded
 
-from mdm import Actor, ActorFailure, Ensemble, PredicateManager, Restart, Runtime, StateFactor, run
+from mdm import Actor, ActorFailure, Ensemble, Error, PredicateManager, Restart, Runtime, StateFactor, run
 from mdm.testing import crash, run_virtual
 
 
@@ -143,3 +143,23 @@ def test_a_manager_that_fails_ends_a_runtime_whose_ensembles_escalate():
 
     with pytest.raises(ActorFailure, match="predicates"):
         run(main, virtual=True)
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_what_lives_in_another_runtime_is_refused_until_that_lets_go(shared):
+    """Its channels are the other's: who used it would hear nothing any more as soon as it starts anew there."""
+    log = []
+
+    async def main():
+        used = Recorded("used", log)
+        first, second = User("first", used), User("second", used)
+        async with Runtime(log=None) as one, Runtime(log=None) as other:
+            await one.start(first if shared else used)
+            words = f"'{used.path}' lives in another runtime: give each runtime one of its own"
+            with pytest.raises(Error, match=words):
+                await other.start(second)
+            await one.stop(first if shared else used)
+            await other.start(second)
+            assert (used.life, used.path, used.runtime is other) == ("running", "second/used", True)
+
+    run(main, virtual=True)

@@ -1,7 +1,7 @@
 """A member of a team in a process of its own: prints each joint step that it applies as JSON, until it is ended.
 
-Its argument is JSON: the agent, the agents with their endpoints, the period or none, and the share of messages that are
-dropped on arrival, by a seed.
+Its argument is JSON: the agent, the agents with their endpoints, the period or none, the share of messages that are
+dropped on arrival, by a seed, and the file for its decisions.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ async def main():
         loss=options["loss"],
         seed=options["seed"],
     )
-    member = team.member(agent, ensemble, transport=session)
+    member = team.member(agent, ensemble, transport=session, decisions=options["decisions"])
     chance = random.Random(options["seed"])
     async with mdm.Runtime(log=None) as runtime:
         runtime.channel(f"{agent}/commits", Committed).subscribe(tell)

@@ -47,15 +47,15 @@ class Peer:
 
 
 @asynccontextmanager
-async def peers(program=PROGRAM):
-    """Yield a function that starts a peer; those that still run at the end are killed."""
+async def peers(program=PROGRAM, **environment):
+    """Yield a function that starts a peer, in this environment; those that still run at the end are killed."""
     started = []
 
     async def start(**options):
         process = await asyncio.create_subprocess_exec(
             sys.executable, program, json.dumps({"team": "team", "lease": 2.0, **options}),
             stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"},
+            env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}", **environment},
         )  # fmt: skip
         peer = Peer(process)
         started.append(peer)

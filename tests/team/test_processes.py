@@ -11,7 +11,12 @@ import pytest
 from peers import peers
 from places import ROOT
 
+from mdm.cli.team.decisions import read, tell
+
 PROGRAM = ROOT / "tests" / "member_program.py"
+
+LONGEST_PAUSE = 20.0
+"""Seconds: a lease is 1, but messages get lost and the machine may be busy."""
 
 
 def endpoints(names):
@@ -59,15 +64,15 @@ def check_the_same(told):
     return known
 
 
-async def run(count, period, loss):
+async def run(folder, count, period, loss):
     names = "abcd"[:count]
     agents = endpoints(names)
-    async with peers(PROGRAM) as start:
+    async with peers(PROGRAM, TMPDIR=str(folder / "temporary")) as start:
         seeds = iter(range(100))
 
         async def begin(agent):
             options = {"agent": agent, "agents": agents, "period": period, "loss": loss, "seed": next(seeds)}
-            return Told(await start(**options))
+            return Told(await start(**options, decisions=str(folder / f"{agent}.jsonl")))
 
         told: list[Told] = []
         try:
@@ -106,6 +111,16 @@ async def befall(names, told, begin):
 
 
 @pytest.mark.parametrize(("count", "period"), [(3, 0.05), (4, 0.05), (3, None)])
-def test_processes_decide_the_same_through_crashes_hangs_and_losses(count, period):
+def test_processes_decide_the_same_through_crashes_hangs_and_losses(count, period, tmp_path, record_property):
     pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
-    asyncio.run(run(count, period, loss=0.3))
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    asyncio.run(run(tmp_path, count, period, loss=0.3))
+    assert list(temporary.iterdir()) == []
+    assert {path.name for path in tmp_path.glob("*.jsonl")} == {f"{name}.jsonl" for name in "abcd"[:count]}
+    told = tell(read([tmp_path]))["joint"]
+    record_property("longest time without a decision", told.pause)
+    print(f"longest time without a decision: {told.pause:.3f} s, from {told.before}, to {told.after}")
+    assert told.difference is None
+    assert told.shared >= 40
+    assert told.pause < LONGEST_PAUSE

@@ -50,6 +50,14 @@ async def until_step_0(robots):
     await asyncio.sleep(now // PERIOD * PERIOD + PERIOD / 5 - now)
 
 
+async def two(runtime, build=None, **options):
+    """Return two robots at step 0, on a network with these options."""
+    network = Network(runtime.clock, team="tigers", **options)
+    robots = await started(runtime, tigers(), network, build or over_beliefs(TIGER))
+    await until_step_0(robots)
+    return robots
+
+
 def decisions(robot):
     return [commit for commit in robot.commits if commit.command is None]
 
@@ -209,9 +217,7 @@ def test_what_is_lost_is_summed_over():
 
 def test_commands_are_for_all_and_a_new_episode_begins_anew():
     async def main(runtime):
-        network = Network(runtime.clock, team="tigers", loss=0.2, seed=2)
-        left, right = await started(runtime, tigers(), network, over_beliefs(TIGER))
-        await until_step_0([left, right])
+        left, right = await two(runtime, loss=0.2, seed=2)
         await observe([left, right], seen(3))
         right.ensemble.stop()
         await asyncio.sleep(3.0)
@@ -289,13 +295,10 @@ def test_who_crashes_is_lost_and_takes_part_again_when_it_comes_back():
 
 def test_what_was_really_done_is_told():
     async def main(runtime):
-        network = Network(runtime.clock, team="tigers")
-
         def build(robot, agent):
             return over_beliefs(TIGER)(robot, agent, safe_action="open-left")
 
-        left, right = await started(runtime, tigers(), network, build)
-        await until_step_0([left, right])
+        left, right = await two(runtime, build)
         await observe([left, right], seen(2))
         told = []
         network_word = right.replica._hear
@@ -312,9 +315,7 @@ def test_what_was_really_done_is_told():
 
 def test_a_loop_that_hangs_goes_on_at_the_present_step():
     async def main(runtime):
-        network = Network(runtime.clock, team="tigers")
-        left, right = await started(runtime, tigers(), network, over_beliefs(TIGER))
-        await until_step_0([left, right])
+        left, right = await two(runtime)
         left.replica._on_tick, kept = lambda tick: None, left.replica._on_tick
         for ticker in list(left.replica._Actor__timers):
             ticker.cancel()
@@ -363,9 +364,7 @@ def test_who_returns_with_another_configuration_takes_no_part_and_says_why():
 
 def test_garbage_is_counted():
     async def main(runtime):
-        network = Network(runtime.clock, team="tigers")
-        left, right = await started(runtime, tigers(), network, over_beliefs(TIGER))
-        await until_step_0([left, right])
+        left, right = await two(runtime)
         right.member.link.put("mdm/tigers/right/joint/word", b"garbage", priority="step")
         word = right.replica._say
         word((mdm.team.Experience(1, 99, 0),))
@@ -384,9 +383,7 @@ def test_garbage_is_counted():
 
 def test_clocks_that_differ_are_reported_once():
     async def main(runtime):
-        network = Network(runtime.clock, team="tigers")
-        left, right = await started(runtime, tigers(), network, over_beliefs(TIGER))
-        await until_step_0([left, right])
+        left, _ = await two(runtime)
         compare = left.replica._compare_clocks
         left.replica._compare_clocks = lambda sample: compare(
             msgspec.structs.replace(sample, time=sample.time + 2_000_000_000)

@@ -12,6 +12,18 @@ from mdm.errors import Error
 pytestmark = pytest.mark.parametrize("world", [SIMULATED, LOOPBACK])
 
 
+async def hear(net, sender, receiver):
+    """Have one subscribe to the other, and hear it."""
+    got = []
+    receiver.subscribe("mdm/team/a/**", got.append)
+
+    def put():
+        sender.put(key("a"), b"")
+        return got
+
+    await net.until(put)
+
+
 def test_messages_come_in_order_and_not_to_their_sender(world):
     async def main(net):
         first, second = net.transport("a"), net.transport("b")
@@ -56,14 +68,7 @@ def test_what_is_subscribed_later_comes_too(world):
     async def main(net):
         first, second = net.transport("a"), net.transport("b")
         await net.open(first, second)
-        got = []
-        second.subscribe("mdm/team/a/**", got.append)
-
-        def put():
-            first.put(key("a"), b"")
-            return got
-
-        await net.until(put)
+        await hear(net, first, second)
 
     world(main)
 
@@ -198,14 +203,7 @@ def test_a_name_that_is_live_is_refused(world):
         with pytest.raises(Error, match="agent 'a' of team 'team' is live already"):
             await again.open()
         await again.close()
-        got = []
-        second.subscribe("mdm/team/a/**", got.append)
-
-        def put():
-            first.put(key("a"), b"")
-            return got
-
-        await net.until(put)
+        await hear(net, first, second)
 
     world(main)
 

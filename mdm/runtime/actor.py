@@ -29,7 +29,8 @@ from mdm.runtime.supervision import (
     text_of,
     was_cancelled,
 )
-from mdm.runtime.work import Work, hide, wait_all
+from mdm.runtime.work import hide
+from mdm.runtime.workload import Workload
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from mdm.runtime.clock import Timer
     from mdm.runtime.executors import Jobs
     from mdm.runtime.runtime import Runtime
+    from mdm.runtime.work import Work
 
 __all__ = ["Actor"]
 
@@ -93,8 +95,7 @@ class Actor:
         self.__channels: dict[str, Channel[Any]] = {}
         self.__subscriptions: list[Subscription[Any]] = []
         self.__timers: WeakSet[Timer | Ticker] = WeakSet()
-        self.__work: dict[Work, None] = {}
-        self.__works = False
+        self.__work = Workload(self)
         self.__received = 0
         self.__skipped = 0
         self.__failures = 0
@@ -300,47 +301,11 @@ class Actor:
             Error: If the actor does not live (what takes time at its end belongs in `on_stopping`), what was given
                 cannot be awaited, or ``ended`` is no plain function.
         """
-        try:
-            if not self.__works:
-                raise Error(f"actor {self.path!r} does not run, so it cannot begin work {name!r}")
-            if not inspect.isawaitable(awaitable):
-                raise Error(f"work is an awaitable, such as what an async function returns, not {awaitable!r}")
-            if ended is not None:
-                check_plain(ended, f"what is called at the end of work {name!r}")
-        except Error:
-            if inspect.iscoroutine(awaitable):
-                awaitable.close()
-            raise
-        turn = Subscription(None, self, ended if ended is not None else self.__judge)
-        runtime = self.runtime
-        dispatcher = runtime.dispatcher
-
-        def done(work: Work) -> None:
-            self.__work.pop(work, None)
-            if not work.abandoned:
-                dispatcher.deliver(turn, work)
-            else:  # a list of its own: whoever goes through the old one, awaiting each, misses none
-                runtime.abandoned = [other for other in runtime.abandoned if other is not work]
-            if isinstance(work.error, LEAVING):
-                runtime.abort(work.error)
-
-        work = Work(awaitable, f"mdm:{self.path}/{name or 'work'}", done, jobs)
-        self.__work[work] = None
-        return work
+        return self.__work.begin(awaitable, ended, name, jobs)
 
     def abandon(self, work: Work) -> None:
         """Own a piece of work no longer: it did not end when it was asked to."""
-        work.abandon()
-        self.__work.pop(work, None)
-        if not work.done:
-            self.runtime.abandoned.append(work)
-
-    @staticmethod
-    def __judge(work: Work) -> None:
-        if work.error is not None:
-            raise work.error
-        if work.cancelled and not work.interrupted:
-            raise ActorFailure(f"work {work.name!r} was cancelled, but not by its actor")
+        self.__work.abandon(work)
 
     def report(self, kind: str, detail: str, *, time: int | None = None) -> None:
         """Publish a `Fault` of this actor."""
@@ -488,7 +453,7 @@ class Actor:
         failed: BaseException | None = None
         async with anyio.create_task_group() as group:
             self.__group = group
-            self.__works = True
+            self.__work.open = True
             self.__change("starting")
             permanent = tuple(self.children)
             try:
@@ -568,9 +533,9 @@ class Actor:
         self.__group = None
         self.__release()
         try:
-            await self.__end_work()
+            await self.__work.end(self.grace)
         finally:
-            self.__works = False
+            self.__work.open = False
             self.__release()  # what ending work has subscribed to or set
             try:
                 self.on_stop()
@@ -587,26 +552,6 @@ class Actor:
         self.report("exception", describe(error))
         if isinstance(error, LEAVING):
             self.runtime.abort(error)
-
-    async def __end_work(self) -> None:
-        clock = self.runtime.clock
-        began = clock.now()
-        asked: set[Work] = set()
-        try:
-            while self.__work:
-                for work in self.__work:  # the end of one may have begun another
-                    if work not in asked:
-                        asked.add(work)
-                        work.cancel()
-                remaining = self.grace - (clock.now() - began) / 1e9
-                if remaining <= 0:
-                    break
-                await wait_all(self.__work, remaining)
-        finally:
-            waited = (clock.now() - began) / 1e9
-            for work in tuple(self.__work):
-                self.abandon(work)
-                self.report("abandoned", f"{work.name} did not end within {waited:.3g} s of being cancelled")
 
     def __release(self) -> None:
         for subscription in self.__subscriptions:

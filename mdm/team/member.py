@@ -17,7 +17,7 @@ from mdm.team.communicating.talker import Talker
 from mdm.team.decisions import Decisions
 from mdm.team.link import Link
 from mdm.team.outpost import Outpost
-from mdm.team.placement import Placement
+from mdm.team.placement import Placement, placement_of
 from mdm.team.replica import Replica, ReplicaStatistics
 from mdm.team.sharing.calls import Answers
 from mdm.team.sharing.predicates import Followed, Told, wanted
@@ -81,7 +81,8 @@ class Member(Actor):
         agent: Which agent it is.
         ensembles: What it decides; of the same names at every agent.
         transport: What carries its messages; by default a session of Zenoh.
-        placement: Where the layers of ensembles are, by the ensembles' names. One whose control layer is placed at an
+        placement: Where the layers of ensembles are, by the ensembles' names; a mapping stands for the `Placement` with
+            these arguments. One whose control layer is placed at an
             agent is decided there, whatever the team's mode.
         exports: Channels of this agent that others may import, such as ``patrol/belief``; a mapping to the types of
             their messages where they are none of an ensemble's own.
@@ -106,7 +107,7 @@ class Member(Actor):
         ensembles: Sequence[Ensemble],
         *,
         transport: Transport | None = None,
-        placement: Mapping[str, Placement] | None = None,
+        placement: Mapping[str, Placement | Mapping[str, Any]] | None = None,
         exports: Iterable[str] | Mapping[str, type[Any]] = (),
         imports: Iterable[str] | Mapping[str, type[Any]] = (),
         allowance: Allowance | None = None,
@@ -126,7 +127,7 @@ class Member(Actor):
             )
         if transport.agent != agent:
             raise ConfigError(f"the transport is that of agent {transport.agent!r}, not of {agent!r}", key="transport")
-        given = dict(placement or {})
+        given = {name: placement_of(one) for name, one in (placement or {}).items()}
         self.link = Link(team, transport, _facts(team, self.ensembles, given))
         self.layers: dict[str, Replica | Centre | Outpost | Talker] = {}
         self.lost: tuple[str, ...] = ()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import msgspec
 
 from mdm.errors import ConfigError
+from mdm.logic import similar
 
-__all__ = ["Placement"]
+__all__ = ["Placement", "placement_of"]
 
 
 class Placement(msgspec.Struct, frozen=True):
@@ -42,3 +44,21 @@ class Placement(msgspec.Struct, frozen=True):
         for name in names:
             if name is not None and not isinstance(name, str):
                 raise ConfigError(f"a placement names agents of the team, not {name!r}", key="placement")
+
+
+def placement_of(given: Placement | Mapping[str, Any]) -> Placement:
+    """Return a placement; a mapping has its arguments by name.
+
+    Raises:
+        ConfigError: If it is none.
+    """
+    if isinstance(given, Placement):
+        return given
+    if not isinstance(given, Mapping):
+        raise ConfigError(f"a placement is a mdm.team.Placement(...), or a mapping, not {given!r}", key="placement")
+    names = Placement.__struct_fields__
+    for name in given:
+        if name not in names:
+            hint = similar(str(name), names) or f"; it has {', '.join(names)}"
+            raise ConfigError(f"a placement has no {name!r}{hint}", key="placement")
+    return Placement(**given)

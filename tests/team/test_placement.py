@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import mdm
-from mdm.team.placement import Placement
+from mdm.team.placement import Placement, placement_of
 
 
 def test_nothing_is_placed_by_default():
@@ -16,3 +16,23 @@ def test_nothing_is_placed_by_default():
 def test_only_agents_are_places(given):
     with pytest.raises(mdm.ConfigError, match="names agents of the team"):
         Placement(**given)
+
+
+def test_a_mapping_stands_for_a_placement():
+    placement = Placement(control="base", inputs="robot")
+    assert placement_of(placement) is placement
+    assert placement_of({"control": "base", "inputs": "robot"}) == placement
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"contol": "base"}, "a placement has no 'contol'.*control"),
+        ({"x": "base"}, "a placement has no 'x'; it has control, actions, inputs"),
+        ("base", "a mapping, not 'base'"),
+        ({"control": 3}, "names agents of the team"),
+    ],
+)
+def test_what_is_no_placement_is_refused(given, words):
+    with pytest.raises(mdm.ConfigError, match=words):
+        placement_of(given)

@@ -79,7 +79,7 @@ class Link(Actor):
     Args:
         team: The team.
         transport: What carries the messages of one of its agents.
-        facts: What must be the same at all agents for them to hear each other, by what it is.
+        facts: What must be the same at all agents that have it for them to hear each other, by what it is.
 
     Attributes:
         live: The agents that this one hears and that hear it, by incarnation, itself included; without those who said
@@ -148,6 +148,11 @@ class Link(Actor):
         if self.opened and not self._leaving:
             self.transport.put(self.key(FAREWELL), b"", priority="step")
         self._leaving = True
+
+    @property
+    def leaving(self) -> bool:
+        """Whether this agent has said that it leaves."""
+        return self._leaving
 
     def refuse(self, reason: str) -> None:
         """Take no part in the team, and leave it: whoever watches who is live is told."""
@@ -269,8 +274,10 @@ class Link(Actor):
             self._tell_stranger(sample.owner)
         if beat is None or (stranger and (self.agent not in beat.agents or len(self.differing) > _MOST_STRANGERS)):
             return
-        if stranger or beat.facts != self._facts:
-            self._part(sample, beat)
+        told = None if beat.facts == self._facts else self._difference(sample.owner, beat.facts)
+        if told is not None:
+            self._part(sample, beat, told)
+        if stranger or told is not None:
             return
         self.differing.pop(sample.owner, None)
         old = self._beats.get(sample.owner)
@@ -292,13 +299,16 @@ class Link(Actor):
                 f"{', '.join(self.team.names)} here: the team's name, or the file, is another one there",
             )
 
-    def _part(self, sample: Sample, beat: Beat) -> None:
+    def _difference(self, other: str, facts: Mapping[str, str]) -> str | None:
+        """Return in words what is another there; of ensembles that only one of the two has nothing."""
+        shared = self._facts.keys() & facts.keys()
+        here, theirs = ({fact: one[fact] for fact in self._facts if fact in shared} for one in (self._facts, facts))
+        return difference(here, self.agent, theirs, other)
+
+    def _part(self, sample: Sample, beat: Beat, told: str) -> None:
         """Part with an agent of another configuration: who has been there longer, or has more company, stays."""
         other = sample.owner
         if self.refusal is not None or not self.opened or self.left.get(other) == sample.incarnation:
-            return
-        told = difference(self._facts, self.agent, beat.facts, other)
-        if told is None:
             return
         mine, theirs = self._standing(), (beat.settled, beat.company)
         refused = theirs > mine or (theirs == mine and other < self.agent)

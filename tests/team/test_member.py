@@ -157,6 +157,23 @@ def test_two_that_would_both_decide_for_all_do_not():
     run_virtual(main)
 
 
+def test_agents_may_have_ensembles_of_their_own():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        team = tigers(mode="centralised")
+        left = Robot(team, "left", network, over_beliefs(MODEL))
+        left.ensemble, alone = (over_beliefs(MODEL)(left, 0) for _ in range(2))
+        alone.name = "alone"
+        left.member = team.member("left", left.ensemble, alone, transport=network.transport("left"))
+        await left.start(runtime)
+        right = await Robot(team, "right", network, over_beliefs(MODEL)).start(runtime)
+        await asyncio.sleep(2.0)
+        assert (left.role, right.role) == ("leading", "following")
+        assert left.kinds() == right.kinds() == []
+
+    run_virtual(main)
+
+
 def test_of_a_team_the_one_that_differs_is_refused_even_where_its_name_comes_first():
     async def main(runtime):
         network = Network(runtime.clock, team="fire")

@@ -249,6 +249,12 @@ def _check(team: Team, agent: str, ensemble: Ensemble, agents: tuple[str, ...]) 
             "leave it out",
             key=f"{key}.drive",
         )
+    if control.deadline is not None and control.planner is None:
+        raise ConfigError(
+            f"ensemble {ensemble.name!r} has a deadline, from its stimulus to its decision, but in a team a step waits "
+            "for the agents' parts, for the deadline of the team at most: leave it out",
+            key=f"{key}.deadline",
+        )
     if control.on_no_observation != "predict":
         raise ConfigError(
             f"on_no_observation of ensemble {ensemble.name!r} is for an agent alone: in a team, what nobody has "

@@ -56,7 +56,8 @@ class Team:
             agent makes a step.
         drive: In place of ``period``: ``"event"``, or joint steps a second.
         deadline: Seconds that a step waits for the agents' parts, from the first one on (of a communicating team, from
-            its tick on); by default half the period, or 0.1 where events make steps.
+            its tick on); by default half the period, or 0.1 where events make steps. A centralised team in which
+            events make steps has none.
         quorum: ``majority``: agents that see no more than half of the team decide nothing; the default for three and
             more. ``continue``: each side goes on by itself; the default for two.
         controller: Of a centralised team, the agent that decides; by default the first.
@@ -104,6 +105,12 @@ class Team:
         if deadline is not None and self.period is not None and deadline > self.period:
             raise ConfigError(
                 f"a step would wait {deadline} s for the agents' parts, but the next begins after {self.period:g} s",
+                key="team.deadline",
+            )
+        if deadline is not None and self.period is None and self.mode == "centralised":
+            raise ConfigError(
+                "where events make steps, the controller of a centralised team decides on each as it comes, and waits "
+                "for nothing: leave out the deadline",
                 key="team.deadline",
             )
         self.deadline: float = deadline if deadline is not None else 0.1 if self.period is None else self.period / 2

@@ -439,6 +439,7 @@ def test_ensembles_that_cannot_be_replicated_are_refused():
 
         refused("has a drive of its own", drive=2.0)
         refused("acts for the model's agent 1, but 'left' is agent 0", agent=1)
+        refused("has a deadline, from its stimulus to its decision", deadline=0.1)
         refused("on_no_observation", on_no_observation="repeat")
         refused("has 2 agents .* but team 'tigers' has 3", Team("tigers", ["left", "right", "third"]))
 

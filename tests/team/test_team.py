@@ -55,6 +55,7 @@ def test_drives():
         ({"ceilings": [Ceiling("mdm/**", rate=-1.0)]}, "ceilings"),
         ({"controller": "a"}, "a controller is for centralised teams"),
         ({"controller": "c", "mode": "centralised"}, "has no agent 'c'"),
+        ({"mode": "centralised", "deadline": 0.2}, "decides on each as it comes, and waits for nothing"),
     ],
 )
 def test_what_means_nothing_is_refused(given, words):

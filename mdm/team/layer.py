@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = ["TeamLayer"]
 
+_FAREWELL = 10.0
+"""Seconds within which the agents of a team that ends have all said so."""
+
 _TEAMMATE = frozenset({"lost_teammate"})
 
 
@@ -108,6 +111,25 @@ class TeamLayer(Layer):
     def retire(self, reason: str) -> None:  # noqa: ARG002 - for layers that say it
         """Decide nothing more: this agent cannot take part in the team."""
         self.assess(self.runtime.clock.now())
+
+    def tell_loss(self, gone: Iterable[str], kind: str, text: str, lasts: Callable[[], bool]) -> None:
+        """Report that agents are not there; where all of them have left in order, only if this one does not end, too.
+
+        Args:
+            gone: The agents.
+            kind: Of the report.
+            text: What it says.
+            lasts: Whether it is so still.
+        """
+        if not all(agent in self.link.left for agent in gone):
+            self.report(kind, text)
+            return
+
+        def tell() -> None:
+            if lasts() and not self.link.leaving:
+                self.report(kind, text)
+
+        self.call_later(_FAREWELL, tell)
 
     # -- What a kind of team does --------------------------------------------------------------------------------
 

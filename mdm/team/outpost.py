@@ -182,7 +182,8 @@ class Outpost(TeamLayer):
         was, self._here = self._here, self._controller in link.live
         if was and not self._here:
             self._forget_events()
-            self.report("lost_controller", f"agent {self._controller!r}, which decides, is gone")
+            text = f"agent {self._controller!r}, which decides, is gone"
+            self.tell_loss([self._controller], "lost_controller", text, lambda: not self._here)
         self.assess(self.runtime.clock.now())
 
     def _forget_events(self) -> None:

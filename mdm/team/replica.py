@@ -95,6 +95,7 @@ class Replica(TeamLayer):
         self._behind = False
         self._asked = False
         self._saved: bytes | None = None
+        self._complaint: tuple[str, int] | None = None
         self._timer: Timer | None = None
         self._age: Timer | None = None
         self._saying: Subscription[list[Send]] = Subscription(None, self, self._say)
@@ -209,7 +210,11 @@ class Replica(TeamLayer):
         if agreement.reports:
             reports, agreement.reports = agreement.reports, []
             for kind, text in reports:
-                self.report("lost_majority" if kind == "majority" else kind, text)
+                if kind == "majority":
+                    gone = [agent for agent in agreement.members_now if agent not in self.link.live]
+                    self.tell_loss(gone, "lost_majority", text, lambda: self._role == "waiting")
+                else:
+                    self.report(kind, text)
         self._role = agreement.role
         if agreement.refusal is not None and self.link.refusal is None:
             parting: Subscription[str] = Subscription(None, self, self.link.refuse)
@@ -252,12 +257,18 @@ class Replica(TeamLayer):
 
     def _on_patience(self) -> None:
         if self._role in {"joining", "waiting"} and not self.copy.begun:
-            here = self.link.live or {self.agent: 0}
-            self.report(
-                "waiting",
-                f"cannot decide: of team {self.team.name!r} {len(here)} of {len(self.team.names)} agents are here "
-                f"({', '.join(here)}), and {self.agreement.majority} are needed",
+            here, needed = self.link.live or {self.agent: 0}, self.agreement.majority
+            who = (
+                f"of team {self.team.name!r} {len(here)} of {len(self.team.names)} agents are here ({', '.join(here)})"
             )
+            others = " and ".join(agent for agent in here if agent != self.agent)
+            if len(here) < needed:
+                why = f"and it takes {needed}"
+            elif others:
+                why = f"which is enough, but {others} did not answer yet"
+            else:
+                why = "which is enough, but the link to the others is not open yet"
+            self.report("waiting", f"cannot decide: {who}, {why}")
 
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there."""
@@ -303,12 +314,19 @@ class Replica(TeamLayer):
         try:
             self.copy.restore(snapshot)
         except Exception as error:
-            self.report("snapshot", describe(error))
+            self._complain(describe(error), now)
             return
+        self._complaint = None
         if self.copy.running:
             self.ensemble.safety.start(now)
         else:
             self.ensemble.safety.stop(now)
+
+    def _complain(self, text: str, now: int) -> None:
+        """Report why a snapshot cannot be taken; it comes again and again, and is told once a second at most."""
+        if self._complaint is None or (self._complaint[0] != text and now - self._complaint[1] >= 1_000_000_000):
+            self._complaint = text, now
+            self.report("snapshot", text)
 
     def statistics(self) -> ReplicaStatistics:
         """Return where it stands."""

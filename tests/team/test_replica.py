@@ -295,6 +295,76 @@ def test_a_side_without_a_majority_is_safe_and_decides_nothing():
     run_virtual(main)
 
 
+@pytest.mark.parametrize("mode", ["replicated", "centralised"])
+@pytest.mark.parametrize("pause", [0.0, 0.2, 3.0])
+def test_a_team_that_ends_in_order_reports_no_loss(mode, pause):
+    model = three()
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="fire", lease=0.5)
+        team = Team("fire", ["one", "two", "three"], period=0.5, mode=mode)
+
+        def build(robot, agent):
+            return over_beliefs(model)(robot, agent, safe_action=robot.act("SAFE"))
+
+        robots = await started(runtime, team, network, build)
+        await asyncio.sleep(2.2)
+        for robot in robots:
+            await runtime.stop(robot.member)
+            await asyncio.sleep(pause)
+        assert [robot.kinds() for robot in robots] == [[], [], []]
+
+    run_virtual(main)
+
+
+def test_one_that_others_have_left_and_that_stays_says_why_it_does_nothing():
+    model = three()
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="fire", lease=0.5)
+        team = Team("fire", ["one", "two", "three"], period=0.5)
+        one, two, last = await started(runtime, team, network, over_beliefs(model))
+        await asyncio.sleep(2.2)
+        await runtime.stop(one.member)
+        await asyncio.sleep(0.01)
+        await runtime.stop(two.member)
+        await asyncio.sleep(5.0)
+        assert (last.role, last.kinds()) == ("waiting", [])
+        await asyncio.sleep(10.0)
+        assert last.kinds() == ["lost_majority"]
+
+    run_virtual(main)
+
+
+def test_who_waits_at_the_start_says_for_what():
+    async def main(runtime):
+        network = Network(runtime.clock, team="fire")
+        alone = await Robot(Team("fire", ["one", "two", "three"]), "one", network, over_beliefs(three())).start(runtime)
+        await asyncio.sleep(2.0)
+        assert [fault.detail for fault in alone.faults] == [
+            "cannot decide: of team 'fire' 1 of 3 agents are here (one), and it takes 2"
+        ]
+
+    run_virtual(main)
+
+
+def test_a_snapshot_that_cannot_be_taken_is_told_once():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        left = await Robot(tigers(), "left", network, over_beliefs(problems.dec_tiger())).start(runtime)
+        await asyncio.sleep(1.0)
+        for _ in range(20):
+            left.replica.restore(b"garbage")
+            await asyncio.sleep(0.05)
+        assert left.kinds() == ["snapshot"]
+        sound = left.replica.snapshot()
+        left.replica.restore(sound)
+        left.replica.restore(b"garbage")
+        assert left.kinds() == ["snapshot"] * 2
+
+    run_virtual(main)
+
+
 @pytest.mark.parametrize("reaction", ["continue", "hold", "safe_action"])
 def test_a_lost_teammate_is_answered_as_the_ensemble_says(reaction):
     async def main(runtime):

@@ -41,6 +41,7 @@ T = TypeVar("T")
 _LIVE = "@team/live"
 _WHO = "@team/who"
 _LONGEST_CLOSE = 3.0
+_FLUSH = 0.1
 
 _open: set[zenoh.Session] = set()
 _forked = False
@@ -267,6 +268,8 @@ class Session:
     def _close_zenoh(self) -> None:
         opened, self._zenoh = self._zenoh, None
         if opened is not None:
+            if self._tokens:  # what was put last, such as a farewell, reaches them before the end does
+                time.sleep(_FLUSH)
             opened.close()  # type: ignore[no-untyped-call]
             _open.discard(opened)
 

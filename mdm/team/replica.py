@@ -218,7 +218,7 @@ class Replica(TeamLayer):
         self._role = agreement.role
         if agreement.refusal is not None and self.link.refusal is None:
             parting: Subscription[str] = Subscription(None, self, self.link.refuse)
-            self.runtime.dispatcher.deliver(parting, agreement.refusal)  # behind what it has to say yet
+            self.runtime.dispatcher.deliver_behind(parting, agreement.refusal)  # and behind what it has to say yet
         if self._behind and agreement.fetching is None:
             self._behind = False
             self.ensemble.control.catch_up(now, over=True)

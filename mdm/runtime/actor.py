@@ -327,7 +327,7 @@ class Actor:
                 self.report("exception", describe(error))
             return
         self.__failures += 1
-        if self.parent is not None or not getattr(error, "escalated", False):  # the root itself is nobody's
+        if self.path or not getattr(error, "escalated", False):  # the root and a system have no name of their own
             self.report("exception", describe(error))
         if self.life == "stopping":
             return

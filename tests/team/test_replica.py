@@ -20,6 +20,12 @@ def tigers(**options):
     return Team("tigers", ["left", "right"], **options)
 
 
+async def two(runtime, build=None, **options):
+    """Return the two robots of such a team, running; without ``build`` they listen for tigers."""
+    network = Network(runtime.clock, team="tigers")
+    return await started(runtime, tigers(**options), network, build or over_beliefs(problems.dec_tiger()))
+
+
 def three(seed=3):
     """Three fire fighters, who hear flames where they are."""
     return problems.fire_fighting(2, 3, 2)
@@ -194,8 +200,7 @@ def test_the_last_state_of_a_lost_agent_counts_for_its_time():
 
 def test_a_start_a_stop_and_a_reset_concern_all():
     async def main(runtime):
-        network = Network(runtime.clock, team="tigers")
-        left, right = await started(runtime, tigers(), network, over_beliefs(problems.dec_tiger()))
+        left, right = await two(runtime)
         await asyncio.sleep(0.5)
         left.ensemble.stop()
         assert left.ensemble.mode == "stopped"  # at once
@@ -219,8 +224,6 @@ def test_a_start_a_stop_and_a_reset_concern_all():
 
 def test_an_agent_that_is_safe_goes_on_deciding_and_does_what_is_decided_when_released():
     async def main(runtime):
-        network = Network(runtime.clock, team="tigers")
-
         def build(robot, agent):
             async def listen():
                 await asyncio.sleep(0.1)
@@ -239,7 +242,7 @@ def test_an_agent_that_is_safe_goes_on_deciding_and_does_what_is_decided_when_re
                 safe_action=robot.act("SAFE"),
             )
 
-        left, right = await started(runtime, tigers(), network, build)
+        left, right = await two(runtime, build)
         left.broken = True
         await asyncio.sleep(0.5)
         assert left.ensemble.mode == "safe"
@@ -400,14 +403,12 @@ def test_a_lost_teammate_is_answered_as_the_ensemble_says(reaction):
 
 def test_who_leaves_in_order_is_not_missed():
     async def main(runtime):
-        network = Network(runtime.clock, team="tigers")
-
         def build(robot, agent):
             return over_beliefs(problems.dec_tiger())(
                 robot, agent, safe_action=robot.act("SAFE"), on_lost_teammate="safe_action"
             )
 
-        left, right = await started(runtime, tigers(), network, build)
+        left, right = await two(runtime, build)
         await asyncio.sleep(1.0)
         await runtime.stop(left.member)
         assert left.did == ["listen", "SAFE"]
@@ -440,8 +441,7 @@ def test_who_comes_late_does_what_is_decided_now_and_nothing_of_before():
 
 def test_a_copy_that_differs_takes_that_of_the_others():
     async def main(runtime):
-        network = Network(runtime.clock, team="tigers")
-        left, right = await started(runtime, tigers(), network, over_beliefs(problems.dec_tiger()))
+        left, right = await two(runtime)
         await asyncio.sleep(1.0)
         right.ensemble.controller.information.reset([0.9, 0.1])  # a cosmic ray
         right.replica.copy._digest = None
@@ -471,14 +471,12 @@ def test_an_agent_of_another_model_is_refused_and_says_why():
 
 def test_an_ensemble_that_fails_begins_anew_with_the_others():
     async def main(runtime):
-        network = Network(runtime.clock, team="tigers")
-
         def build(robot, agent):
             return over_beliefs(problems.dec_tiger())(
                 robot, agent, safe_action=robot.act("SAFE"), supervision=mdm.Restart(backoff=0.5)
             )
 
-        left, right = await started(runtime, tigers(), network, build)
+        left, right = await two(runtime, build)
         await asyncio.sleep(1.0)
         mdm.testing.crash(right.ensemble.action)
         await asyncio.sleep(0.2)
@@ -538,13 +536,12 @@ def test_stochastic_policies_need_the_same_seed():
     model = problems.dec_tiger()
 
     async def main(runtime, seeds):
-        network = Network(runtime.clock, team="tigers")
 
         def build(robot, agent):
             policy = mdm.policies.RandomPolicy(9, 2)
             return over_beliefs(model, policy)(robot, agent, seed=seeds[agent])
 
-        left, right = await started(runtime, tigers(period=0.5), network, build)
+        left, right = await two(runtime, build, period=0.5)
         await asyncio.sleep(5.0)
         return left, right
 
@@ -579,8 +576,6 @@ def test_what_was_seen_without_a_majority_is_not_acted_on_when_there_is_one_agai
 
 def test_copies_stay_the_same_where_the_team_stops_and_starts_while_an_agent_is_safe():
     async def main(runtime):
-        network = Network(runtime.clock, team="tigers")
-
         def build(robot, agent):
             async def safe():
                 robot.did.append("SAFE")
@@ -588,7 +583,7 @@ def test_copies_stay_the_same_where_the_team_stops_and_starts_while_an_agent_is_
 
             return over_beliefs(problems.dec_tiger())(robot, agent, safe_action=safe)
 
-        left, right = await started(runtime, tigers(), network, build)
+        left, right = await two(runtime, build)
         await asyncio.sleep(0.5)
         left.ensemble.safety.endanger("mine", "why not", runtime.clock.now())
         await asyncio.sleep(0.5)
@@ -612,8 +607,7 @@ def test_copies_stay_the_same_where_the_team_stops_and_starts_while_an_agent_is_
 @pytest.mark.parametrize("mode", ["replicated", "centralised"])
 def test_an_agent_s_own_callback_does_not_wait_until_others_are_told(mode):
     async def main(runtime):
-        network = Network(runtime.clock, team="tigers")
-        left, _ = await started(runtime, tigers(mode=mode), network, over_beliefs(problems.dec_tiger()))
+        left, _ = await two(runtime, mode=mode)
         await asyncio.sleep(1.0)
         left.did.clear()
         put, acted = left.member.link.transport.put, []

@@ -104,8 +104,8 @@ class Stream:
 
     @property
     def colours(self) -> bool:
-        """Whether it is a terminal."""
-        return self._stream is not None and self._stream.isatty()
+        """Whether it is a terminal, and the environment variable NO_COLOR forbids none."""
+        return self._stream is not None and self._stream.isatty() and not os.environ.get("NO_COLOR")
 
     def write(self, line: str) -> None:
         """Write a line.

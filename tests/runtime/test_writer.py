@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from programs import python
 
 from mdm import Runtime, run
 from mdm.messages import Fault
-from mdm.runtime.writer import Writer
+from mdm.runtime.writer import Stream, Writer
 
 ROBOT = """
 import json, os, sys
@@ -62,6 +63,17 @@ def program(tmp_path):
     path = tmp_path / "robot.py"
     path.write_text(ROBOT)
     return path
+
+
+def test_colours_are_for_terminals_where_they_are_wanted(monkeypatch):
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    ours, theirs = os.openpty()
+    with open(ours, "w") as terminal, open(theirs, "w"), open(os.devnull, "w") as file:  # noqa: PTH123
+        assert Stream(terminal, bool).colours
+        assert not Stream(file, bool).colours
+        assert not Stream(None, bool).colours
+        monkeypatch.setenv("NO_COLOR", "1")
+        assert not Stream(terminal, bool).colours
 
 
 def test_standard_error_that_nobody_reads_does_not_hold_the_robot(program):

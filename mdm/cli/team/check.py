@@ -43,7 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def examine(file: str, team: Team) -> Findings:
     """Return what a team's file holds in words, its problems, and notes on oddities."""
-    from mdm.cli.team.file import systems_of  # noqa: PLC0415
+    from mdm.cli.team.file import check_zenoh, systems_of  # noqa: PLC0415
+    from mdm.errors import Error  # noqa: PLC0415
 
     systems, problems = systems_of(file, team, callbacks=True)
     notes = dict.fromkeys(
@@ -51,11 +52,9 @@ def examine(file: str, team: Team) -> Findings:
     )
     told = [*notes]
     try:
-        import zenoh  # noqa: F401, PLC0415 - an extra
-    except ImportError:
-        problems.append(
-            "processes of a team talk through Zenoh, which is not installed: pip install 'markov-decision-making[team]'"
-        )
+        check_zenoh()
+    except Error as error:
+        problems.append(str(error))
     ends = {agent.name: agent.endpoint or "" for agent in team.agents}
     here = [name for name, endpoint in ends.items() if "/127.0.0.1:" in endpoint or "/localhost:" in endpoint]
     if 0 < len(here) < len(ends):

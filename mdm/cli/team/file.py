@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from mdm.config import System
     from mdm.team import Team
 
-__all__ = ["ensembles_of", "systems_of", "team_of"]
+__all__ = ["check_zenoh", "ensembles_of", "systems_of", "team_of"]
 
 
 def team_of(file: str) -> Team:
@@ -26,6 +26,22 @@ def team_of(file: str) -> Team:
     if team is None:
         raise UsageError(f"{file} describes no team: a table [team] is missing; `mdm run {file}` runs it alone")
     return team
+
+
+def check_zenoh() -> None:
+    """Refuse to go on where Zenoh is not installed.
+
+    Raises:
+        Error: If it is not.
+    """
+    from mdm.errors import Error  # noqa: PLC0415
+
+    try:
+        import zenoh  # noqa: F401, PLC0415 - an extra
+    except ImportError:
+        raise Error(
+            "processes of a team talk through Zenoh, which is not installed: pip install 'markov-decision-making[team]'"
+        ) from None
 
 
 def systems_of(file: str, team: Team, *, callbacks: bool) -> tuple[dict[str, System], list[str]]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import re
 import signal
 import socket
 import sys
@@ -46,11 +48,12 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the agents; return the exit status."""
-    from mdm.cli.team.file import sound_systems_of, team_of  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.team.file import check_zenoh, sound_systems_of, team_of  # noqa: PLC0415 - `mdm --help` needs no numpy
 
     team = team_of(arguments.file)
     systems = sound_systems_of(arguments.file, team)  # whatever is wrong is told once, and not by each agent
     patience = _SLACK + max(ensemble.patience for system in systems.values() for ensemble in system.top)
+    check_zenoh()
     _check_ports(team)
     folder = None if arguments.decisions is None else _folder(arguments.decisions, team.names)
     commands = {agent: _command(arguments, agent, folder) for agent in team.names}
@@ -67,9 +70,12 @@ def _folder(name: str, agents: Sequence[str]) -> Path:
 
     folder = Path(name)
     try:
+        if not name:
+            raise FileNotFoundError(0, "--decisions names no folder")
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise Error(f"decisions cannot be written to {folder}: {error.strerror}") from None
+        reason = "that is a file, and no folder" if isinstance(error, FileExistsError) else error.strerror
+        raise Error(f"decisions cannot be written to {name!r}: {reason}") from None
     for agent in agents:
         if (folder / f"{agent}.jsonl").exists():
             raise Error(f"{folder / agent}.jsonl is there already: name another folder, or remove it first")
@@ -90,25 +96,33 @@ def _command(arguments: argparse.Namespace, agent: str, folder: Path | None) -> 
 
 
 def _check_ports(team: Team) -> None:
-    """Refuse to start where somebody listens already, such as the team itself.
+    """Refuse to start where an agent cannot listen: the team itself may run already, or the agent be elsewhere at home.
 
     Raises:
-        Error: If an agent's port is taken.
+        Error: If an agent's port is taken, or its address is none of this machine.
     """
     from mdm.errors import Error  # noqa: PLC0415
+    from mdm.team.transport.settings import resolve  # noqa: PLC0415
 
     for agent in team.agents:
-        host, _, port = (agent.endpoint or "").partition("/")[2].rpartition(":")
-        if host not in {"127.0.0.1", "localhost"} or not port.isdigit():
+        protocol, _, address = (agent.endpoint or "").partition("/")
+        host, _, port = re.split(r"[?#]", address, maxsplit=1)[0].rpartition(":")
+        if protocol == "unixsock-stream" or not port.isdigit():
             continue
-        with socket.socket() as one:
-            one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        resolve(agent.endpoint or "")
+        kind = socket.SOCK_DGRAM if protocol in {"udp", "quic"} else socket.SOCK_STREAM
+        family, _, _, _, place = socket.getaddrinfo(host.strip("[]"), int(port), type=kind)[0]
+        with socket.socket(family, kind) as one:
+            if kind == socket.SOCK_STREAM:
+                one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
-                one.bind((host, int(port)))
+                one.bind(place)
             except OSError as error:
+                way = "perhaps the team runs already (`mdm team status` says so), or another `port` in [team] is free"
+                if error.errno == errno.EADDRNOTAVAIL:
+                    way = f"run it on the machine that has this address: mdm team run FILE --agent {agent.name}"
                 raise Error(
-                    f"agent {agent.name!r} cannot listen at {agent.endpoint}: {error.strerror}; perhaps the team runs "
-                    "already (`mdm team status` says so), or another `port` in [team] is free"
+                    f"agent {agent.name!r} cannot listen at {agent.endpoint}: {error.strerror}; {way}"
                 ) from None
 
 

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["make_certificates"]
 
+_MOST_DAYS = 36_500
+
 
 def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *, days: int = 30) -> dict[str, Access]:
     """Write an authority's certificate, and of each agent a certificate and its key; return where they are.
@@ -34,8 +36,11 @@ def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *
         days: How long they are valid.
 
     Raises:
-        Error: If ``cryptography`` is not installed, or a file is there already or cannot be written.
+        Error: If ``cryptography`` is not installed, a file is there already or cannot be written, or the days are more
+            than a hundred years.
     """
+    if not 1 <= days <= _MOST_DAYS:
+        raise Error(f"certificates are valid for 1 to {_MOST_DAYS} days, not for {days}")
     try:
         from cryptography import x509  # noqa: PLC0415 - an extra
         from cryptography.hazmat.primitives import hashes  # noqa: PLC0415
@@ -106,6 +111,10 @@ def _key_pem(key: Any) -> bytes:
 def _write(path: Path, content: bytes, *, secret: bool) -> str:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = "that is no folder" if isinstance(error, FileExistsError) else error.strerror
+        raise Error(f"cannot write to {path.parent}: {reason}") from None
+    try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if secret else 0o644)
     except FileExistsError:
         raise Error(f"{path} is there already: name another folder, or remove it first") from None

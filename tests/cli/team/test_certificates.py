@@ -20,3 +20,14 @@ def test_each_agent_has_a_certificate(mdm, free, tmp_path):
 
 def test_days_are_a_number(mdm, free):
     assert mdm("team", "certificates", free(), "--days", "0")[0] == 2
+    pytest.importorskip("cryptography", reason="the extra mdm[certificates]")
+    status, _, errors = mdm("team", "certificates", free(), "--days", "99999999")
+    assert status == 1
+    assert errors == "mdm team certificates: certificates are valid for 1 to 36500 days, not for 99999999\n"
+
+
+def test_a_file_is_no_folder(mdm, free):
+    pytest.importorskip("cryptography", reason="the extra mdm[certificates]")
+    team = free()
+    status, _, errors = mdm("team", "certificates", team, "-o", team)
+    assert (status, errors) == (1, f"mdm team certificates: cannot write to {team}: that is no folder\n")

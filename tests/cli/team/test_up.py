@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 
 import pytest
 from team_processes import histories
@@ -108,6 +109,30 @@ def test_a_port_that_somebody_has_is_told_in_a_sentence(mdm, team):
 
 
 @pytest.mark.parametrize(
+    ("endpoint", "words"),
+    [
+        ("tcp/192.0.2.7:7447", "run it on the machine that has this address: mdm team run FILE --agent a"),
+        ("udp/192.0.2.7:7447", "run it on the machine that has this address: mdm team run FILE --agent a"),
+        ("tcp/robot.invalid:7447", "no host 'robot.invalid' is known"),
+    ],
+)
+def test_an_address_of_another_machine_is_told_in_a_sentence(mdm, team, endpoint, words):
+    from mdm.config import load_team
+
+    team.write_text(team.read_text().replace(load_team(team).agents[0].endpoint, endpoint))
+    status, _, errors = mdm("team", "up", team)
+    assert (status, words in errors) == (1, True)
+    assert errors.count("\n") == 1
+
+
+def test_without_zenoh_no_process_is_started(mdm, team, monkeypatch):
+    monkeypatch.setitem(sys.modules, "zenoh", None)
+    status, _, errors = mdm("team", "up", team)
+    assert status == 1
+    assert errors.startswith("mdm team up: processes of a team talk through Zenoh, which is not installed: pip install")
+
+
+@pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
         (["up"], 2, "usage: mdm team up"),
@@ -115,6 +140,8 @@ def test_a_port_that_somebody_has_is_told_in_a_sentence(mdm, team):
         (["up", "FILE", "--seconds", "0"], 2, "a number of seconds above 0 was expected, not '0'"),
         (["up", "FILE", "--log", "xml"], 2, "invalid choice"),
         (["up", "FILE", "--decisions", "FILE"], 1, "decisions cannot be written to"),
+        (["up", "FILE", "--decisions", "FILE"], 1, "that is a file, and no folder"),
+        (["up", "FILE", "--decisions", ""], 1, "--decisions names no folder"),
         (["upp", "FILE"], 2, "invalid choice: 'upp'"),
         ([], 2, "usage: mdm team"),
     ],

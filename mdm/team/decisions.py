@@ -111,7 +111,10 @@ def _known(path: Path) -> set[Place]:
         size = file.seek(0, 2)
         begin = file.seek(max(0, size - _TAIL))
         *lines, rest = file.read().split(b"\n")
-        if rest and (begin == 0 or lines):
+        if rest and _is_whole(rest):
+            file.write(b"\n")
+            lines.append(rest)
+        elif rest and (begin == 0 or lines):
             file.truncate(size - len(rest))
     found: set[Place] = set()
     for line in lines:
@@ -121,3 +124,11 @@ def _known(path: Path) -> set[Place]:
             continue
         found.add((one.ensemble, one.term, one.step, one.command))
     return found
+
+
+def _is_whole(line: bytes) -> bool:
+    try:
+        msgspec.json.decode(line)
+    except (msgspec.MsgspecError, ValueError):
+        return False
+    return True

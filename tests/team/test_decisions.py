@@ -109,6 +109,23 @@ def test_an_agent_that_returns_writes_each_step_once(tmp_path):
     assert set(places) <= set(applied)
 
 
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [("", ""), ("one\n", "one\n"), ('{"a": 1}', '{"a": 1}\n'), ('{"a": 1}\n{"b', '{"a": 1}\n'), ('{"b', "")],
+)
+def test_of_what_was_there_a_line_that_was_broken_off_alone_goes(tmp_path, before, after):
+    path = tmp_path / "left.jsonl"
+    path.write_text(before)
+
+    async def main(runtime):
+        decisions = Decisions(path)
+        await runtime.start(decisions)
+        await runtime.stop(decisions)
+
+    run_virtual(main)
+    assert path.read_text() == after
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full here")
 def test_lines_that_cannot_be_written_are_told_at_once_and_at_the_end(tmp_path):
     path = tmp_path / "left.jsonl"

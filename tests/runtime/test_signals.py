@@ -127,6 +127,62 @@ def test_a_third_signal_breaks_off(entry):
     assert time.monotonic() - began < 15
 
 
+class Clock:
+    """Tells the time that it is set to, in place of the system's."""
+
+    now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.mark.parametrize(
+    ("times", "broken"),
+    [
+        ([0.0], None),
+        ([0.0, 0.1, 0.2], None),  # at once: they are one
+        ([0.0, 0.3], None),  # a second, within the limit
+        ([0.0, 0.1, 0.3], None),
+        ([0.0, 0.3, 0.3], 0.3),  # the third
+        ([0.0, 0.1, 0.3, 9.0], 9.0),
+        ([0.0, 10.5], 10.5),  # the second, after the limit
+    ],
+)
+def test_the_third_signal_breaks_off_or_the_second_after_the_limit(times, broken, monkeypatch):
+    """Without real signals, of which two may be one on a busy machine."""
+    clock, left, broken_off = Clock(), [], []
+    monkeypatch.setattr(signals, "monotonic", clock)
+
+    async def main():
+        heard = signals.Signals(lambda error: left.append(error) or 10.0, lambda: broken_off.append(clock.now - 100))
+        heard.loop = asyncio.get_running_loop()
+        for when in times:
+            clock.now = 100 + when
+            heard.hear(signal.SIGTERM)
+            await asyncio.sleep(0)
+        assert [error.code for error in left] == [143]
+        assert broken_off == ([] if broken is None else [pytest.approx(broken)])
+
+    run(main)
+
+
+def test_where_the_loop_is_held_the_third_signal_is_raised_in_what_holds_it(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(signals, "monotonic", clock)
+
+    async def main():
+        heard = signals.Signals(lambda _: 10.0, lambda: None)
+        heard.loop = asyncio.get_running_loop()
+        for _ in range(2):  # and the loop does not turn
+            heard.hear(signal.SIGHUP)
+            clock.now += 0.3
+        with pytest.raises(SystemExit) as raised:
+            heard.hear(signal.SIGHUP)
+        assert raised.value.code == 129
+
+    run(main)
+
+
 @pytest.mark.parametrize("entry", ["asyncio", "uvloop", "run"])
 def test_signals_that_come_at_once_are_one(entry):
     if "uvloop" in entry:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import threading
 
 from mdm.runtime import VirtualClock, VirtualEventLoop
 from mdm.team.transport.access import access_settings
@@ -180,4 +181,8 @@ def LOOPBACK(main, **options):  # noqa: N802 (it is a parameter of tests)
         finally:
             await net.close()
 
+    before = set(threading.enumerate())
     asyncio.run(run())
+    for thread in set(threading.enumerate()) - before:  # each ends when its session is closed
+        thread.join(30)
+        assert not thread.is_alive(), thread.name

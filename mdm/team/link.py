@@ -67,7 +67,14 @@ class Beat(msgspec.Struct, frozen=True, array_like=True, gc=False):
     company: int
 
 
+class Farewell(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """What an agent says last; with a refusal, that and why it cannot take part in the team."""
+
+    refusal: str | None
+
+
 _encode = msgspec.msgpack.Encoder().encode
+_decode_farewell = msgspec.msgpack.Decoder(Farewell).decode
 _decode = msgspec.msgpack.Decoder(Beat).decode
 
 
@@ -102,6 +109,7 @@ class Link(Actor):
         self.opened = False
         self.differing: dict[str, int] = {}
         self.refusal: str | None = None
+        self._told: dict[str, int] = {}
         self._facts = dict(facts or {})
         self._since = 0
         self._leaving = False
@@ -143,10 +151,14 @@ class Link(Actor):
         self._beat()
         self._tell()
 
-    def say_farewell(self) -> None:
-        """Tell the others that this agent leaves in order: it puts nothing more, and they do not wait for it."""
+    def say_farewell(self, refusal: str | None = None) -> None:
+        """Tell the others that this agent leaves in order: it puts nothing more, and they do not wait for it.
+
+        Args:
+            refusal: Why it cannot take part in the team, where that is why it leaves.
+        """
         if self.opened and not self._leaving:
-            self.transport.put(self.key(FAREWELL), b"", priority="step")
+            self.transport.put(self.key(FAREWELL), _encode(Farewell(refusal)), priority="step")
         self._leaving = True
 
     @property
@@ -154,11 +166,21 @@ class Link(Actor):
         """Whether this agent has said that it leaves."""
         return self._leaving
 
+    def note_refused(self, others: Mapping[str, int]) -> None:
+        """Take it that it was reported why these cannot take part, by incarnation."""
+        self._told.update(others)
+
+    def _tell_refused(self, other: str, life: int, reason: str) -> None:
+        """Report that another agent cannot take part in the team, once in its life."""
+        if self._told.get(other) != life:
+            self._told[other] = life
+            self.report("refused", f"{other} cannot take part in the team: {reason}")
+
     def refuse(self, reason: str) -> None:
         """Take no part in the team, and leave it: whoever watches who is live is told."""
         if self.refusal is None:
             self.refusal = reason
-            self.say_farewell()
+            self.say_farewell(reason)
             self._tell()
 
     async def on_stopping(self) -> None:
@@ -312,13 +334,13 @@ class Link(Actor):
             return
         mine, theirs = self._standing(), (beat.settled, beat.company)
         refused = theirs > mine or (theirs == mine and other < self.agent)
-        if refused or self.differing.get(other) != sample.incarnation:
-            who = self.agent if refused else other
-            self.report("refused", f"{who} cannot take part in the team: {told}")
         self.differing[other] = sample.incarnation
         if refused:
+            self.report("refused", f"{self.agent} cannot take part in the team: {told}")
             self.refuse(told)
-        elif self._beats.pop(other, None) is not None:
+            return
+        self._tell_refused(other, sample.incarnation, told)
+        if self._beats.pop(other, None) is not None:
             self._tell()
 
     def _on_tick(self, tick: Tick) -> None:
@@ -334,6 +356,12 @@ class Link(Actor):
 
     def _on_farewell(self, sample: Sample) -> None:
         self.left[sample.owner] = sample.incarnation
+        try:
+            refusal = _decode_farewell(sample.body).refusal
+        except (msgspec.MsgspecError, ValueError):
+            refusal = None
+        if refusal is not None and self.refusal is None and sample.owner in self.team.names:
+            self._tell_refused(sample.owner, sample.incarnation, refusal)
         self._tell()
 
     def _tell(self) -> None:

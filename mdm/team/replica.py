@@ -209,6 +209,7 @@ class Replica(TeamLayer):
         agreement, now = self.agreement, self.runtime.clock.now()
         if agreement.reports:
             reports, agreement.reports = agreement.reports, []
+            self.link.note_refused(agreement.excluded)
             for kind, text in reports:
                 if kind == "majority":
                     gone = [agent for agent in agreement.members_now if agent not in self.link.live]

@@ -80,8 +80,7 @@ def test_an_agent_that_differs_is_refused_with_the_first_difference(mode, team, 
         reason = detail.removeprefix("right cannot take part in the team: ")
         assert any(reason_.startswith(told.format("left", "right")) for reason_ in (reason, _turned(reason)))
         assert left.commits[-1].missing == ("right",)
-        if mode == "replicated":
-            assert [fault.detail for fault in left.faults] == [detail]
+        assert [fault.detail for fault in left.faults] == [detail]
 
     run_virtual(main)
 

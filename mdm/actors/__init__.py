@@ -6,11 +6,13 @@ from mdm.actors.control.control_layer import ControlLayer, ControlStatistics
 from mdm.actors.control.drive import Drive, FixedRate, OnEvent
 from mdm.actors.control.planner import Planner, PlannerStatistics
 from mdm.actors.ensemble import Ensemble, EnsembleStatistics
-from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
+from mdm.actors.observation_factor import ObservationFactor
+from mdm.actors.observation_layer import ObservationLayer
 from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.predicates.sensor import EventSource, Sensor
-from mdm.actors.state_layer import StateFactor, StateLayer
+from mdm.actors.state_factor import StateFactor
+from mdm.actors.state_layer import StateLayer
 
 __all__ = [
     "ActionLayer",

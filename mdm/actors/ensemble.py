@@ -14,11 +14,13 @@ from mdm.actors.action_layer import SAFE_TIMEOUT, ActionLayer
 from mdm.actors.control.control_layer import ControlLayer
 from mdm.actors.control.drive import FixedRate
 from mdm.actors.layer import Layer
-from mdm.actors.observation_layer import ObservationFactor, ObservationLayer
+from mdm.actors.observation_factor import ObservationFactor
+from mdm.actors.observation_layer import ObservationLayer
 from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.safety import Safety
-from mdm.actors.state_layer import StateFactor, StateLayer
+from mdm.actors.state_factor import StateFactor
+from mdm.actors.state_layer import StateLayer
 from mdm.choice import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State

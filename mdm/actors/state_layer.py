@@ -2,107 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from mdm.actors.layer import Layer
-from mdm.actors.wiring import Wire, arrange, check_name, check_owner, index_order, named, places
-from mdm.choice import check_choice
+from mdm.actors.wiring import Wire, arrange
 from mdm.errors import ConfigError, Error
-from mdm.logic import P, similar
+from mdm.logic import similar
 from mdm.messages import PredicateUpdate, State
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from mdm.actors.predicates.predicate_manager import PredicateManager
-    from mdm.actors.wiring import Names
-    from mdm.models import Factor, Space
+    from mdm.actors.state_factor import StateFactor
+    from mdm.models import Space
 
-__all__ = ["StateFactor", "StateLayer"]
-
-
-class StateFactor:
-    """One component of the state: true or false (one predicate), or one of k mutually exclusive predicates.
-
-    Args:
-        name: The factor's name, as in the model where the model names its factors.
-        predicates: A list in the order of the factor's values, or a mapping from the model's symbols, by name or by
-            index; names without a model stand in the mapping's order. One predicate makes two values: 0 where it is
-            false and 1 where it is true; in a mapping, the symbol that it is given for and the other one.
-        on_violation: What to do where none or several of k are true: take the ``first`` that is (where none is, as
-            ``hold``), ``hold`` the last value, or ``error``. By default ``first`` for several and ``hold`` for none.
-        owner: In a team, the agent whose sensors tell it; by default the one of the factor's name.
-
-    Example:
-        >>> StateFactor("person", {"yes": "PersonIsWaiting"})
-        >>> StateFactor("place", {"north": "IsInNorth", "south": "IsInSouth"}, on_violation="hold")
-    """
-
-    __slots__ = ("name", "on_violation", "owner", "positive", "predicates", "size", "symbols")
-
-    def __init__(
-        self,
-        name: str,
-        predicates: Names,
-        on_violation: Literal["first", "hold", "error"] | None = None,
-        *,
-        owner: str | None = None,
-    ) -> None:
-        check_name(name, "a state factor")
-        check_owner(owner, f"state factor {name!r}")
-        self.owner = owner
-        what = f"state factor {name!r}"
-        self.name = name
-        self.predicates, self.symbols = named(predicates, what, "predicate")
-        if not self.predicates:
-            raise ConfigError(f"state factor {name!r} needs a list of predicates, not {predicates!r}", key=name)
-        if on_violation is not None:
-            check_choice(on_violation, ("first", "hold", "error"), f"on_violation of state factor {name!r}", key=name)
-        self.on_violation = on_violation
-        self.size = max(2, len(self.predicates))
-        self.positive = 1
-        if self.symbols in {(0,), (1,)}:
-            self.positive = int(self.symbols[0])
-        elif self.symbols is not None and (order := index_order(self.symbols, self.size, what)) is not None:
-            self.predicates = tuple(self.predicates[place] for place in order)
-            self.symbols = tuple(range(self.size))
-
-    @property
-    def by_symbol(self) -> bool:
-        """Whether the predicates were given by symbol."""
-        return self.symbols is not None
-
-    def arranged(self, factor: Factor) -> StateFactor:
-        """Return it with the predicates in the order of a model's factor."""
-        what = f"state factor {self.name!r}"
-        new = StateFactor(self.name, self.predicates, self.on_violation, owner=self.owner)
-        if self.symbols is not None:
-            found = places(self.symbols, factor, what, enough=1 if len(factor) == 2 else None)
-            if len(found) == 1:
-                new.positive = found[0]
-            else:
-                new.predicates = tuple(self.predicates[found.index(place)] for place in range(len(factor)))
-        if new.size != len(factor):
-            raise ConfigError(f"{what} has {new.size} values, but the model's has {len(factor)}")
-        new.symbols = tuple(factor.names)
-        return new
-
-    def truth(self, value: int) -> dict[str, bool]:
-        """Return which of its predicates are true at a value."""
-        if len(self.predicates) == 1:
-            return {self.predicates[0]: value == self.positive}
-        return {predicate: place == value for place, predicate in enumerate(self.predicates)}
-
-    def wires(self) -> tuple[Wire, ...]:
-        """Return what stands for each of its values, in their order."""
-        sources = self.predicates
-        symbols = range(self.size) if self.symbols is None else self.symbols
-        if len(self.predicates) == 1:
-            predicate = P(self.predicates[0])
-            sources = (str(predicate), str(~predicate)) if self.positive == 0 else (str(~predicate), str(predicate))
-            if len(symbols) == 1:
-                symbols = (f"not {symbols[0]}", symbols[0])
-        return tuple(Wire(self.name, str(symbol), source) for symbol, source in zip(symbols, sources, strict=True))
+__all__ = ["StateLayer"]
 
 
 class _Value:

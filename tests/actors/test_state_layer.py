@@ -159,25 +159,6 @@ def test_a_layer_may_cover_some_of_the_model_s_factors(declared):
     run_virtual(main)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: StateFactor("f", []), "list of predicates"),
-        (lambda: StateFactor("f", "A"), "list of predicates"),
-        (lambda: StateFactor("f", ["A", "A"]), "twice"),
-        (lambda: StateFactor("f", ["A"], on_violation="last"), "'last'"),
-    ],
-)
-def test_wrong_factors(make, message):
-    with pytest.raises(ConfigError, match=message):
-        make()
-
-
-def test_indices_are_indices_without_a_model():
-    assert StateFactor("a", {1: "A", 0: "B"}).predicates == ("B", "A")
-    assert StateFactor("a", {2: "C", 0: "A", 1: "B"}).predicates == ("A", "B", "C")
-
-
 @pytest.mark.parametrize("positive", [0, 1])
 def test_one_predicate_stands_for_the_index_that_it_is_given_for(positive):
     factor = StateFactor("a", {positive: "X"})
@@ -193,13 +174,6 @@ def test_one_predicate_stands_for_the_index_that_it_is_given_for(positive):
         assert [state.index for state in states] == [positive, 1 - positive]
 
     run_virtual(main)
-
-
-def test_one_predicate_has_the_index_0_or_1():
-    with pytest.raises(ConfigError, match="'a' has the indices 0 to 1"):
-        StateFactor("a", {7: "X"})
-    with pytest.raises(ConfigError, match="by name or by index"):
-        StateFactor("a", {True: "X"})
 
 
 def test_a_layer_that_covers_some_factors_tells_these_alone_whenever_they_change(declared):

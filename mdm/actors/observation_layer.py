@@ -144,7 +144,7 @@ class ObservationLayer(Layer):
             if self.factors[component].hold:
                 self._rest[component] = symbol
         mask = tuple([component in new for component in range(len(values))])
-        self._published.emit(Observation(update.time, index, tuple(values), mask))
+        self._published.emit_last(Observation(update.time, index, tuple(values), mask))
 
     def _conflict(self, component: int, first: int, second: int, time: int) -> None:
         factor = self.factors[component]

@@ -201,7 +201,7 @@ class StateLayer(Layer):
         elif index != self._index or not self._known:
             self._index = index
             self._known = True
-            self._published.emit(State(time, index, tuple(digits)))
+            self._published.emit_last(State(time, index, tuple(digits)))
 
     def _evaluate(self, value: _Value, time: int) -> int | None:
         true, factor = value.true, value.factor

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from threading import get_ident
-from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from mdm.errors import Error
 from mdm.messages import Fault
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mdm.runtime.actor import Actor
     from mdm.runtime.dispatcher import Dispatcher
 
-__all__ = ["Channel", "Subscription"]
+__all__ = ["Channel", "Subscription", "Topics"]
 
 T = TypeVar("T")
 
@@ -66,6 +66,22 @@ class Subscription(Generic[T]):
         self.actor.fail(error)
 
 
+class Topics:
+    """What messages of one channel are about, and who is to hear of it; looked up anew when subscribers change.
+
+    Args:
+        names: The topics.
+    """
+
+    __slots__ = ("names", "sole", "subscriptions", "version")
+
+    def __init__(self, *names: str) -> None:
+        self.names = names
+        self.version = -1
+        self.subscriptions: tuple[Subscription[Any], ...] = ()
+        self.sole: Subscription[Any] | None = None
+
+
 class Channel(Generic[T]):
     """A named stream of messages of one type.
 
@@ -84,10 +100,12 @@ class Channel(Generic[T]):
         "_general",
         "_owner",
         "_snapshot",
+        "_sole",
         "_streams",
         "_subscriptions",
         "_topics",
         "_unheard",
+        "_version",
         "dropped",
         "heard",
         "last",
@@ -128,6 +146,9 @@ class Channel(Generic[T]):
         self._subscriptions: tuple[Subscription[T], ...] = ()
         self._general: tuple[Subscription[T], ...] = ()
         self._topics: dict[str, tuple[Subscription[T], ...]] = {}
+        # The subscription, where there is but one; and how often subscriptions have changed.
+        self._sole: Subscription[T] | None = None
+        self._version = 0
         self._streams: tuple[Stream[T], ...] = ()
         self._deserted: Callable[[Channel[T]], object] | None = None
 
@@ -148,7 +169,11 @@ class Channel(Generic[T]):
             return
         self.published += 1
         self.last = message
-        if self._subscriptions:
+        if self._sole is not None and not dispatcher.active and not dispatcher.queue:
+            if self._sole.topics is not None:
+                self._sole.taken += 1
+            dispatcher.run(self._sole, message)
+        elif self._subscriptions:
             append = dispatcher.queue.append
             for subscription in self._subscriptions:
                 append((subscription, message))
@@ -187,24 +212,69 @@ class Channel(Generic[T]):
             self._unheard += 1
             self.last = _Unmade(time, make)
 
-    def emit_on(self, message: T, *topics: tuple[str, ...]) -> None:
-        """As `emit`, but of those who subscribed to topics only to those whose topic is among the groups given."""
+    def emit_on(self, message: T, topics: Topics) -> None:
+        """As `emit`, but of those who subscribed to topics only to those with one of these."""
         self.published += 1
         self.last = message
+        if topics.version != self._version:
+            self._look_up(topics)
         append = self._dispatcher.queue.append
-        for subscription in self._general:
+        for subscription in topics.subscriptions:
+            if subscription.topics is not None:
+                subscription.taken += 1
             append((subscription, message))
-        known = self._topics
-        if not known:
+
+    def emit_last(self, message: T) -> None:
+        """As `emit`, as the last thing that a handler does: a sole subscriber who is next anyway is called at once.
+
+        Nothing may come behind it in the handler, nor in what has called it, and nothing there may take what is raised.
+        """
+        sole, dispatcher = self._sole, self._dispatcher
+        if sole is None or not dispatcher.straight or dispatcher.queue:
+            self.emit(message)
             return
-        found: tuple[Subscription[T], ...] = ()
-        for group in topics:
-            for topic in group:
-                if topic in known:
-                    found = known[topic] if not found else (*found, *known[topic])
-        for subscription in found if len(found) == 1 else dict.fromkeys(found):
-            subscription.taken += 1
-            append((subscription, message))
+        self.published += 1
+        self.last = message
+        dispatcher.straight -= 1
+        try:
+            sole.handler(message)
+        except BaseException:
+            if dispatcher.blamed is None:  # no call: there may be no room for one
+                dispatcher.blamed = sole
+            raise
+
+    def emit_last_on(self, message: T, topics: Topics) -> None:
+        """As `emit_on`, as the last thing that a handler does, see `emit_last`."""
+        if topics.version != self._version:
+            self._look_up(topics)
+        sole, dispatcher = topics.sole, self._dispatcher
+        if sole is None or not dispatcher.straight or dispatcher.queue:
+            self.emit_on(message, topics)
+            return
+        self.published += 1
+        self.last = message
+        if sole.topics is not None:
+            sole.taken += 1
+        dispatcher.straight -= 1
+        try:
+            sole.handler(message)
+        except BaseException:
+            if dispatcher.blamed is None:  # no call: there may be no room for one
+                dispatcher.blamed = sole
+            raise
+
+    def _look_up(self, topics: Topics) -> None:
+        known = self._topics
+        found = (subscription for name in topics.names if name in known for subscription in known[name])
+        topics.subscriptions = (*self._general, *dict.fromkeys(found))
+        topics.sole = topics.subscriptions[0] if len(topics.subscriptions) == 1 else None
+        topics.version = self._version
+
+    def _changed(self) -> None:
+        """Take it that subscriptions have come or gone."""
+        self.heard = bool(self._subscriptions)
+        self._sole = self._subscriptions[0] if len(self._subscriptions) == 1 else None
+        self._version += 1
 
     def subscribe(
         self, handler: Callable[[T], object], actor: Actor | None = None, *, topics: Iterable[str] | None = None
@@ -230,7 +300,7 @@ class Channel(Generic[T]):
             subscription.topics = tuple(dict.fromkeys(topics))
             for topic in subscription.topics:
                 self._topics[topic] = (*self._topics.get(topic, ()), subscription)
-        self.heard = True
+        self._changed()
         if isinstance(self.last, _Unmade) and self.retain:
             self.last = self.last.make()
         retained = self._snapshot() if self._snapshot is not None else self.last if self.retain else None
@@ -266,7 +336,7 @@ class Channel(Generic[T]):
             self._topics[topic] = _without(self._topics[topic], subscription)
             if not self._topics[topic]:
                 del self._topics[topic]
-        self.heard = bool(self._subscriptions)
+        self._changed()
         if self._deserted is not None and not self.heard:
             self._deserted(self)
         return sum(waiting is subscription for waiting, _ in self._dispatcher.queue)

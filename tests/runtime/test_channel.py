@@ -10,6 +10,7 @@ from recorded import state
 
 from mdm import Actor, Error, Restart
 from mdm.messages import State, Tick
+from mdm.runtime.channel import Topics
 from mdm.testing import crash, probe, run_virtual
 
 
@@ -127,9 +128,9 @@ def test_topics_reach_only_those_who_asked_for_them():
         actor.subscribe(channel, lambda message: seen["c"].append(message.index), topics=["c"])
 
         def emit():
-            channel.emit_on(state(1), ("a", "b"), ())
-            channel.emit_on(state(2), (), ("c", "a"))
-            channel.emit_on(state(3), ("d",))
+            channel.emit_on(state(1), Topics("a", "b"))
+            channel.emit_on(state(2), Topics("c", "a"))
+            channel.emit_on(state(3), Topics("d"))
 
         actor.call_later(0, emit)
         await asyncio.sleep(1)

@@ -6,8 +6,10 @@ import asyncio
 import inspect
 import sys
 import threading
-from collections import deque
+from collections import Counter, deque
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, strategies as st
@@ -17,7 +19,8 @@ from recorded import state, tell
 from mdm import Actor, Error, Runtime, run
 from mdm.messages import State
 from mdm.runtime import Dispatcher, WallClock
-from mdm.runtime.channel import Subscription
+from mdm.runtime.channel import Channel, Subscription, Topics
+from mdm.runtime.virtual import VirtualClock
 from mdm.testing import probe, run_virtual
 
 
@@ -416,3 +419,147 @@ def test_a_turn_that_a_deep_stack_has_no_room_for_fails_from_the_event_loop(room
         assert not runtime.dispatcher.queue
 
     run_virtual(main)
+
+
+CHANNELS, MOST = 3, 600
+
+
+class Plain:
+    """What a dispatcher promises, said plainly: one queue, first in, first out, and nothing else."""
+
+    def __init__(self, subscribers):
+        self.subscribers, self.queue, self.log, self.steps = subscribers, deque(), [], 0
+        self.published, self.last = [0] * CHANNELS, [None] * CHANNELS
+
+    def emit(self, channel, topics):
+        if topics is None:
+            self.publish(channel)
+            return
+        self.published[channel] += 1
+        self.last[channel] = self.published[channel]
+        general = [one for one in self.subscribers if one.channel == channel and one.topics is None]
+        about = [one for topic in topics for one in self.subscribers if one.channel == channel and topic in one.heeds]
+        for subscriber in (*general, *{one.name: one for one in about}.values()):
+            self.queue.append((subscriber, self.published[channel]))
+
+    def publish(self, channel):
+        self.published[channel] += 1
+        self.last[channel] = self.published[channel]
+        self.queue.extend((one, self.published[channel]) for one in self.subscribers if one.channel == channel)
+
+    def turn(self, channel):
+        self.publish(channel)
+        while self.queue:
+            subscriber, number = self.queue.popleft()
+            self.steps += 1
+            self.log.append((subscriber.name, number, *self.published, *self.last))
+            if self.steps > MOST:
+                continue
+            for way, target, topics in subscriber.script:
+                if way == "raise":
+                    self.log.append(f"{subscriber.name} failed")
+                    break
+                self.publish(target) if way == "publish" else self.emit(target, topics)
+
+
+class Real:
+    """The same by channels and a dispatcher."""
+
+    def __init__(self, subscribers, loop):
+        self.log, self.steps = [], 0
+        self.dispatcher = Dispatcher(VirtualClock(), max_messages=256)
+        self.dispatcher.open(loop)
+        self.channels = [Channel(f"c{index}", State, self.dispatcher) for index in range(CHANNELS)]
+        self.subscriptions = []
+        for one in subscribers:
+            fails = SimpleNamespace(fail=lambda _, one=one: self.log.append(f"{one.name} failed"))
+            channel = self.channels[one.channel]
+            self.subscriptions.append(channel.subscribe(partial(self.handle, one), fails, topics=one.topics))
+
+    def handle(self, one, message):
+        self.steps += 1
+        last = [None if channel.last is None else channel.last.index for channel in self.channels]
+        self.log.append((one.name, message.index, *(channel.published for channel in self.channels), *last))
+        if self.steps > MOST:
+            return
+        for way, target, topics in one.script:
+            channel = self.channels[target]
+            new = state(channel.published + 1)
+            if way == "raise":
+                raise ValueError
+            if way == "publish":
+                channel.publish(new)
+            elif way == "emit" and topics is None:
+                channel.emit(new)
+            elif way == "emit":
+                channel.emit_on(new, one.topics_of[target, topics])
+            elif topics is None:
+                channel.emit_last(new)
+            else:
+                channel.emit_last_on(new, one.topics_of[target, topics])
+
+
+@st.composite
+def scripted(draw):
+    """Return subscribers with what each does at a message; only what comes last may be emitted as the last thing."""
+    subscribers = []
+    for number in range(draw(st.integers(1, 6))):
+        channels, ways = st.integers(0, CHANNELS - 1), st.sampled_from(["emit", "publish"])
+        about = st.sampled_from([None, (), ("a",), ("b", "a")])
+        script = draw(st.lists(st.tuples(ways, channels, about), max_size=2))
+        last = draw(st.sampled_from([None, "last", "last", "raise"]))
+        if last is not None:
+            script.append((last, draw(channels), draw(about)))
+        topics = draw(st.sampled_from([None, None, ("a",), ("a", "b")]))
+        subscribers.append(
+            SimpleNamespace(
+                name=f"s{number}",
+                channel=draw(channels),
+                topics=topics,
+                heeds=topics or (),
+                script=script,
+                topics_of={(target, names): Topics(*names) for _, target, names in script if names is not None},
+            )
+        )
+    return subscribers
+
+
+@given(subscribers=scripted(), stimuli=st.lists(st.integers(0, CHANNELS - 1), min_size=1, max_size=3))
+def test_what_is_handed_on_by_a_call_comes_as_if_it_had_been_queued(subscribers, stimuli):
+    plain = Plain(subscribers)
+    loop = asyncio.new_event_loop()
+    try:
+        real = Real(subscribers, loop)
+        turns = cuts = 0
+        for channel in stimuli:
+            before = plain.steps
+            plain.turn(channel)
+            turns += plain.steps > before
+            cuts += (plain.steps - before) // 256
+            real.channels[channel].publish(state(real.channels[channel].published + 1))
+            while real.dispatcher.active:
+                loop.run_until_complete(asyncio.sleep(0))
+        assert real.log == plain.log
+        counts = real.dispatcher.statistics()
+        assert (counts.turns, counts.interrupted) == (turns, cuts)
+        handled = Counter(entry[0] for entry in plain.log if isinstance(entry, tuple))
+        received = {one.name: sub.received for one, sub in zip(subscribers, real.subscriptions, strict=True)}
+        assert all(received[one.name] == handled[one.name] for one in subscribers if one.topics is None)
+    finally:
+        loop.close()
+
+
+@pytest.mark.parametrize(("messages", "cuts"), [(255, 0), (256, 1), (257, 1)])
+def test_what_is_handed_on_by_a_call_counts_as_any_message_of_a_turn(messages, cuts):
+    loop = asyncio.new_event_loop()
+    dispatcher = Dispatcher(VirtualClock(), max_messages=256)
+    dispatcher.open(loop)
+    first, second, third = (Channel(name, State, dispatcher) for name in "abc")
+    first.subscribe(second.emit_last)
+    second.subscribe(lambda _: [third.publish(state(0)) for _ in range(messages - 2)])
+    third.subscribe(lambda _: None)
+    first.publish(state(0))
+    assert dispatcher.statistics().interrupted == cuts
+    loop.run_until_complete(asyncio.sleep(0))
+    assert (dispatcher.statistics().turns, third.published) == (1, messages - 2)
+    loop.close()

@@ -16,8 +16,10 @@ from mdm.actors.predicates.follower import Follower
 from mdm.actors.predicates.sensor import EventSource, Sensor, truth
 from mdm.errors import ConfigError, Error
 from mdm.logic import Formula, Network, parse
+from mdm.logic.memory import Memory
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdate
 from mdm.runtime import Actor
+from mdm.runtime.channel import Topics
 from mdm.runtime.clock import check_seconds
 from mdm.runtime.handler import check_plain
 from mdm.runtime.supervision import text_of
@@ -74,6 +76,9 @@ class PredicateManager(Actor):
         self._home: Runtime | None = None
         self.action_ends: frozenset[str] = frozenset()
         self._first_events: EventUpdate | None = None
+        # Who hears of changes that recur, by their numbers: of predicates alone, and of events alone.
+        self._told: Memory[int, Topics] = Memory()
+        self._raisings: Memory[int, Topics] = Memory()
 
     # -- Declarations --------------------------------------------------------------------------------------------
 
@@ -103,7 +108,7 @@ class PredicateManager(Actor):
         if when is not None:
             check_plain(when, f"the 'when' of predicate {name!r}")
         self._declare(
-            name, "predicate", lambda network: network.add_input(name, self._told(name, initial)), sensed=True
+            name, "predicate", lambda network: network.add_input(name, self._initial(name, initial)), sensed=True
         )
         if channel is not None and when is not None:
             self._groundings.append((name, channel, when))
@@ -238,7 +243,7 @@ class PredicateManager(Actor):
         else:
             self._input((), events)
 
-    def _told(self, name: str, initial: bool | None) -> bool | None:
+    def _initial(self, name: str, initial: bool | None) -> bool | None:
         """What a sensor was told before the start; at a restart it is unknown otherwise, whatever it began with."""
         return self._backlog.values.get(name, None if self._begun else initial)
 
@@ -286,6 +291,8 @@ class PredicateManager(Actor):
         if self._begun:
             self._backlog.expire(now, self._max_age)
         self._network = self.network()
+        self._told.clear()
+        self._raisings.clear()
         for name in self._max_age:
             self._seen[name] = self._backlog.told(name, now) if self._begun else now
         self._backlog.clear()
@@ -362,23 +369,44 @@ class PredicateManager(Actor):
         return tuple((name, None if name in stale else value) for name, value in update.predicates)
 
     def _publish(self, time: int, change: Change) -> None:
-        rising, falling, unknown, events = change.rising, change.falling, change.unknown, change.events
-        if change.armed or change.disarmed:
-            for name in change.disarmed:
-                timer = self._hold_timers.pop(name, None)
-                if timer is not None:
-                    timer.cancel()
-            for name in change.armed:
-                self._arm(name, time)
-        if rising or falling or unknown:
+        """Tell what has changed, as the last thing that a turn's handler does."""
+        topics = self._told.get(change.number)
+        if topics is not None and not self.map.heard:  # hot path: predicates alone have changed, as often before
             self._counter = counter = self._counter + 1
-            message = PredicateUpdate(time, counter, rising, falling, unknown)
-            self.updates.emit_on(message, rising, falling, unknown)
+            message = PredicateUpdate(time, counter, change.rising, change.falling, change.unknown)
+            self.updates.emit_last_on(message, topics)
+            return
+        topics = self._raisings.get(change.number)
+        if topics is not None:  # the same for events
+            self._event_counter = counter = self._event_counter + 1
+            self.events.emit_last_on(EventUpdate(time, counter, change.events), topics)
+            return
+        self._publish_both(time, change)
+
+    def _publish_both(self, time: int, change: Change) -> None:
+        """Publish a change of predicates, of holds, and events; what recurs is quicker from now on."""
+        for name in change.disarmed:
+            timer = self._hold_timers.pop(name, None)
+            if timer is not None:
+                timer.cancel()
+        for name in change.armed:
+            self._arm(name, time)
+        rising, falling, unknown, events = change.rising, change.falling, change.unknown, change.events
+        moved = Topics(*rising, *falling, *unknown)
+        if moved.names:
+            self._counter = counter = self._counter + 1
+            self.updates.emit_on(PredicateUpdate(time, counter, rising, falling, unknown), moved)
             if self.map.heard:
                 self.map.publish(PredicateMap(time, counter, self._network.values()))
+        raised = Topics(*events)
         if events:
             self._event_counter = counter = self._event_counter + 1
-            self.events.emit_on(EventUpdate(time, counter, events), events)
+            self.events.emit_on(EventUpdate(time, counter, events), raised)
+        if change.number >= 0:
+            if not events:
+                self._told.keep(change.number, moved)
+            elif not moved.names:
+                self._raisings.keep(change.number, raised)
 
     def _arm(self, name: str, since: int) -> None:
         def held() -> None:

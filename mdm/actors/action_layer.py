@@ -123,6 +123,7 @@ class ActionLayer(Layer):
         self._admits = self._barred = False
         self._calling = False
         self._secure: Secured | None = None
+        self._unsecured = False
         self._patience: Timer | None = None
 
     @property
@@ -161,13 +162,14 @@ class ActionLayer(Layer):
         self._now = self.runtime.clock.reader()
         self._path = self.owner.path
         self._halted = True
-        self._admits = self._barred = False
+        self._admits = self._barred = self._unsecured = False
         self._secure = None
         self.subscribe(self.owner.channel("action", Action), self._on_action)
 
     def admit(self) -> None:
         """Run actions from now on."""
         self._admits = True
+        self._unsecured = False
         self._halted = self._barred or self.idle
         self._idle.clear()
 
@@ -195,18 +197,23 @@ class ActionLayer(Layer):
 
         Args:
             secured: Called when it has ended, in a turn behind all that was decided before: with None, or with how it
-                failed.
+                failed. It is then told to run once more, or else `give_up` is called: until then nothing is idle here.
             patience: Seconds after which whatever still lives is abandoned.
         """
         self.latch()
-        self._secure = secured
+        self._secure, self._unsecured = secured, False
         self._cancel_all()
         lives = tuple(life for life in self._living() if not life.secures)
         if lives:
-            self._patience = self.after(patience, lambda: self._give_up(lives))
+            self._patience = self.after(patience, lambda: self._abandon_all(lives))
         self._settle()
 
-    def _give_up(self, lives: tuple[_Life, ...]) -> None:
+    def give_up(self) -> None:
+        """Take it that the safe action, which has failed, runs no more."""
+        self._unsecured = False
+        self._settle()
+
+    def _abandon_all(self, lives: tuple[_Life, ...]) -> None:
         """Abandon what still lives, where its own grace has not done so, as when the layer itself has failed."""
         for life in set(lives).intersection(self._living()):
             if life.work is not None:
@@ -248,7 +255,7 @@ class ActionLayer(Layer):
         elif self._current is None and self._pending is not None:
             pending, self._pending = self._pending, None
             self._begin_life(*pending)
-        if self._secure is None and self._pending is None and not self._living():
+        if self._secure is None and not self._unsecured and self._pending is None and not self._living():
             idle, self._idle = self._idle, []
             for tell in idle:
                 tell()
@@ -451,6 +458,7 @@ class ActionLayer(Layer):
     def _tell_secured(self, failure: str | None) -> None:
         secured, self._secure = self._secure, None
         if secured is not None:
+            self._unsecured = failure is not None
             self.runtime.dispatcher.deliver(Subscription(None, self, secured), failure)
 
     def _listened(self, name: str, status: ActionStatus) -> bool:

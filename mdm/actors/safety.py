@@ -63,6 +63,7 @@ class Safety:
         self._last = False
         self._over = False
         self._ended: list[Callable[[], None]] = []
+        self._end_stopped: Callable[[], None] = lambda: None
 
     @property
     def _has_safe_action(self) -> bool:
@@ -289,8 +290,11 @@ class Safety:
         orders = self.modes.secured(failure, now)
         if self._ending and not self._last and Order.SECURE in orders:
             self._owed = True  # tried once more, but not beside the safe actions of what has stopped below
+            self._end_stopped()
             return
         self._obey(orders, now)
+        if failure is not None and Order.SECURE not in orders:
+            self._ensemble.action.give_up()
         if self._last and not self.modes.securing:
             self._finish()
 
@@ -351,6 +355,7 @@ class Safety:
             while stopped:
                 stopped.pop().end(kind, detail, ended)
 
+        self._end_stopped = end_stopped
         if stopped:  # their safe actions would run beside what still lives here
             self._ensemble.action.when_idle(end_stopped)
             self._ensemble.after(self._ensemble.settling, end_stopped)

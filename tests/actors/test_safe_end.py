@@ -93,6 +93,31 @@ def test_a_safe_action_that_fails_at_the_end_is_tried_once_more_when_what_is_bel
     ]
 
 
+def test_a_safe_action_below_that_fails_is_tried_once_more_before_the_one_above_begins():
+    log = Log()
+
+    async def make_safe():
+        log.append("BELOW begins")
+        if log.count("BELOW begins") == 1:
+            raise LookupError
+        await asyncio.sleep(3)
+        log.append("BELOW ends")
+
+    async def main(runtime):
+        top, below, sensor = two_levels(
+            *(log, "Below", "Rest"), safe_action=log.slow("TOP", 1.0), safe_below=make_safe, cleanup=2.0
+        )
+        await runtime.start(top)
+        below.publish_state(0)
+        sensor.set(False)
+        await asyncio.sleep(2)  # top is safe since a second, and waits for what is below
+
+    run_virtual(main)
+    assert log == [
+        *("Work begins", "Work ends", "BELOW begins", "BELOW begins", "BELOW ends", "TOP begins", "TOP ends")
+    ]
+
+
 @pytest.mark.parametrize("how", ["release", "input"])
 def test_while_it_ends_there_is_no_way_back(how):
     log = Log()

@@ -41,8 +41,8 @@ ODD = [
     "null",
 ]
 NAMES = st.one_of(st.sampled_from(ODD), st.text(st.characters(codec="utf-8", exclude_characters="\0\r"), max_size=4))
-PLAIN = st.from_regex(r"[A-Za-z][A-Za-z0-9_.-]{0,5}", fullmatch=True).filter(
-    lambda name: name not in {"T", "O", "R", "uniform", "identity", "reset", "include", "exclude", "null"}
+PLAIN = st.from_regex(r"[A-Za-z][A-Za-z0-9_-]{0,5}", fullmatch=True).filter(
+    lambda name: name not in {"T", "O", "R", "reset", "null", "cost", "start", "values", "states", "reward"}
 )
 
 

@@ -44,6 +44,7 @@ ACROSS = {
     "actors/test_safe_end.py": "safety: the end of ensembles",
     "actors/test_safe_order.py": "safety: ensembles above and below each other",
     "actors/test_way_back.py": "safety: what follows a safe mode",
+    "formats/test_strict.py": "what is written, read by readers as strict as the original tools",
     "formats/test_policy_corpus.py": "the policies of other programs, in every format",
     "formats/test_policy_fuzz.py": "damaged policies, in every format",
     "problems/test_problems.py": "what all problems have in common",

@@ -20,11 +20,22 @@ class Speller:
     Args:
         foreign: Matches characters that are not allowed in a name.
         words: Reserved words.
+        before: What is put before a word that may not stand as it is.
+        first: Matches the characters that a name may begin with; None for any that is allowed in it.
     """
 
-    def __init__(self, foreign: re.Pattern[str], words: Container[str] = ()) -> None:
+    def __init__(
+        self,
+        foreign: re.Pattern[str],
+        words: Container[str] = (),
+        *,
+        before: str = "_",
+        first: re.Pattern[str] | None = None,
+    ) -> None:
         self._foreign = foreign
         self._words = words
+        self._before = before
+        self._first = first
         self._changed: list[str] = []
 
     def spell(self, names: Sequence[str], taken: Container[str] = (), *, numbered: bool = True) -> list[str]:
@@ -39,8 +50,9 @@ class Speller:
         used: set[str] = set()
         for index, name in enumerate(names):
             word = self._foreign.sub("_", name) or "_"
-            if word in self._words or (numbered and word.isdecimal() and word != str(index)):
-                word = f"_{word}"
+            begins = self._first is None or self._first.match(word)
+            if not begins or word in self._words or (numbered and word.isdecimal() and word != str(index)):
+                word = f"{self._before}{word}"
             word = unused(word, lambda found: found in used or found in taken)
             if word != name:
                 self._changed.append(f"{name!r} as {word!r}")

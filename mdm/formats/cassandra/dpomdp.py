@@ -17,7 +17,7 @@ import numpy.typing as npt
 from mdm.errors import FormatError, ModelError
 from mdm.formats.cassandra.model import LARGEST, build
 from mdm.formats.cassandra.statements import Field, Statements
-from mdm.formats.cassandra.writer import StatementWriter, declared
+from mdm.formats.cassandra.writer import StatementWriter, Symbols
 from mdm.formats.source import Source, Words, number
 from mdm.formats.target import write_text
 from mdm.models import POMDP, Space
@@ -66,14 +66,16 @@ def write(model: MDP, path: str | Path) -> None:
             f"{len(model.observation_space.factors)} observation factors: write .pomdp"
         )
     writer = StatementWriter(model, colon=" : ")
-    named = writer.spell(agents)
-    lines = [f"agents: {declared(named, 'agent')}", f"discount: {model.discount!r}", "values: reward"]
-    lines += [f"states: {declared(writer.states, 's')}", "start:", writer.start()]
+    named = Symbols.of(writer.spell(agents), "agent")
+    lines = [f"agents: {named.declared}", f"discount: {model.discount!r}", "values: reward"]
+    lines += [f"states: {writer.states.declared}", "start:", writer.start()]
     joint = []
     for key, space in (("actions", model.action_space), ("observations", model.observation_space)):
-        words = [writer.spell(factor.names) for factor in space.factors]
-        lines += [f"{key}:", *(declared(each, key[0]) for each in words)]
-        joint.append([" ".join(symbols) for symbols in product(*words)])
+        symbols = [Symbols.of(writer.spell(factor.names), key[0]) for factor in space.factors]
+        lines += [f"{key}:", *(each.declared for each in symbols)]
+        if len(symbols) == 1:  # a single word is the index of a joint symbol, for MADP
+            symbols = [symbols[0].by_index()]
+        joint.append([" ".join(words) for words in product(*(each.words for each in symbols))])
     lines += writer.statements(*joint)
     write_text(path, "\n".join(lines) + "\n")
     writer.warn("the format")

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError, ModelWarning
 from mdm.formats.cassandra.statements import Field, Statements
-from mdm.formats.cassandra.writer import StatementWriter, declared
+from mdm.formats.cassandra.writer import StatementWriter, Symbols
 from mdm.formats.source import Source, Words, number, suffixes
 from mdm.formats.target import write_text
 from mdm.models import MDP, POMDP, Space
@@ -52,15 +52,29 @@ def write(model: MDP, path: str | Path) -> None:
     if isinstance(model, POMDP) and suffixes(path) == ".mdp":
         raise ModelError("an .mdp file cannot hold this POMDP's observations: write .pomdp")
     writer = StatementWriter(model, colon=" ")
-    actions = writer.joined(model.action_space)
-    observations = writer.joined(model.observation_space) if isinstance(model, POMDP) else None
-    lines = [f"discount: {model.discount!r}", "values: reward", f"states: {declared(writer.states, 's')}"]
-    lines.append(f"actions: {declared(actions, 'a')}")
-    if observations is not None:
-        lines.append(f"observations: {declared(observations, 'o')}")
-    lines += [f"start: {writer.start()}", *writer.statements(actions, observations)]
+    actions = Symbols.of(writer.joined(model.action_space), "a")
+    lines = [f"discount: {model.discount!r}", "values: reward", f"states: {writer.states.declared}"]
+    lines.append(f"actions: {actions.declared}")
+    if isinstance(model, POMDP):
+        observations = Symbols.of(writer.joined(model.observation_space), "o")
+        lines += [f"observations: {observations.declared}", f"start: {writer.start()}"]
+        lines += writer.statements(actions.words, observations.words)
+    else:
+        lines += [*_first_state(model, writer.states.words), *writer.statements(actions.words, None)]
     write_text(path, "\n".join(lines) + "\n")
     writer.warn("the format")
+
+
+def _first_state(model: MDP, states: list[str]) -> list[str]:
+    """Return the line for an MDP's start, which is a state or, without a line, uniform."""
+    belief = model.initial_belief
+    if (belief == 1 / len(belief)).all():
+        return []
+    if belief.max() == 1:
+        return [f"start: {states[belief.argmax()]}"]
+    text = "the file cannot hold an MDP's start distribution, and is read with a uniform one: write .npz or .pomdpx"
+    warnings.warn(text, ModelWarning, stacklevel=4)
+    return []
 
 
 class _Reader:

@@ -42,7 +42,7 @@ class Variable(NamedTuple):
 
 
 def reference(element: Element) -> tuple[str, int | None]:
-    """Return the name and time slice of a variable; older files have the slice in the name."""
+    """Return the name and time slice of a variable; files have the slice as an attribute, in the name, or both."""
     name = element.attribute("name")
     time = element.attributes.get("timeSlice")
     if time is None:
@@ -52,7 +52,7 @@ def reference(element: Element) -> tuple[str, int | None]:
         return name, None
     if not time.strip().isdecimal() or len(time) > 9:
         element.fail(f"{time[:40]!r} is not a time slice")
-    return name, int(time)
+    return name.removesuffix(f"[{int(time)}]").strip(), int(time)
 
 
 def names_of(element: Element) -> tuple[str, ...]:

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import math
 import re
 import warnings
 from collections import Counter
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mdm.errors import ModelError, ModelWarning
+from mdm.formats.distributions import initial
 from mdm.formats.markup import quoted
 from mdm.formats.spelling import Speller
 from mdm.formats.target import write_text
 from mdm.models.factored.factoring import as_network
-from mdm.models.factored.potential import Node, Potential, Table
+from mdm.models.factored.links import unlinked
+from mdm.models.factored.potential import Node, Potential, Table, tabulated
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from mdm.models import MDP, TwoSliceNetwork
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["write"]
 
 _FOREIGN = re.compile("^\\s+|\\s+$|[\x00-\x1f\ud800-\udfff\ufffe\uffff]")
+_SLICE = re.compile(r"\s*\[[01]\]")
+"""What readers take for a time slice in a name."""
 _DEEPEST = 20
 _SLICES: dict[Role, int] = {"state": 0, "action": 0, "next_state": 1, "observation": 1}
 
@@ -49,6 +53,18 @@ def write(model: MDP, path: str | Path) -> None:
                 f"state factor {factor.name!r} has one value, a constant in ProbModelXML: write .pomdpx, "
                 f"or an archive (.npz)"
             )
+    roles: dict[Role, str] = {"state": "initial values of state factors", "observation": "observations"}
+    for role, what in roles.items():
+        free = unlinked(network, role)
+        if free is None:
+            text = f"the {what} depend on each other, and MADP does not read the links between them"
+            warnings.warn(text, ModelWarning, stacklevel=3)
+        else:
+            network = free
+    agents, seen = len(network.actions.factors), len(network.observation)
+    if seen not in {0, agents} and not network.event_observations:
+        text = f"MADP reads one observation of each agent, but there are {seen} for {agents}"
+        warnings.warn(text, ModelWarning, stacklevel=3)
     document = _Document(network)
     write_text(path, "\n".join(document.lines(model.discount)) + "\n")
     document.speller.warn("ProbModelXML")
@@ -61,7 +77,7 @@ class _Document:
     def __init__(self, network: TwoSliceNetwork) -> None:
         self._network = network
         self.speller = Speller(_FOREIGN)
-        self._titles = Speller(_FOREIGN)
+        self._titles = Speller(re.compile(f"{_FOREIGN.pattern}|{_SLICE.pattern}"))
         self._taken: set[str] = set()
         self._variables: dict[Node, str] = {}
         self._values: dict[Node, list[str]] = {}
@@ -81,6 +97,9 @@ class _Document:
             for place in range(len(network.factors("observation")))
         ]
         self._rewards = [self._title(f"reward{index}") for index in range(len(network.utilities))]
+        # MADP takes the first variable whose name begins with the wanted one; a slice in each name ends them.
+        names = sorted(self._taken)
+        self._with_slices = any(after.startswith(name) for name, after in pairwise(names))
 
     def _title(self, name: str) -> str:
         title = self._titles.spell([name], self._taken, numbered=False)[0]
@@ -101,12 +120,16 @@ class _Document:
             lines += ["<Agents>", *(f"<Agent name={quoted(self._agent(agent))}/>" for agent in agents), "</Agents>"]
         lines += ["<Variables>", *self._declarations(), "</Variables>", "<Links>", *self._links(), "</Links>"]
         lines.append("<Potentials>")
-        conditionals: tuple[Role, ...] = ("state", "next_state", "observation")
-        for role in conditionals:
-            for place, potential in enumerate(network.potentials(role)):
+        potentials: dict[Role, Sequence[Potential]] = {
+            "state": initial(network),
+            "next_state": network.transitions,
+            "observation": network.observation,
+        }
+        for role, each in potentials.items():
+            for place, potential in enumerate(each):
                 lines += _Writer(self._reference, self._values, Node(role, place)).lines(potential)
         for name, utility in zip(self._rewards, network.utilities, strict=True):
-            lines += _Writer(self._reference, self._values, None, name).lines(utility)
+            lines += _Writer(self._reference, self._values, None, self._key(name, 0)).lines(utility)
         return [*lines, "</Potentials>", "</ProbNet>", "</ProbModelXML>"]
 
     def _agent(self, place: int) -> str:
@@ -124,15 +147,13 @@ class _Document:
             last = Node("action", min(place, len(network.actions.factors) - 1))
             agent = self._agent(last.place) if several else None
             lines.append(self._declaration(name, "decision", 1, self._values[last], agent))
-        lines += [
-            f'<Variable name={quoted(name)} type="numeric" role="utility" timeSlice="0"/>' for name in self._rewards
-        ]
+        lines += [f'<Variable {self._key(name, 0)} type="numeric" role="utility"/>' for name in self._rewards]
         return lines
 
     def _declaration(self, name: str, role: str, time: int, values: list[str], agent: str | None) -> str:
         states = "".join(f"<State name={quoted(value)}/>" for value in values)
         of = "" if agent is None else f"<Agent name={quoted(agent)}/>"
-        begin = f'<Variable name={quoted(name)} type="finiteStates" role="{role}" timeSlice="{time}">'
+        begin = f'<Variable {self._key(name, time)} type="finiteStates" role="{role}">'
         return f"{begin}{of}<States>{states}</States></Variable>"
 
     def _links(self) -> list[str]:
@@ -141,22 +162,22 @@ class _Document:
         nodes = [Node(role, place) for role in roles for place in range(len(network.potentials(role)))]
         pairs = [(self._reference(parent), self._reference(node)) for node in nodes for parent in network.parents(node)]
         pairs += [
-            (self._reference(Node("observation", place)), _variable(name, 1))
+            (self._reference(Node("observation", place)), f"<Variable {self._key(name, 1)}/>")
             for place, name in enumerate(self._informed)
         ]
         pairs += [
-            (self._reference(node), _variable(name, 0))
+            (self._reference(node), f"<Variable {self._key(name, 0)}/>")
             for name, utility in zip(self._rewards, network.utilities, strict=True)
             for node in utility.scope
         ]
         return [f'<Link directed="true">{parent}{child}</Link>' for parent, child in pairs]
 
     def _reference(self, node: Node) -> str:
-        return _variable(self._variables[node], _SLICES[node.role])
+        return f"<Variable {self._key(self._variables[node], _SLICES[node.role])}/>"
 
-
-def _variable(name: str, time: int) -> str:
-    return f'<Variable name={quoted(name)} timeSlice="{time}"/>'
+    def _key(self, name: str, time: int) -> str:
+        """Return the attributes that identify a variable."""
+        return f'name={quoted(f"{name} [{time}]" if self._with_slices else name)} timeSlice="{time}"'
 
 
 class _Writer:
@@ -185,14 +206,14 @@ class _Writer:
 
     def _write(self, potential: Potential, depth: int) -> list[str]:
         if not isinstance(potential, Table) and depth >= _DEEPEST:
-            potential = self._table(potential)
+            potential = tabulated(potential)
         kind = "Table" if isinstance(potential, Table) else "Tree/ADD"
         role = "utility" if self._child is None else "conditionalProbability"
         # A potential's first variable is its child.
         scope = sorted(potential.scope, key=lambda node: node != self._child)
         of = ""
         if self._child is None and not depth:
-            of = f'<UtilityVariable name={quoted(self._utility)} timeSlice="0"/>'
+            of = f"<UtilityVariable {self._utility}/>"
         listed = scope if depth or self._child is None or self._child in scope else [self._child, *scope]
         variables = "".join(self._reference(node) for node in listed)
         lines = [f'<Potential type="{kind}" role="{role}">{of}<Variables>{variables}</Variables>']
@@ -218,10 +239,3 @@ class _Writer:
             self._labels[key] = f"branch{len(self._labels)}"
             begin += f"<Label>{self._labels[key]}</Label>"
         return [begin, *self._write(branch, depth + 1), "</Branch>"]
-
-    def _table(self, tree: Potential) -> Table:
-        """Return a tree as a table, for trees nested too deep to be written."""
-        sizes = [tree.sizes[node] for node in tree.scope]
-        grid = [axis.ravel() for axis in np.indices(sizes)]
-        values = tree.rows(dict(zip(tree.scope, grid, strict=True)), math.prod(sizes), None, 1)
-        return Table(tree.scope, values.reshape(sizes))

@@ -1,21 +1,29 @@
-"""Writing POMDPX: tables as entries, trees as decision diagrams with templates for shared branches."""
+"""Writing POMDPX as SARSOP reads it: tables and trees as entries, and no links that it refuses.
+
+Of state factors only hidden ones may depend on others of the same slice, and these must be fully observed; no
+observation depends on another.
+"""
 
 from __future__ import annotations
 
+import math
 import re
-from collections import Counter
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.errors import ModelError
+from mdm.errors import ModelError, ModelWarning
+from mdm.formats.distributions import initial
 from mdm.formats.markup import escape, quoted
 from mdm.formats.spelling import Speller, unused
 from mdm.formats.target import write_text
 from mdm.models.factored.factoring import as_network
-from mdm.models.factored.potential import Node, Potential, Table
+from mdm.models.factored.links import joined, unlinked
+from mdm.models.factored.potential import Node, Potential, Table, tabulated
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from mdm.models import MDP, TwoSliceNetwork
@@ -26,7 +34,6 @@ __all__ = ["write"]
 _FOREIGN = re.compile("[\\s\x00-\x1f\ud800-\udfff\ufffe\uffff]")
 _MANY = 1000
 _FEW = 0.3
-_DEEPEST = 40
 _ELEMENTS: tuple[tuple[Role, str, str], ...] = (
     ("state", "StateVar", "s"),
     ("action", "ActionVar", "a"),
@@ -43,7 +50,8 @@ def write(model: MDP, path: str | Path) -> None:
     """Write a model as POMDPX; a flat model is factored by the chain rule over its spaces' factors.
 
     Names that are not single words are changed, with a warning. Variables get unique names. An MDP is written as a
-    model whose factors are all fully observed.
+    model whose factors are all fully observed. State factors or observations that depend on each other in ways that
+    SARSOP does not read are joined into one, with a warning.
 
     Raises:
         ModelError: If observations are events, which POMDPX lacks, or the model is too large for tables.
@@ -54,9 +62,48 @@ def write(model: MDP, path: str | Path) -> None:
         raise ModelError(
             "POMDPX cannot hold observations of events, P(o | s, a, s'): write .pgmx, or an archive (.npz)"
         )
-    document = _Document(network)
+    document = _Document(_without_links(network))
     write_text(path, "\n".join(document.lines(model.discount)) + "\n")
     document.speller.warn("POMDPX")
+
+
+def _without_links(network: TwoSliceNetwork) -> TwoSliceNetwork:
+    """Return a network without links that SARSOP refuses."""
+    free = unlinked(network, "observation")
+    if free is None:
+        _warn(f"the {len(network.observation)} observations depend on each other; for SARSOP they are joined into one")
+        free = joined(network, "observations")
+    if _has_readable_states(free):
+        return free
+    other = unlinked(free, "next_state")
+    if other is not None:
+        return other
+    seen = _observed(free)
+    if any(seen) and not all(seen):
+        _warn("state factors depend on others of the same slice, some of them hidden: SARSOP does not read this file")
+        return free
+    _warn(f"the {len(seen)} state factors depend on each other; for SARSOP they are joined into one")
+    return joined(free, "states")
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, ModelWarning, stacklevel=5)
+
+
+def _observed(network: TwoSliceNetwork) -> tuple[bool, ...]:
+    """Return for each state factor whether it is written as fully observed."""
+    return network.fully_observed if network.observations is not None else (True,) * len(network.states.factors)
+
+
+def _has_readable_states(network: TwoSliceNetwork) -> bool:
+    seen = _observed(network)
+    links = (
+        (node.place, parent.place)
+        for node in (Node("next_state", place) for place in range(len(seen)))
+        for parent in network.parents(node)
+        if parent.role == "next_state"
+    )
+    return all(seen[parent] and not seen[child] for child, parent in links)
 
 
 class _Document:
@@ -85,7 +132,7 @@ class _Document:
         lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<pomdpx version="1.0" id="mdm">']
         lines += [f"<Discount>{discount!r}</Discount>", "<Variable>", *self._declarations(), "</Variable>"]
         for role, section in _SECTIONS:
-            potentials = network.potentials(role)
+            potentials = initial(network) if role == "state" else network.potentials(role)
             if not potentials:
                 continue
             lines.append(f"<{section}>")
@@ -102,7 +149,7 @@ class _Document:
 
     def _declarations(self) -> list[str]:
         lines = []
-        fully_observed = self._network.fully_observed
+        observed = _observed(self._network)
         for role, tag, prefix in _ELEMENTS:
             for place in range(len(self._network.factors(role))):
                 node = Node(role, place)
@@ -110,7 +157,7 @@ class _Document:
                 name = quoted(self._variables[node])
                 if role == "state":
                     after = quoted(self._variables[Node("next_state", place)])
-                    seen = "true" if self._network.observations is None or fully_observed[place] else "false"
+                    seen = "true" if observed[place] else "false"
                     begin = f'<{tag} vnamePrev={name} vnameCurr={after} fullyObs="{seen}">'
                 else:
                     begin = f"<{tag} vname={name}>"
@@ -122,29 +169,43 @@ class _Document:
 
     def _function(self, tag: str, variable: str, potential: Potential, child: Node | None) -> list[str]:
         parents = [node for node in potential.scope if node != child]
+        if child is None and not parents:
+            parents = [Node("action", 0)]  # a reward depends on something
         names = " ".join(self._variables[node] for node in parents) or "null"
-        kind = "TBL" if isinstance(potential, Table) else "DD"
-        inner = (
-            self._entries(potential, parents, child)
-            if isinstance(potential, Table)
-            else _Diagram(self._variables, self._values).lines(potential)
-        )
         head = f"<{tag}><Var>{escape(variable)}</Var><Parent>{escape(names)}</Parent>"
-        return [head, f'<Parameter type="{kind}">', *inner, f"</Parameter></{tag}>"]
+        order = parents if child is None else [*parents, child]
+        if _count_leaves(potential, {}) > math.prod(len(self._values[node]) for node in order):
+            potential = tabulated(potential)
+        entries = [
+            line for fixed, table in _leaves(potential, {}) for line in self._entries(table, fixed, order, child)
+        ]
+        return [head, '<Parameter type="TBL">', *entries, f"</Parameter></{tag}>"]
 
-    def _entries(self, table: Table, parents: list[Node], child: Node | None) -> list[str]:
-        """Return one entry with all numbers, or, if most are 0, an entry for each other number."""
-        order = [*parents, child] if child is not None else parents
-        values = np.transpose(table.values, [table.scope.index(node) for node in order])
+    def _entries(self, table: Table, fixed: dict[Node, int], order: list[Node], child: Node | None) -> list[str]:
+        """Return the entries of a table where some variables are fixed: one, or one for each number that is not 0."""
+        at = tuple(fixed.get(node, slice(None)) for node in table.scope)
+        scope = [node for node in table.scope if node not in fixed]
+        values = table.values[at]
+        if child is not None and child not in fixed and child not in scope:
+            values = np.broadcast_to(values[..., None], (*values.shape, len(self._values[child])))
+            scope.append(child)
+        spread = [node for node in order if node in scope]
+        values = values.transpose([scope.index(node) for node in spread])
         tag = "ValueTable" if child is None else "ProbTable"
-        if values.size <= _MANY or np.count_nonzero(values) >= _FEW * values.size:
-            instance = " ".join("-" * len(order))
+        instance = [
+            escape(self._values[node][fixed[node]]) if node in fixed else "-" if node in scope else "*"
+            for node in order
+        ]
+        few = values.size > _MANY and np.count_nonzero(values) < _FEW * values.size
+        if not few or (child is not None and child.role == "state"):
             numbers = " ".join(map(repr, values.ravel().tolist()))
-            return [f"<Entry><Instance>{instance}</Instance><{tag}>{numbers}</{tag}></Entry>"]
+            return [f"<Entry><Instance>{' '.join(instance)}</Instance><{tag}>{numbers}</{tag}></Entry>"]
         places = np.nonzero(values)
         columns = [
-            np.array([escape(value) for value in self._values[node]], dtype=object)[at]
-            for node, at in zip(order, places, strict=True)
+            np.array([escape(value) for value in self._values[node]], dtype=object)[places[spread.index(node)]]
+            if node in spread
+            else [word] * len(places[0])
+            for node, word in zip(order, instance, strict=True)
         ]
         return [
             f"<Entry><Instance>{' '.join(words)}</Instance><{tag}>{number!r}</{tag}></Entry>"
@@ -152,53 +213,20 @@ class _Document:
         ]
 
 
-class _Diagram:
-    """Writes a tree; a shared branch becomes a template."""
+def _leaves(potential: Potential, fixed: dict[Node, int]) -> Iterator[tuple[dict[Node, int], Table]]:
+    """Yield the tables at the ends of a tree, and the values of variables that lead to them."""
+    if isinstance(potential, Table):
+        yield fixed, potential
+        return
+    for value, choice in enumerate(potential.choice.tolist()):
+        if fixed.get(potential.node, value) == value:
+            yield from _leaves(potential.branches[choice], {**fixed, potential.node: value})
 
-    def __init__(self, variables: dict[Node, str], values: dict[Node, list[str]]) -> None:
-        self._variables = variables
-        self._values = values
-        self._uses: Counter[int] = Counter()
-        self._templates: dict[int, list[str]] = {}
-        self._names: dict[int, str] = {}
 
-    def lines(self, potential: Potential) -> list[str]:
-        self._count(potential)
-        root = ["<DAG>", *self._write(potential, 0), "</DAG>"]
-        templates = [
-            line
-            for key, body in self._templates.items()
-            for line in (f'<SubDAGTemplate id="{self._names[key]}">', *body, "</SubDAGTemplate>")
-        ]
-        return root + templates
-
-    def _count(self, potential: Potential) -> None:
-        self._uses[id(potential)] += 1
-        if isinstance(potential, Table) or self._uses[id(potential)] > 1:
-            return
-        for choice in potential.choice:
-            self._count(potential.branches[choice])
-
-    def _write(self, potential: Potential, depth: int) -> list[str]:
-        key = id(potential)
-        if depth and (self._uses[key] > 1 or depth >= _DEEPEST) and potential.scope:
-            if key not in self._names:
-                self._names[key] = f"t{len(self._names)}"
-                self._templates[key] = self._body(potential, 0)
-            return [f'<SubDAG type="template" idref="{self._names[key]}"/>']
-        return self._body(potential, depth)
-
-    def _body(self, potential: Potential, depth: int) -> list[str]:
-        if not isinstance(potential, Table):
-            branches = [self._write(potential.branches[choice], depth + 2) for choice in potential.choice]
-            return self._node(potential.node, branches)
-        if not potential.scope:
-            return [f"<Terminal>{float(potential.values)!r}</Terminal>"]
-        first, *rest = potential.scope
-        return self._node(first, [self._body(Table(rest, part), depth + 2) for part in potential.values])
-
-    def _node(self, node: Node, branches: list[list[str]]) -> list[str]:
-        lines = [f"<Node var={quoted(self._variables[node])}>"]
-        for value, branch in zip(self._values[node], branches, strict=True):
-            lines += [f"<Edge val={quoted(value)}>", *branch, "</Edge>"]
-        return [*lines, "</Node>"]
+def _count_leaves(potential: Potential, done: dict[int, int]) -> int:
+    """Return the number of paths through a tree."""
+    if isinstance(potential, Table):
+        return 1
+    if id(potential) not in done:
+        done[id(potential)] = sum(_count_leaves(potential.branches[choice], done) for choice in potential.choice)
+    return done[id(potential)]

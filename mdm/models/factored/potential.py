@@ -6,6 +6,7 @@ are compact for context-specific independence, where a function depends on a var
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from mdm.models.matrices import Vector, numbers
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["Digits", "Node", "Potential", "Role", "Table", "Tree"]
+__all__ = ["Digits", "Node", "Potential", "Role", "Table", "Tree", "tabulated"]
 
 Role = Literal["state", "action", "next_state", "observation"]
 
@@ -124,3 +125,13 @@ class Tree:
 
 
 Potential = Table | Tree
+
+
+def tabulated(potential: Potential) -> Table:
+    """Return a potential as a table over its scope."""
+    if isinstance(potential, Table):
+        return potential
+    sizes = [potential.sizes[node] for node in potential.scope]
+    grid = [axis.ravel() for axis in np.indices(sizes)]
+    values = potential.rows(dict(zip(potential.scope, grid, strict=True)), math.prod(sizes), None, 1)
+    return Table(potential.scope, values.reshape(sizes))

@@ -22,11 +22,28 @@ def load(path, **options):
         return load_model(path, **options)
 
 
+def started(model, path):
+    """Write a model; return it with the start that an MDP's file has: a state, or all of them alike."""
+    belief = model.initial_belief
+    if model.kind == "POMDP" or belief.max() == 1 or (belief == 1 / len(belief)).all():
+        cassandra.write(model, path)
+        return model
+    with pytest.warns(ModelWarning, match="cannot hold an MDP's start distribution"):
+        cassandra.write(model, path)
+    return MDP(
+        [model.transition_matrix(action) for action in range(len(model.action_space))],
+        model.rewards,
+        discount=model.discount,
+        states=model.state_space,
+        actions=model.action_space,
+        outcome_rewards=model.outcome_rewards,
+    )
+
+
 @given(model=flat_models(joint=False))
 def test_models_come_back(model, tmp_path_factory):
     path = tmp_path_factory.mktemp("round") / f"model.{model.kind.lower()}"
-    cassandra.write(model, path)
-    assert_same(model, load(path), finer=True)
+    assert_same(started(model, path), load(path), finer=True)
 
 
 @given(model=flat_models(kinds=("POMDP",)))
@@ -47,8 +64,8 @@ def test_odd_names_are_written_so_that_they_can_be_read(model, tmp_path_factory)
     folder = tmp_path_factory.mktemp("round")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        cassandra.write(model, folder / f"model.{model.kind.lower()}")
-        assert_same(model, load(folder / f"model.{model.kind.lower()}"), named=False)
+        kept = started(model, folder / f"model.{model.kind.lower()}")
+        assert_same(kept, load(folder / f"model.{model.kind.lower()}"), named=False)
         if model.kind == "POMDP" and len(model.observation_space.factors) == model.num_agents:
             dpomdp.write(model, folder / "model.dpomdp")
             assert_same(model, load(folder / "model.dpomdp"), named=False)
@@ -57,8 +74,7 @@ def test_odd_names_are_written_so_that_they_can_be_read(model, tmp_path_factory)
 @given(model=factored_models())
 def test_factored_models_are_written_flat(model, tmp_path_factory):
     path = tmp_path_factory.mktemp("round") / f"model.{model.kind.lower()}.gz"
-    cassandra.write(model, path)
-    assert_same(model, load(path), named=False, finer=True)
+    assert_same(started(model, path), load(path), named=False, finer=True)
 
 
 def test_counts_uniform_and_identity_keep_files_short(tmp_path):
@@ -83,18 +99,19 @@ def test_counts_uniform_and_identity_keep_files_short(tmp_path):
         "identity",
         "T: jump",
         "uniform",
-        "O: *",
-        "identity",
+        "O: * : 0 : x 1.0",
+        "O: * : 1 : y 1.0",
+        "O: * : 2 : z 1.0",
         "R: look : * : * : * 1.0",
-        "R: jump : s2 : * : * 5.0",
+        "R: jump : 2 : * : * 5.0",
     ]
 
 
 def test_names_that_were_changed_are_told(tmp_path):
     model = MDP([np.eye(2)], np.zeros((2, 1)), discount=0.9, states=["wide open", "T"], actions=["go!"])
-    with pytest.warns(ModelWarning, match="3 names .*'wide open' as 'wide_open', 'T' as '_T', 'go!' as 'go_'"):
+    with pytest.warns(ModelWarning, match="3 names .*'wide open' as 'wide_open', 'T' as 'x_T', 'go!' as 'go_'"):
         cassandra.write(model, tmp_path / "m.mdp")
-    assert load(tmp_path / "m.mdp").state_space.names == ("wide_open", "_T")
+    assert load(tmp_path / "m.mdp").state_space.names == ("wide_open", "x_T")
 
 
 def test_what_the_formats_do_not_have_is_refused(tmp_path):

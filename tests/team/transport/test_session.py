@@ -180,6 +180,24 @@ def test_an_answer_under_the_key_of_another_is_dropped():
     LOOPBACK(main)
 
 
+def test_of_two_of_one_name_that_begin_at_once_one_stays_and_both_are_told():
+    async def main(net):
+        other = net.transport("b")
+        await other.open()
+        seen = []
+        other.watch(seen.append)
+        pair = [net.transport("a", lease=0.3) for _ in range(2)]
+        ends = await asyncio.gather(*(session.open() for session in pair), return_exceptions=True)
+        refused = [end for end in ends if end is not None]
+        assert len(refused) == 1
+        assert "an agent 'a' of team 'team' is live already" in str(refused[0])
+        stays = pair[ends.index(None)]
+        await net.until(lambda: seen[-1].get("a") == stays.incarnation)
+        assert stays.statistics().dropped["duplicate"] >= 1
+
+    LOOPBACK(main)
+
+
 def test_what_is_over_the_allowance_is_held_back_and_counted():
     from mdm.team.transport.allowance import Allowance
 

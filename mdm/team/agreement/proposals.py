@@ -21,7 +21,8 @@ class Proposals:
     """An agent's own components and commands, in their order.
 
     A component that was offered for a step counts for that step alone. Where the step went without it, an event is
-    offered anew for the next one, and a reading of a fixed rate is dropped, since the next is on its way.
+    offered anew for the next one, and a reading of a fixed rate is dropped, since the next is on its way. Where the step
+    became a command, which takes no components, both are offered anew.
     """
 
     def __init__(self, agent: str, *, event_driven: bool) -> None:
@@ -56,7 +57,7 @@ class Proposals:
     def settle(self, commit: Commit) -> None:
         """Take note of a step that was applied."""
         if commit.command is not None:
-            if commit.by == self.agent and self.commands and self.commands[0] == commit.command:
+            if commit.by == self.agent and self.commanded == (commit.term, commit.step):
                 self.commands.popleft()
         elif self.offered == (commit.term, commit.step) and self.components:
             taken = self.agent in commit.inputs or self.components[0] is None

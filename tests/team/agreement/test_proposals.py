@@ -57,10 +57,19 @@ def test_both_are_kept_over_a_command():
 def test_a_command_waits_until_it_is_a_step():
     made = proposals(True)
     made.add(None, "stop")
+    made.commanded = (TERM, 1)
     made.settle(commit(1, command="stop", by="b"))
     assert list(made.commands) == ["stop"]
+    made.commanded = (TERM, 2)
     made.settle(commit(2, command="stop", by="a"))
     assert not made.commands
+
+
+def test_a_command_that_an_earlier_life_gave_is_not_this_one():
+    made = proposals(True)
+    made.add(None, "stop")
+    made.settle(commit(1, command="stop", by="a"))
+    assert list(made.commands) == ["stop"]
 
 
 def test_a_new_term_drops_readings_and_keeps_events():

@@ -26,6 +26,23 @@ def test_who_missed_some_steps_takes_them_from_the_log():
     assert Snapshot not in kinds
 
 
+def test_a_command_of_an_earlier_life_in_the_log_is_not_that_of_the_present_one():
+    team = Lockstep(3)
+    team.propose("b", command="stop")
+    team.deliver()
+    team.crash("b")
+    team.see()
+    team.deliver()
+    team.propose("a", command="start")
+    team.deliver()
+    team.start("b")
+    team.propose("b", command="stop")
+    team.see()
+    team.deliver()
+    assert [commit.command for commit in team["b"].history.commits] == ["stop", "start", "stop"]
+    assert team.equal
+
+
 def test_who_missed_more_than_the_log_has_takes_a_snapshot():
     team = Lockstep(3, log_size=2)
     team.divide("ab", "c")

@@ -1,13 +1,4 @@
-"""Agreement on joint steps: every copy of an ensemble applies the same steps in the same order, or stops and says so.
-
-A pure state machine: messages, proposals and time go in, messages and commits come out. It knows no socket, no clock
-and no model. A step takes one round trip between the leader and the others, and a few tens of microseconds of each.
-
-The rules, and what they promise, are in ``docs/teams.md``. The order of steps within terms that one agent leads goes
-back to viewstamped replication (Oki and Liskov, 1988) and Raft (Ongaro and Ousterhout, 2014). Other than there, nobody
-is elected, since whoever is seen first in the order of the team leads; nothing is kept on disk; and a leader applies
-the step that it commits at once, so that this one step may be known to it alone when it is lost.
-"""
+"""One agent's part in the agreement: what takes each message, each timer, and each change of who is live."""
 
 from __future__ import annotations
 
@@ -117,7 +108,7 @@ class Agreement(Recovery):
             self._invite(now)
         elif name == "call":
             self._call(now)
-        elif self.ballot is not None:
+        elif name == "patience" and self.ballot is not None:
             self.ballot.patient = False
             self._count(now)
 

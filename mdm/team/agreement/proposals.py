@@ -21,8 +21,8 @@ class Proposals:
     """An agent's own components and commands, in their order.
 
     A component that was offered for a step counts for that step alone. Where the step went without it, an event is
-    offered anew for the next one, and a reading of a fixed rate is dropped, since the next is on its way. Where the step
-    became a command, which takes no components, both are offered anew.
+    offered anew for the next one, and a reading of a fixed rate is dropped, since the next is on its way. Where a
+    command became the step, which takes no components, both are offered anew.
     """
 
     def __init__(self, agent: str, *, event_driven: bool) -> None:

@@ -57,6 +57,7 @@ ACROSS = {
     "team/test_planted.py": "that random schedules find faults that are planted in the agreement",
     "team/test_schedules.py": "the agreement under random faults",
     "team/test_search.py": "the agreement in all that can happen to a few agents",
+    "team/test_sweep.py": "that larger searches find what small ones do",
     "test_benchmarks.py": "programs beside the package",
     "test_examples.py": "programs beside the package",
     "test_documentation.py": "pages",

@@ -117,3 +117,35 @@ class Oracle:
             for position, term in self.settled:
                 if term < machine.term and not self.on_history(machine.term, position):
                     raise Violation(f"{machine.agent} begins {machine.term} at {at}, without {position}")
+
+
+def component(agent, term, step):
+    """Return what an agent says to a step."""
+    return f"{agent}{term.number}.{step}".encode()
+
+
+class Witness:
+    """Writes down what one agent applies within one event.
+
+    Args:
+        event_driven: Whether an event that a step went without counts for a later one.
+    """
+
+    def __init__(self, *, event_driven):
+        self.event_driven = event_driven
+        self.applied = []
+        self.machine = None
+
+    def applies(self, copy, commit, encoded):
+        if Position(commit.previous, commit.step - 1) != copy.position:
+            raise Violation(f"{copy.agent} applies {commit.term}:{commit.step} at {copy.position}")
+        if commit.term > self.machine.term:
+            raise Violation(f"{copy.agent} applies a step of {commit.term} in {self.machine.term}")
+        for agent, body in commit.inputs.items():
+            if not self.event_driven and body != component(agent, commit.term, commit.step):
+                raise Violation(f"step {commit.term}:{commit.step} has {body}, which was not for it")
+        older = self.machine.term if self.machine.begun and commit.term < self.machine.term else None
+        self.applied.append((commit, encoded, copy.value, older))
+
+    def restores(self, copy):
+        pass

@@ -15,28 +15,13 @@ import time
 from typing import NamedTuple
 
 import msgspec
-from team.copies import Copy, Violation
+from team.copies import Copy, Violation, Witness, component
+from team.spaces import SPACES
 
 from mdm.team.agreement import Agreement, Position, decode, encode
 
 TERMS = 9
 """The highest number of a term; states beyond it are counted as cut off."""
-
-
-class Space(NamedTuple):
-    """What may happen."""
-
-    agents: int
-    mode: str
-    event_driven: bool
-    steps: int = 2
-    crashes: int = 0
-    restarts: int = 0
-    partitions: int = 0
-    losses: int = 0
-    duplicates: int = 0
-    overtakings: int = 0
-    impatience: int = 0  # how often somebody who is not the first calls, or a leader does not wait for all
 
 
 CRASHES, RESTARTS, PARTITIONS, LOSSES, DUPLICATES, OVERTAKINGS, IMPATIENCE = range(7)
@@ -89,25 +74,6 @@ def describe(machine):
     ])  # fmt: skip
 
 
-class Witness:
-    """Writes down what one agent applies within one event."""
-
-    def __init__(self):
-        self.applied = []
-        self.machine = None
-
-    def applies(self, copy, commit, body):
-        if Position(commit.previous, commit.step - 1) != copy.position:
-            raise Violation(f"{copy.agent} applies {commit.term}:{commit.step} at {copy.position}")
-        if commit.term > self.machine.term:
-            raise Violation(f"{copy.agent} applies a step of {commit.term} in {self.machine.term}")
-        older = self.machine.term if self.machine.begun and commit.term < self.machine.term else None
-        self.applied.append((commit, body, copy.value, older))
-
-    def restores(self, copy):
-        pass
-
-
 class Numbers:
     """Things by number, and back."""
 
@@ -131,7 +97,7 @@ class Search:
         self.majority = space.agents // 2 + 1 if space.mode == "majority" else 1
         self.kind = machine
         self.machines, self.messages, self.entries, self.bases = Numbers(), Numbers(), Numbers(), Numbers()
-        self.witness = Witness()
+        self.witness = Witness(event_driven=space.event_driven)
         self.memory, self.views, self.seen = {}, {}, {}
         self.cut_off = 0
 
@@ -148,6 +114,10 @@ class Search:
             deadline_ns=30,
             retry_ns=10,
         )
+        return self.number(machine)
+
+    def number(self, machine):
+        """Return the number of where an agent stands."""
         return self.machines(describe(machine), machine)
 
     def event(self, number, what, *args):
@@ -168,7 +138,7 @@ class Search:
         elif what == "members":
             sends = machine.members(dict(args[0]), 0)
         elif what == "propose":
-            sends = machine.propose(f"{machine.agent}{machine.step}".encode(), 0)
+            sends = machine.propose(component(machine.agent, machine.term, machine.step + 1), 0)
         else:
             machine.fire(what, 0)
             sends = machine._sent()
@@ -194,7 +164,7 @@ class Search:
         )
         if machine.term.number > TERMS:
             return None
-        return self.machines(describe(machine), machine), sent, applied, began
+        return self.number(machine), sent, applied, began
 
     def entry(self, machine, commit, body, value, older):
         """Return the number of a step that was applied, the newer term it was applied in, and if its leader did."""
@@ -219,16 +189,9 @@ class Search:
         number, sent, applied, began = found
         agents = (*state.agents[:index], number, *state.agents[index + 1 :])
         entries, bases = state.entries, state.bases
-        if began is not None and began not in bases:
-            bases |= {began}
-            self.check_begun(state, self.bases.things[began])
-        for entry, older, leads in applied:
-            if entry not in entries:
-                entries = self.check_applied(state, entries, entry)
-            if older is not None:
-                self.check_older(state, bases, entries, entry, older)
-            if leads and self.majority > 1:
-                self.check_majority(state, index, entries, entry)
+        if applied or began is not None:
+            places = [self.place(number) for number in state.agents]
+            entries, bases = self.check(entries, bases, index, applied, began, places)
         line = state.line
         if sent:
             links = list(line)
@@ -239,7 +202,29 @@ class Search:
             line = tuple(links)
         return State(agents, state.lives, line, state.cut, state.left, entries, bases)
 
-    def check_applied(self, state, entries, entry):
+    def place(self, number):
+        """Return where an agent's copy stands, and whether it was restarted; None where it has crashed."""
+        if number < 0:
+            return None
+        machine = self.machines.things[number]
+        return machine.replica.position, machine.incarnation > len(self.names)
+
+    def check(self, entries, bases, index, applied, began, places):
+        """Return what was applied and begun after an event at one agent; where all stood before it is given."""
+        if began is not None and began not in bases:
+            bases |= {began}
+            if self.majority > 1 and not any(place is not None and place[1] for place in places):
+                self.check_begun(entries, *self.bases.things[began])
+        for entry, older, leads in applied:
+            if entry not in entries:
+                entries = self.check_applied(entries, entry)
+            if older is not None:
+                self.check_older(bases, entries, entry, older)
+            if leads and self.majority > 1:
+                self.check_majority(index, entries, entry, places)
+        return entries, bases
+
+    def check_applied(self, entries, entry):
         things = self.entries.things
         position = things[entry][0]
         if any(things[other][0] == position for other in entries):
@@ -255,27 +240,23 @@ class Search:
             found.add(position)
         return found
 
-    def check_older(self, state, bases, entries, entry, term):
+    def check_older(self, bases, entries, entry, term):
         base = next(at for began, at in (self.bases.things[number] for number in bases) if began == term)
         if self.entries.things[entry][0] not in self.chain(entries, base):
             raise Violation(f"a step of an older term than {term} is applied")
 
-    def check_majority(self, state, index, entries, entry):
+    def check_majority(self, index, entries, entry, places):
         before = self.entries.things[entry][1]
         held = sum(
-            number < 0 or self.machines.things[number].incarnation > len(self.names) or place == index
-            or before in self.chain(entries, self.machines.things[number].replica.position)
-            for place, number in enumerate(state.agents)
-        )  # fmt: skip
+            place is None or other == index or place[1] or before in self.chain(entries, place[0])
+            for other, place in enumerate(places)
+        )
         if held < self.majority:
             raise Violation(f"{self.names[index]} goes on from {before}, which no majority has")
 
-    def check_begun(self, state, began):
-        term, at = began
-        if self.majority == 1 or state.left[0] < self.space.crashes:
-            return
-        chain = self.chain(state.entries, at)
-        for entry in state.entries:
+    def check_begun(self, entries, term, at):
+        chain = self.chain(entries, at)
+        for entry in entries:
             position, before = self.entries.things[entry][:2]
             if position.term < term and before not in chain:
                 raise Violation(f"{term} begins at {at}, without {before}")
@@ -420,26 +401,6 @@ class Search:
             ends = {(each.begun, each.term, each.history.position, each.replica.value) for each in machines}
             if len(ends) != 1 or not machines[0].begun:
                 raise Violation(f"the agents do not become equal: {sorted(map(str, ends))}")
-
-
-FAULTS = {"crashes": 1, "restarts": 1, "partitions": 1, "losses": 1, "duplicates": 1}
-SPACES = {
-    "two": Space(2, "majority", False, **FAULTS),
-    "two-events": Space(2, "majority", True, **FAULTS),
-    "two-continue": Space(2, "continue", False, **FAULTS, impatience=1),
-    "two-continue-events": Space(2, "continue", True, **FAULTS, impatience=1),
-    "three": Space(3, "majority", False),
-    "three-crash": Space(3, "majority", False, crashes=1),
-    "three-cut": Space(3, "majority", False, partitions=1),
-    "three-restart": Space(3, "majority", False, crashes=1, restarts=1),
-    "three-lost": Space(3, "majority", False, losses=1, duplicates=1),
-    "three-events": Space(3, "majority", True),
-    "one-step-cut": Space(3, "majority", False, steps=1, partitions=1),
-    "one-step-lost": Space(3, "majority", False, steps=1, losses=1, duplicates=1),
-    "one-step-restart": Space(3, "majority", False, steps=1, crashes=1, restarts=1),
-    "one-step-events": Space(3, "majority", True, steps=1),
-}
-"""What is searched by name."""
 
 
 def main(*names):

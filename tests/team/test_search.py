@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 from team.copies import Violation
-from team.search import Search, Space
+from team.search import Search
+from team.spaces import Space
 from team.test_planted import SameTerm, WithoutLog, WithoutMajority
 
 SPACES = {

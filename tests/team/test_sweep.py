@@ -1,0 +1,69 @@
+"""Large spaces as rows of numbers: what is left out changes nothing that is found."""
+
+from __future__ import annotations
+
+import pytest
+from team.copies import Violation
+from team.search import Search
+from team.spaces import Space
+from team.test_planted import PLANTED
+
+pytest.importorskip("numba")
+from team.sweep import Sweep
+
+SPACES = {
+    "crash and restart": Space(2, "majority", False, crashes=1, restarts=1),
+    "crash and restart, event-driven": Space(2, "majority", True, steps=1, crashes=1, restarts=1),
+    "cut, loss and repetition": Space(2, "majority", False, partitions=1, losses=1, duplicates=1),
+    "cut, and both go on": Space(2, "continue", False, steps=1, partitions=1),
+    "crash, and somebody is impatient": Space(2, "majority", False, crashes=1, impatience=1),
+    "three": Space(3, "majority", False, steps=1),
+}
+
+
+def visited(search):
+    """Return where agents stand, but for what they never read again, and what was applied, in all states."""
+    assert search.run() > 1_000
+    assert search.cut_off == 0
+    again = Sweep(search.space)
+    for machine in search.machines.things:
+        again.number(machine)
+    return set(again.machines.numbers), {entry for entry, *_ in search.entries.numbers}, set(search.bases.numbers)
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_agents_come_to_the_same_with_fewer_states(name):
+    assert visited(Sweep(SPACES[name])) == visited(Search(SPACES[name]))
+
+
+def test_as_many_states_are_visited_where_none_is_left_out():
+    space = Space(2, "majority", False, crashes=1, restarts=1)
+    assert 1 + Sweep(space, reduced=False).run() == Search(space).run() > Sweep(space).run()
+
+
+def test_three_agents_lose_one_or_a_message():
+    search = Sweep(Space(3, "majority", False, steps=1, crashes=1, losses=1, duplicates=1))
+    assert search.run(settle_every=1000) > 100_000
+    assert search.cut_off == 0
+
+
+CAUGHT = {
+    "no fence": Space(3, "majority", False, steps=1, partitions=1),
+    "out of order": Space(3, "majority", False, losses=1),
+    "late components": Space(2, "majority", False, losses=1),
+    "not asking": Space(2, "majority", False, crashes=1, restarts=1),
+    "not listening": Space(3, "majority", False, crashes=1),
+    "a joiner without log": Space(2, "majority", False, crashes=1, restarts=1),
+    "no majority": Space(3, "majority", False, losses=1),
+    "a term again": Space(2, "majority", True, crashes=1, restarts=1, losses=1),
+}
+"""Faults that are planted, and where they show."""
+
+
+@pytest.mark.parametrize("fault", PLANTED)
+def test_a_planted_fault_is_found(fault, monkeypatch):
+    machine, ballot = PLANTED[fault]
+    if ballot is not None:
+        monkeypatch.setattr("mdm.team.agreement.terms.Ballot", ballot)
+    with pytest.raises(Violation):
+        Sweep(CAUGHT[fault], machine).run(settle_every=100, limit=1_000_000)

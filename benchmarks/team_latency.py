@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 LEASE = 10.0  # seconds, so that few beats come between
+PATIENCE = 60.0  # seconds until all agents have met
 FLOOR = "Zenoh, asyncio with eventfd"
 PATHS = ("asyncio TCP", "Zenoh, callback", FLOOR, "centralised", "replicated")
 now = time.monotonic  # one clock for all processes of a machine
@@ -84,13 +85,23 @@ class Robot:
         self.ensemble.publish_observation(tuple(self._seen))
 
     async def ready(self) -> None:
-        """Wait until the whole team decides."""
-        layer = self.member.layers["joint"]
+        """Wait until the whole team decides.
+
+        Raises:
+            RuntimeError: If it does not for a minute.
+        """
+        layer, link, until = self.member.layers["joint"], self.member.link, now() + PATIENCE
         while True:
             members = getattr(layer.statistics(), "members", None)
             together = members is None or len(members) == self._size
-            if self.calls and together and len(self.member.link.live) == self._size:
+            if self.calls and together and len(link.live) == self._size:
                 return
+            if now() > until:
+                raise RuntimeError(
+                    f"agent {link.agent!r} is not ready after {PATIENCE:g} s: of {self._size} agents it sees "
+                    f"{', '.join(link.live) or 'none'}, in its steps take part {', '.join(members or ()) or 'none'}, "
+                    f"and its callback was called {len(self.calls)} times"
+                )
             await asyncio.sleep(0.02)
 
     async def paths(self, count: int) -> list[float]:
@@ -127,29 +138,39 @@ async def work(number: int, ports: dict[str, list[int]], orders: Connection) -> 
     bare = Bare(number, ports["bare"], lease=LEASE)
     tcp = Tcp(number, ports["tcp"][0])
     async with mdm.Runtime(log=None) as runtime:
-        await bare.open()
-        await tcp.open()
-        for robot in robots.values():
-            await runtime.start(robot.member)
-        for robot in robots.values():
-            await robot.ready()
-        orders.send("ready")
-        while (order := await asyncio.to_thread(orders.recv)) is not None:
-            what, way, count = order
-            if what == "listen":
-                if way in robots:
-                    robots[way].calls.clear()
-                orders.send(None)
-            elif what == "tell":
-                orders.send(robots[way].calls[:count])
-            elif what == "steps":
-                orders.send(await (bare if way == "bare" else robots[way]).steps(count))
-            elif way in robots:
-                orders.send(await robots[way].paths(count))
-            else:
-                orders.send(await (tcp.round_trips(count) if "TCP" in way else bare.round_trips(count, way)))
-        tcp.close()
-        await bare.close()
+        try:
+            async with asyncio.timeout(PATIENCE):
+                await bare.open()
+                await tcp.open()
+            for robot in robots.values():
+                await runtime.start(robot.member)
+            for robot in robots.values():
+                await robot.ready()
+            orders.send("ready")
+            await obey(orders, robots, bare, tcp)
+        except TimeoutError:
+            raise RuntimeError(f"agent {number} has not met the others, without a team, for {PATIENCE:g} s") from None
+        finally:
+            tcp.close()
+            await bare.close()
+
+
+async def obey(orders: Connection, robots: dict[str, Robot], bare: Bare, tcp: Tcp) -> None:
+    """Do what is ordered, until there is nothing more."""
+    while (order := await asyncio.to_thread(orders.recv)) is not None:
+        what, way, count = order
+        if what == "listen":
+            if way in robots:
+                robots[way].calls.clear()
+            orders.send(None)
+        elif what == "tell":
+            orders.send(robots[way].calls[:count])
+        elif what == "steps":
+            orders.send(await (bare if way == "bare" else robots[way]).steps(count))
+        elif way in robots:
+            orders.send(await robots[way].paths(count))
+        else:
+            orders.send(await (tcp.round_trips(count) if "TCP" in way else bare.round_trips(count, way)))
 
 
 def agent(number: int, ports: dict[str, list[int]], orders: Connection) -> None:
@@ -172,8 +193,11 @@ class Agents:
             self.processes.append(context.Process(target=agent, args=(number, ports, theirs), daemon=True))
             self.processes[-1].start()
             theirs.close()
-        for pipe in self.pipes:
-            pipe.recv()
+        for number, pipe in enumerate(self.pipes):
+            try:
+                pipe.recv()
+            except EOFError:
+                raise SystemExit(f"agent {number} of {count} has ended before it was ready: see above") from None
 
     def path(self, way: str, count: int) -> list[float]:
         """Return the seconds of so many ways from the second agent to the first."""

@@ -6,6 +6,7 @@ its agent. Everything happens in turns of the event loop, and nothing waits.
 
 from __future__ import annotations
 
+from asyncio import get_running_loop
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -14,7 +15,7 @@ from mdm.errors import ConfigError, Error
 from mdm.runtime import ActorStatistics, Subscription
 from mdm.runtime.supervision import describe
 from mdm.team.agreement import Agreement, decode, encode
-from mdm.team.agreement.entries import Entries, Snapshot
+from mdm.team.agreement.entries import Applied, Command, Component, Entries, Snapshot
 from mdm.team.copy import BEGIN
 from mdm.team.layer import TeamLayer
 from mdm.team.transport.keys import join
@@ -33,6 +34,8 @@ __all__ = ["Replica", "ReplicaStatistics"]
 _PATIENCE = 1.0
 _ALL = "all"
 _MAJORITY = frozenset({"lost_majority"})
+_OFFERS = (Command, Component)
+"""Messages that say besides that their sender has applied the step before."""
 _BEHIND = (Entries, Snapshot)
 """Messages that tell of steps which others took before."""
 
@@ -101,6 +104,8 @@ class Replica(TeamLayer):
         self._saying: Subscription[list[Send]] = Subscription(None, self, self._say)
         self._concluding: Subscription[None] = Subscription(None, self, self._conclude)
         self._concludes = False
+        self._affirming: Subscription[None] = Subscription(None, self, self._affirm)
+        self._word: Send | None = None
 
     @property
     def agreement(self) -> Agreement:
@@ -137,6 +142,7 @@ class Replica(TeamLayer):
     def on_stop(self) -> None:
         """Keep the copy for the next start."""
         super().on_stop()
+        self._word = None
         self._saved = self.copy.snapshot()
 
     # -- What this agent says ------------------------------------------------------------------------------------
@@ -168,7 +174,24 @@ class Replica(TeamLayer):
 
     def _say(self, sends: list[Send]) -> None:
         for send in sends:
-            self.link.put(f"{self._key}/{send.to or _ALL}", encode(send.message), priority="step")
+            if isinstance(send.message, Applied):
+                # Who observes something as soon as it was called offers it to the next step, and says the same by that.
+                if self._word is None:
+                    get_running_loop().call_soon(self.runtime.dispatcher.deliver, self._affirming, None)
+                self._word = send
+                continue
+            if isinstance(send.message, _OFFERS):
+                self._word = None
+            self._put(send)
+
+    def _affirm(self, _: None) -> None:
+        """Say that a step was applied, where nothing has said so meanwhile."""
+        word, self._word = self._word, None
+        if word is not None:
+            self._put(word)
+
+    def _put(self, send: Send) -> None:
+        self.link.put(f"{self._key}/{send.to or _ALL}", encode(send.message), priority="step")
 
     def _conclude(self, _: None) -> None:
         """Do at the end of a turn what nobody waits for."""

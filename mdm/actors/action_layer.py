@@ -21,6 +21,7 @@ from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.channel import Subscription
 from mdm.runtime.clock import check_seconds
 from mdm.runtime.executors import Jobs
+from mdm.runtime.statistics import FULL
 from mdm.runtime.supervision import LEAVING, describe
 
 if TYPE_CHECKING:
@@ -114,6 +115,7 @@ class ActionLayer(Layer):
         self.joint = component is not None
         self._latencies = Latencies()
         self._record = self._latencies.record
+        self._recent = self._latencies.pending
         self._current: _Life | None = None
         self._pending: tuple[str, Binding, Action] | None = None
         self._beside: dict[str, _Life] = {}
@@ -268,12 +270,14 @@ class ActionLayer(Layer):
             return
         index = action.index if self._component is None else self._component(action.index)
         binding = self.bindings[index]
-        if not binding.plain or self._current is not None or binding.concurrent or self._lives.heard or self._left:
+        if not binding.brief or self._current is not None or self._lives.heard or self._left:
             self._choose(self.names[index], binding, action)
             return
         # Hot path: a plain function, while nothing lives and nobody listens to lives, needs no record of its own.
         self.started += 1
-        self._record(self._now() - action.time)
+        self._recent.append(self._now() - action.time)
+        if len(self._recent) >= FULL:
+            self._latencies.fold()
         jobs = None
         try:
             self._calling = True
@@ -289,8 +293,10 @@ class ActionLayer(Layer):
         if result is not None or self._halted:
             self._take(_Life(self.started, self.names[index], binding, action), result, jobs)
             return
-        ended = self.ended
-        ended["succeeded"] = ended.get("succeeded", 0) + 1
+        try:
+            self.ended["succeeded"] += 1
+        except KeyError:
+            self.ended["succeeded"] = 1
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(self.names[index], "succeeded")
 

@@ -35,10 +35,12 @@ class Binding:
 
     Attributes:
         plain: Whether it is a plain function.
+        brief: Whether it is one that begins and ends alone, by a call.
         returns: Whether it is one that may return anything, such as what is to be awaited.
     """
 
     __slots__ = (
+        "brief",
         "concurrent",
         "ensemble",
         "function",
@@ -89,6 +91,7 @@ class Binding:
         else:
             raise ConfigError(f"an action's target is a function or an ensemble, not {target!r}")
         self.plain = self.ensemble is None and kind_of(self.function) is None
+        self.brief = self.plain and not concurrent
         self.returns = self.plain and may_return(self.function)
 
 

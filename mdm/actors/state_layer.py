@@ -23,12 +23,13 @@ __all__ = ["StateLayer"]
 class _Value:
     """What is known of a factor: the truth of its predicates, as bit masks."""
 
-    __slots__ = ("binary", "factor", "inverted", "position", "stride", "true", "unknown", "violated")
+    __slots__ = ("binary", "factor", "negative", "position", "positive", "stride", "true", "unknown", "violated")
 
     def __init__(self, factor: StateFactor, position: int, stride: int) -> None:
         self.factor = factor
         self.binary = len(factor.predicates) == 1
-        self.inverted = 1 - factor.positive
+        self.positive = factor.positive
+        self.negative = 1 - factor.positive
         self.position = position
         self.stride = stride
         self.true = 0
@@ -70,6 +71,7 @@ class StateLayer(Layer):
         self._values: tuple[_Value, ...] = ()
         self._slots: dict[str, tuple[tuple[_Value, int], ...]] = {}
         self._digits: list[int | None] = []
+        self._missing = 0
         self._index = 0
         self._known = False
 
@@ -138,6 +140,7 @@ class StateLayer(Layer):
             stride *= factor.size
         self._values = tuple(values)
         self._digits = [None] * len(values)
+        self._missing = len(values)
         slots: dict[str, list[tuple[_Value, int]]] = {}
         for value in self._values:
             if value.factor not in self.own:
@@ -157,26 +160,41 @@ class StateLayer(Layer):
             )
         )
 
-    def _update(self, update: PredicateUpdate) -> None:
-        """Hot path: about 0.7 µs for one predicate of a binary factor."""
-        slots = self._slots
-        touched: list[_Value] = []
+    def _update(self, update: PredicateUpdate) -> None:  # noqa: C901 - hot path, no calls
+        """Hot path: about 0.5 µs for one predicate of a binary factor."""
+        slots, digits = self._slots, self._digits
+        index, found = self._index, False
+        several: list[_Value] = []
         for name in update.rising:
-            if name in slots:
-                for value, bit in slots[name]:
+            for value, bit in slots.get(name, ()):
+                found = True
+                if not value.binary:
                     value.true |= bit
                     value.unknown &= ~bit
-                    touched.append(value)
+                    several.append(value)
+                elif digits[value.position] != value.positive:
+                    index += self._set(value, value.positive)
         for name in update.falling:
-            if name in slots:
-                for value, bit in slots[name]:
+            for value, bit in slots.get(name, ()):
+                found = True
+                if not value.binary:
                     value.true &= ~bit
                     value.unknown &= ~bit
-                    touched.append(value)
+                    several.append(value)
+                elif digits[value.position] != value.negative:
+                    index += self._set(value, value.negative)
         if update.unknown:
-            touched += self._forget(update.unknown)
-        if touched:
-            self._publish(touched, update.time)
+            several += self._forget(update.unknown)
+        if found or several:
+            self._publish(several, index, update.time)
+
+    def _set(self, value: _Value, digit: int | None) -> int:
+        """Take a factor's value; return by how much the joint index changes."""
+        old = self._digits[value.position]
+        self._digits[value.position] = digit
+        if old is None or digit is None:
+            self._missing += (digit is None) - (old is None)
+        return ((digit or 0) - (old or 0)) * value.stride
 
     def _forget(self, names: tuple[str, ...]) -> list[_Value]:
         """Take predicates as unknown; return the factors that this concerns."""
@@ -186,27 +204,29 @@ class StateLayer(Layer):
             value.unknown |= bit
         return [value for value, _ in places]
 
-    def _publish(self, touched: list[_Value], time: int) -> None:
-        digits = self._digits
-        index = self._index
-        for value in touched:
-            known = value.binary and not value.unknown
-            new = value.true ^ value.inverted if known else self._evaluate(value, time)
-            old = digits[value.position]
-            if new != old:
-                digits[value.position] = new
-                index += ((new or 0) - (old or 0)) * value.stride
-        if None in digits:
+    def _publish(self, several: list[_Value], index: int, time: int) -> None:
+        """Publish the state, if it has changed, as the last thing of a turn's handler.
+
+        Args:
+            several: The factors that are yet to be evaluated.
+            index: The joint index by the others.
+            time: The stimulus'.
+        """
+        for value in several:
+            new = self._evaluate(value, time)
+            if new != self._digits[value.position]:
+                index += self._set(value, new)
+        if self._missing:
             self._lost(time)
         elif index != self._index or not self._known:
             self._index = index
             self._known = True
-            self._published.emit_last(State(time, index, tuple(digits)))
+            self._published.emit_last(State(time, index, tuple(self._digits)))
 
     def _evaluate(self, value: _Value, time: int) -> int | None:
         true, factor = value.true, value.factor
-        if value.binary:
-            return None if value.unknown else true ^ value.inverted
+        if value.binary:  # and it has become unknown
+            return None
         if true and not true & (true - 1):
             value.violated = 0
             return true.bit_length() - 1

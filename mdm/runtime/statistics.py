@@ -16,7 +16,7 @@ __all__ = [
     "LoopStatistics",
 ]
 
-_FOLD = 4096
+FULL = 4096
 _BUCKETS = 8 * 64
 
 
@@ -117,28 +117,33 @@ def _upper(bucket: int) -> float:
 
 
 class Latencies:
-    """Records latencies in nanoseconds; a record costs one list append, the histogram is made when it is asked for."""
+    """Records latencies in nanoseconds; a record costs one list append, the histogram is made when it is asked for.
 
-    __slots__ = ("_counts", "_maximum", "_pending", "_total")
+    Attributes:
+        pending: What was recorded last. A hot path may append to it by itself, and calls `fold` where it is `FULL`.
+    """
+
+    __slots__ = ("_counts", "_maximum", "_total", "pending")
 
     def __init__(self) -> None:
-        self._pending: list[int] = []
+        self.pending: list[int] = []
         self._counts: npt.NDArray[np.int64] = np.zeros(_BUCKETS, dtype=np.int64)
         self._total = 0
         self._maximum = 0
 
     def record(self, nanoseconds: int) -> None:
         """Count one latency."""
-        pending = self._pending
+        pending = self.pending
         pending.append(nanoseconds)
-        if len(pending) >= _FOLD:
-            self._fold()
+        if len(pending) >= FULL:
+            self.fold()
 
-    def _fold(self) -> None:
-        if not self._pending:
+    def fold(self) -> None:
+        """Count what is pending."""
+        if not self.pending:
             return
-        values = np.maximum(np.asarray(self._pending, dtype=np.int64), 1)
-        self._pending.clear()
+        values = np.maximum(np.asarray(self.pending, dtype=np.int64), 1)
+        self.pending.clear()
         fraction, exponent = np.frexp(values.astype(np.float64))
         buckets = (exponent - 1) * 8 + ((fraction * 2 - 1) * 8).astype(np.int64)
         self._counts += np.bincount(buckets, minlength=_BUCKETS)
@@ -147,7 +152,7 @@ class Latencies:
 
     def snapshot(self) -> Histogram:
         """Return what was recorded so far."""
-        self._fold()
+        self.fold()
         return Histogram(
             count=int(self._counts.sum()),
             total=self._total / 1e9,

@@ -15,6 +15,8 @@ from places import ROOT
 from team_robots import over_beliefs, started
 from teams import team as random_team
 
+from mdm.actors import action_layer
+from mdm.actors.control import output
 from mdm.runtime import statistics
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
@@ -52,7 +54,8 @@ def test_members_that_come_and_go_leave_no_thread_file_or_process(tmp_path):
     [("replicated", 0.1, 5000), ("replicated", None, 2000), ("centralised", 0.1, 2000), ("communicating", 0.1, 1000)],
 )
 def test_memory_does_not_grow_with_the_steps(mode, period, steps, monkeypatch):
-    monkeypatch.setattr(statistics, "_FOLD", 16)  # latencies wait to be counted, a few of each kind
+    for module in (statistics, output, action_layer):  # latencies wait to be counted, a few of each kind
+        monkeypatch.setattr(module, "FULL", 16)
 
     async def main(runtime):
         network = Network(runtime.clock, team="team", loss=0.05, seed=1)

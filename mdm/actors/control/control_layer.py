@@ -27,7 +27,7 @@ from mdm.runtime.clock import check_seconds
 from mdm.runtime.supervision import text_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from mdm.actors.control.output import Observed
     from mdm.controller import Step
@@ -198,6 +198,8 @@ class ControlLayer(Layer):
         channel = self.owner.channel
         self._now = self.runtime.clock.reader()
         self.output.open(self)
+        # What a handler of its own does last; whoever leads the layer has more to do behind it.
+        self._tell = self.output.publish_last if self.lead is None else self.output.publish
         self.running = self._held = False
         self._ticker = None
         self._state = None
@@ -446,7 +448,7 @@ class ControlLayer(Layer):
         except ModelError as error:
             self._alarm(Fault(state.time, self.path, "state", text_of(error)))
         else:
-            self.output.publish(step, state.time, cause, None, index)
+            self._tell(step, state.time, cause, None, index)
 
     def _on_state_aside(self, state: State) -> None:
         """Take a state on which nothing is decided: it is unknown, or the ensemble is safe."""
@@ -475,7 +477,7 @@ class ControlLayer(Layer):
             if self._held:  # by now, for it was impossible
                 self._unanswered = ("observation", symbol)
             else:
-                self._decide(observation.time, "observation", symbol)
+                self._decide(observation.time, "observation", symbol, tell=self._tell)
 
     def _on_tick(self, tick: Tick) -> None:
         if not self.running and not self._tick_safely(tick):
@@ -569,7 +571,15 @@ class ControlLayer(Layer):
         self.runtime.faults.publish(fault)
         return False
 
-    def _decide(self, time: int, cause: str, observation: Observed = None, *, state: int | None = None) -> None:
+    def _decide(
+        self,
+        time: int,
+        cause: str,
+        observation: Observed = None,
+        *,
+        state: int | None = None,
+        tell: Callable[[Step, int, str, Observed, int | None], None] | None = None,
+    ) -> None:
         """Let the controller choose, or ask the planner, and publish what was chosen."""
         try:
             if self.planner is not None:
@@ -579,7 +589,7 @@ class ControlLayer(Layer):
         except ModelError as error:
             self._alarm(Fault(time, self.path, "state" if self._takes_states else "policy", text_of(error)))
             return
-        self.output.publish(step, time, cause, observation, state)
+        (self.output.publish if tell is None else tell)(step, time, cause, observation, state)
 
     def _deliberate(self, time: int, cause: str, observation: Observed, state: int | None) -> None:
         """Ask the planner; a question that is still open is asked no more, and the answer decides for both."""

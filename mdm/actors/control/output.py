@@ -9,6 +9,7 @@ import numpy as np
 from mdm.beliefs import Support
 from mdm.messages import Action, Belief, Decision, Reward
 from mdm.runtime import Latencies
+from mdm.runtime.statistics import FULL
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -54,6 +55,9 @@ class Output:
         self._has_belief = controller.takes != "state"
         self._latencies = Latencies()
         self.record = self._latencies.record
+        self._pending = self._latencies.pending
+        # Whether actions are emitted, and nobody is told of each besides.
+        self._alone = True
         self._actions: Channel[Action] | None = None
 
     def open(self, layer: Layer) -> None:
@@ -62,6 +66,8 @@ class Output:
         self._now = layer.runtime.clock.reader()
         self._actions = actions = channel("action", Action)
         self._do: Callable[[Action], object] = actions.emit
+        self._alone = True
+        self._emit_last = actions.emit_last
         self._rewards = channel("reward", Reward, retain=True)
         self._beliefs = channel("belief", Belief, retain=True)
         self._decisions = layer.runtime.decisions
@@ -100,6 +106,32 @@ class Output:
                 )
             )
 
+    def publish_last(self, step: Step, time: int, cause: str, observation: Observed, state: int | None) -> None:
+        """As `publish`, as the last thing that a handler does, so that the action may begin by a call."""
+        reward = step.reward
+        if (
+            self._decisions.heard
+            or not self._alone
+            or (reward is not None and self._rewards.heard)
+            or (self._has_belief and self._beliefs.heard)
+        ):  # of which the action is not the last
+            self.publish(step, time, cause, observation, state)
+            return
+        # Hot path.
+        latency = self._now() - time
+        self._pending.append(latency)
+        if len(self._pending) >= FULL:
+            self._latencies.fold()
+        late = self._deadline is not None and latency + self.overdue > self._deadline
+        if late and self._refuses(step, latency + self.overdue, time):
+            return
+        self.acted = action = step.action
+        if reward is not None:
+            self._rewards.emit(Reward(time, step.epoch, reward))
+        if self._has_belief:
+            self._publish_belief(time)
+        self._emit_last(Action(time, step.epoch, action))
+
     def _publish_belief(self, time: int) -> None:
         """Publish the belief, if one is tracked; of a belief by its support an array is made only for somebody."""
         current = self._controller.decided_by
@@ -136,6 +168,7 @@ class Output:
     def mute(self, *, muted: bool) -> None:
         """Let no action of what is decided begin, or let it again."""
         self._do = _ignore if muted else self._emit
+        self._alone = not muted
 
     def relay(self, tell: Callable[[Action], object]) -> None:
         """Tell somebody of each decision besides, until the layer starts anew."""
@@ -145,6 +178,7 @@ class Output:
             tell(action)
 
         self._do = do
+        self._alone = False
 
     def _emit(self, action: Action) -> None:
         assert self._actions is not None

@@ -69,6 +69,9 @@ async def twice(runtime, net):
 
 def left():
     """Return the threads, files and child processes that this process has."""
+    for thread in threading.enumerate():  # one that opens a session may take a moment to see that it is closed
+        if thread is not threading.current_thread():
+            thread.join(30)
     gc.collect()
     files = Counter()
     for descriptor in Path("/proc/self/fd").iterdir():

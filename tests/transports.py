@@ -6,8 +6,13 @@ import asyncio
 import json
 import socket
 import threading
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from types import SimpleNamespace
+from unittest.mock import patch
 
 from mdm.runtime import VirtualClock, VirtualEventLoop
+from mdm.team.transport import certificates
 from mdm.team.transport.access import access_settings
 from mdm.team.transport.envelope import LARGEST
 from mdm.team.transport.network import Network
@@ -125,6 +130,15 @@ class Loopback:
 
     async def close(self):
         await asyncio.gather(*(transport.close() for transport in self.made))
+
+
+@contextmanager
+def two_days_ago():
+    """Make certificates as of two days ago: those for one day are no longer valid."""
+    then = datetime.now(UTC) - timedelta(days=2)
+    clock = SimpleNamespace(datetime=SimpleNamespace(now=lambda zone: then), timedelta=timedelta, UTC=UTC)
+    with patch.object(certificates, "dt", clock):
+        yield
 
 
 class Stranger:

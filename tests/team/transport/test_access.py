@@ -3,7 +3,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from transports import LOOPBACK, free_port, key
+from transports import LOOPBACK, free_port, key, two_days_ago
 
 from mdm.errors import ConfigError
 from mdm.team.transport import access
@@ -119,7 +119,8 @@ def refusal(shown, agent="a"):
 
 def test_a_certificate_that_others_would_refuse_is_refused_at_once(files, tmp_path):
     others = make_certificates(tmp_path / "others", {"a": []})
-    expired = make_certificates(tmp_path / "expired", {"a": []}, days=0)
+    with two_days_ago():
+        expired = make_certificates(tmp_path / "expired", {"a": []}, days=1)
     a, b = files["a"], files["b"]
     assert refusal(b).endswith("b.pem is of b, not of agent 'a'")
     assert "others will not take" in refusal(Access(a.authority, others["a"].certificate, others["a"].key))

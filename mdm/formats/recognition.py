@@ -21,6 +21,8 @@ _LENGTH = 1 << 14
 
 def beginning(path: str | Path) -> str:
     """Return the first characters of a text, decompressed; empty if unreadable, an error left to the reader."""
+    if not Path(path).is_file():  # a pipe would be waited on
+        return ""
     try:
         with Path(path).open("rb") as file:
             data = file.read(_LENGTH)

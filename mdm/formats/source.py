@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 import re
 import zlib
 from pathlib import Path
@@ -13,6 +14,8 @@ from mdm.errors import FormatError
 __all__ = ["Source", "Words", "number", "suffixes"]
 
 _COMMENT = re.compile(r"#[^\n]*")
+_LARGEST = 500_000_000
+"""Bytes of a compressed text; a file of 500 kB could hold as many."""
 _SIGNED = re.compile(r"[0-9.]")
 
 
@@ -90,19 +93,9 @@ def _join_signs(words: list[str]) -> list[str]:
 
 
 def _read(path: Path) -> str:
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise FormatError("there is no such file", file=path) from None
-    except IsADirectoryError:
-        raise FormatError("this is a folder, not a file", file=path) from None
-    except OSError as error:
-        raise FormatError(f"the file cannot be read: {error.strerror}", file=path) from None
+    data = _bytes(path)
     if data[:2] == b"\x1f\x8b":
-        try:
-            data = gzip.decompress(data)
-        except (EOFError, OSError, zlib.error):
-            raise FormatError("the compressed file is truncated or damaged", file=path) from None
+        data = _decompressed(data, path)
     elif path.suffix == ".gz":
         raise FormatError("the file is named .gz, but is not gzipped", file=path)
     if b"\0" in data:
@@ -114,6 +107,31 @@ def _read(path: Path) -> str:
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     if not text.strip():
         raise FormatError("the file is empty", file=path)
+    return text
+
+
+def _bytes(path: Path) -> bytes:
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise FormatError("this is a pipe or a device, not a file: save its content to a file first", file=path)
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise FormatError("there is no such file", file=path) from None
+    except IsADirectoryError:
+        raise FormatError("this is a folder, not a file", file=path) from None
+    except OSError as error:
+        raise FormatError(f"the file cannot be read: {error.strerror}", file=path) from None
+
+
+def _decompressed(data: bytes, path: Path) -> bytes:
+    try:
+        with gzip.open(io.BytesIO(data)) as file:
+            text = file.read(_LARGEST + 1)
+    except (EOFError, OSError, zlib.error):
+        raise FormatError("the compressed file is truncated or damaged", file=path) from None
+    if len(text) > _LARGEST:
+        size = f"{_LARGEST // 10**6} MB"
+        raise FormatError(f"the compressed file holds more than {size}: decompress it, if that is right", file=path)
     return text
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import gzip
+import os
 
 import pytest
 from hypothesis import given, strategies as st
 
-from mdm import FormatError
+from mdm import FormatError, load_model, load_policy
 from mdm.formats.source import Source, Words, number, suffixes
 
 TEXT = "first é\nsecond\n"
@@ -109,3 +110,18 @@ def test_numbers(word, value):
 )
 def test_suffixes(path, suffix):
     assert suffixes(path) == suffix
+
+
+def test_a_compressed_file_is_read_up_to_a_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr("mdm.formats.source._LARGEST", 1_000_000)
+    path = tmp_path / "bomb.pomdp.gz"
+    path.write_bytes(gzip.compress(b" " * 1_000_001))
+    with pytest.raises(FormatError, match=r"bomb.pomdp.gz: the compressed file holds more than 1 MB"):
+        load_model(path)
+
+
+def test_a_pipe_is_not_waited_on(tmp_path):
+    for name in ("model.pomdp", "model.npz", "policy.vf"):
+        os.mkfifo(tmp_path / name)
+        with pytest.raises(FormatError, match=f"{name}: this is a pipe or a device"):
+            load_policy(tmp_path / name) if name.endswith("vf") else load_model(tmp_path / name)

@@ -53,7 +53,7 @@ def holds_model(path: str | Path) -> bool:
     Raises:
         FormatError: If the file is not an archive of mdm's.
     """
-    header, _ = npz.read(Path(path), mapped=True)
+    header, _ = npz.read(Path(path))
     return f'"{_FORMAT}"'.encode() in header
 
 
@@ -63,7 +63,7 @@ def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
     Raises:
         FormatError: If the file is damaged or holds no model.
     """
-    written, arrays = npz.read(Path(path), mapped=True)
+    written, arrays = npz.read(Path(path))
     try:
         header = msgspec.json.decode(written, type=_Header)
         return _model(header, arrays, sparse).with_false_negatives(header.false_negative)

@@ -1,11 +1,13 @@
 """Named arrays and a JSON header in one ``.npz`` file, uncompressed and without pickle.
 
-Members are aligned, so that they can be mapped into memory without a copy. Sizes are checked against the file, and
-equal arrays give equal bytes. ``numpy.load`` reads these files too.
+Members are aligned, so that they can be mapped into memory without a copy. Sizes are checked against the file, and a
+digest of all names and contents, kept as the archive's comment, tells damage. Equal arrays give equal bytes.
+``numpy.load`` reads these files too.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
 import mmap
 import re
@@ -89,6 +91,8 @@ _MOST = 50_000_000
 
 def is_archive(path: Path) -> bool:
     """Whether a file begins like an archive."""
+    if not path.is_file():  # a pipe would be waited on
+        return False
     try:
         with path.open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC
@@ -96,29 +100,28 @@ def is_archive(path: Path) -> bool:
         return False  # the reader reports it
 
 
-def read(path: Path, *, mapped: bool = False) -> tuple[bytes, dict[str, npt.NDArray[Any]]]:
-    """Return the header and the arrays of a file.
+def read(path: Path) -> tuple[bytes, dict[str, npt.NDArray[Any]]]:
+    """Return the header and the arrays of a file, which are mapped into memory, read-only.
 
     Args:
         path: The file.
-        mapped: Map arrays into memory, read-only and without verifying their checksums.
 
     Raises:
         FormatError: If the file is missing, damaged, or not an archive of mdm's.
     """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise FormatError("this is a pipe or a device, not a file", file=path)
     try:
         with path.open("rb") as file, zipfile.ZipFile(file) as archive:
             members = archive.infolist()
             if any(member.compress_type or member.flag_bits & 1 for member in members):
                 raise FormatError("the archive is compressed or encrypted: archives of mdm's are neither", file=path)
             data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-            found = {}
-            for member in members:
-                name = member.filename.removesuffix(".npy")
-                content = _content(data, member)
-                if (not mapped or name == "header") and zlib.crc32(content) != member.CRC:
-                    raise ValueError(f"the checksum of {name} is wrong")
-                found[name] = _array(content)
+            contents = {member.filename: _content(data, member) for member in members}
+            if len(contents) < len(members):
+                raise ValueError("two members have one name")
+            found = {name.removesuffix(".npy"): _array(content) for name, content in contents.items()}
+            _verify(archive, contents)
     except FileNotFoundError:
         raise FormatError("there is no such file", file=path) from None
     except IsADirectoryError:
@@ -129,6 +132,30 @@ def read(path: Path, *, mapped: bool = False) -> tuple[bytes, dict[str, npt.NDAr
     if "header" not in found:
         raise FormatError("this is not an archive of mdm's: it has no header", file=path)
     return found.pop("header").tobytes(), found
+
+
+def _verify(archive: zipfile.ZipFile, contents: Mapping[str, memoryview]) -> None:
+    """Compare an archive's contents with its digest; with their checksums, if it was written by numpy alone."""
+    if not archive.comment:
+        if any(zlib.crc32(contents[member.filename]) != member.CRC for member in archive.infolist()):
+            raise ValueError("a checksum is wrong")
+        return
+    digest = hashlib.blake2b(digest_size=16)
+    for name, content in contents.items():
+        _tell(digest, name, content)
+    if archive.comment != _comment(digest):
+        raise ValueError("its contents do not have the digest that was written with them")
+
+
+def _tell(digest: hashlib.blake2b, name: str, *parts: memoryview | bytes) -> None:
+    """Add a member to a digest of names and contents."""
+    digest.update(f"{name} {sum(map(len, parts))}\n".encode())
+    for part in parts:
+        digest.update(part)
+
+
+def _comment(digest: hashlib.blake2b) -> bytes:
+    return f"blake2b {digest.hexdigest()}".encode()
 
 
 def _content(data: memoryview, member: zipfile.ZipInfo) -> memoryview:
@@ -165,6 +192,7 @@ def write(path: Path, header: Any, arrays: Mapping[str, npt.NDArray[Any]]) -> No
     """
     members = {"header": np.frombuffer(msgspec.json.encode(header), dtype=np.uint8), **arrays}
     with replacing(path) as file, zipfile.ZipFile(file, "w") as archive:
+        digest = hashlib.blake2b(digest_size=16)
         for name, array in members.items():
             little = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(array.shape)
             head = _head(little)
@@ -172,9 +200,12 @@ def write(path: Path, header: Any, arrays: Mapping[str, npt.NDArray[Any]]) -> No
             info.file_size = len(head) + little.nbytes
             padding = -(file.tell() + 30 + len(info.filename) + 4) % _ALIGNED
             info.extra = struct.pack("<HH", _PADDING, padding) + bytes(padding)
+            parts = (head, little.data.cast("B") if little.size else b"")
+            _tell(digest, info.filename, *parts)
             with archive.open(info, "w") as member:
-                member.write(head)
-                member.write(little.data.cast("B") if little.size else b"")
+                for part in parts:
+                    member.write(part)
+        archive.comment = _comment(digest)
 
 
 def _head(array: npt.NDArray[Any]) -> bytes:

@@ -205,7 +205,7 @@ class _Reader:
                 colons=True,
             )
             statements.read(0)
-            model = build(self._source, statements, states, actions, observations, discount, start, sparse)
+            model = build(self._source, statements, states, actions, observations, discount, start, sparse, fill=True)
         except RowError as error:
             statements.refuse(error)
         except ModelError as error:

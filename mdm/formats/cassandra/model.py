@@ -263,8 +263,13 @@ def build(
     discount: float,
     start: npt.NDArray[np.float64],
     sparse: bool | None,
+    *,
+    fill: bool = False,
 ) -> MDP | POMDP:
-    """Return the model that the statements define, or fail with the actions that have none."""
+    """Return the model that the statements define, or fail with the actions that have none.
+
+    With ``fill``, rows of O that were not given and that no transition reaches are uniform, with a warning.
+    """
     for letter, stack in (("T", statements.transitions), ("O", statements.observations)):
         for action in stack.missing() if stack is not None else []:
             problem = f"no {letter!r} statement is given for action {actions.names[action]!r}"
@@ -287,6 +292,8 @@ def build(
             sparse=sparse,
         )
     matrices = statements.observations.matrices()
+    if fill:
+        matrices = _filled(source, transitions, matrices)
     return POMDP(
         transitions,
         matrices,
@@ -299,6 +306,26 @@ def build(
         outcome_rewards=finer,
         sparse=sparse,
     )
+
+
+def _filled(source: Source, transitions: list[Any], observations: list[Any]) -> list[Any]:
+    """Return the matrices of O with uniform rows for next states that are never reached and have none."""
+    result, count = [], 0
+    for transition, matrix in zip(transitions, observations, strict=True):
+        empty = np.diff(matrix.indptr) == 0
+        empty[transition.indices] = False
+        count += int(empty.sum())
+        if empty.any():
+            rows, width = np.flatnonzero(empty), matrix.shape[1]
+            starts = np.concatenate(([0], np.cumsum(empty))) * width
+            columns = np.tile(np.arange(width), len(rows))
+            result.append(csr(matrix + csr((np.full(len(columns), 1 / width), columns, starts), matrix.shape)))
+        else:
+            result.append(matrix)
+    if count:
+        text = f"{source.path}: {count} rows of O are not given, of next states that are never reached; read as uniform"
+        warnings.warn(text, ModelWarning, stacklevel=6)
+    return result
 
 
 def _normalised(matrices: list[Any]) -> list[Any]:

@@ -109,18 +109,19 @@ class Statements:
             raise FormatError(f"{first.message}; {rest}", file=first.file, line=first.line, column=first.column)
 
     def refuse(self, error: RowError) -> NoReturn:
-        """Raise a `FormatError` at the last statement for a row that is not a distribution."""
+        """Raise a `FormatError` at the last statement for a row that is not a distribution, or for its action."""
         words, kind = self._words, error.what
-        found = None
+        found = block = None
         for at in (i for i, word in enumerate(words[:-1]) if word == kind and words[i + 1] == ":"):
             end = self._field_end(at + 2)
             of_action = self._names_symbol(kind, "a", at + 2, end, error.action)
             names_row = words[end : end + 1] == [":"] and not self._values_follow(end + 1, "s")
-            if of_action and (
-                not names_row or self._names_symbol(kind, "s", end + 1, self._field_end(end + 1), error.row)
-            ):
-                found = at
-        self.fail(len(words) - 1 if found is None else found, str(error))
+            if of_action:
+                block = at
+                if not names_row or self._names_symbol(kind, "s", end + 1, self._field_end(end + 1), error.row):
+                    found = at
+        place = found if found is not None else block
+        self.fail(len(words) - 1 if place is None else place, str(error))
 
     def _names_symbol(self, kind: str, letter: str, begin: int, end: int, symbol: int) -> bool:
         """Whether a field names a symbol."""

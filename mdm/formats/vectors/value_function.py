@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mdm.formats.source import Source
+from mdm.formats.source import Source, suffixes
 from mdm.formats.target import write_text
 from mdm.formats.vectors import alpha
 from mdm.policies import AlphaVectors
@@ -33,6 +33,9 @@ def read(path: str | Path, *, num_actions: int | None = None) -> AlphaVectors:
         FormatError: If the file is malformed, with the line and what was expected.
     """
     source = Source(path)
+    if suffixes(path) == ".vf" and not source.text.endswith("\n"):
+        # MADP ends every block with a blank line; a number without a line's end may have lost digits.
+        source.fail("the file is truncated: it ends within a line", line=source.text.count("\n") + 1)
 
     def action(line: int, words: list[str]) -> int | None:
         if len(words) != 2 or not words[0].isdecimal() or not words[1].lstrip("-").isdecimal():

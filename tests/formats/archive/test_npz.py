@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import random
 import zipfile
 
 import numpy as np
 import pytest
+from random_models import assert_same
 
-from mdm import FormatError, load_model
+from mdm import FormatError, load_model, save_model
 from mdm.formats import policies
+from mdm.models import POMDP
 
 
 def test_what_is_no_archive(tmp_path):
@@ -57,3 +60,36 @@ def test_compressed_and_pickled_archives_are_refused(tmp_path):
     np.savez(tmp_path / "n.npz", numbers=np.zeros(3))
     with pytest.raises(FormatError, match="no header"):
         load_model(tmp_path / "n.npz")
+
+
+def test_each_flipped_bit_is_found_or_harmless(tmp_path):
+    model = POMDP(
+        [np.array([[0.25, 0.75], [1, 0]]), np.eye(2)], [np.eye(2)] * 2, [[1.0, 2.0], [3.0, 4.0]], discount=0.9
+    )
+    path = tmp_path / "m.npz"
+    save_model(model, path)
+    data = path.read_bytes()
+    chance = random.Random(1)
+    found = 0
+    for bit in chance.sample(range(8 * len(data)), 1500):
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(flipped)
+        try:
+            assert_same(load_model(path), model, within=0)
+        except FormatError:
+            found += 1
+    assert found > 500
+
+
+def test_an_archive_without_a_digest_has_checksums(tmp_path):
+    path = tmp_path / "m.npz"
+    save_model(POMDP([np.eye(2)], [np.eye(2)], [[1.0], [2.0]], discount=0.9), path)
+    with np.load(path) as stored:
+        np.savez(path, **stored)
+    assert load_model(path).rewards.tolist() == [[1], [2]]
+    data = bytearray(path.read_bytes())
+    data[data.index(np.float64(2).tobytes())] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(FormatError, match="a checksum is wrong"):
+        load_model(path)

@@ -14,6 +14,7 @@ from places import each
 from random_models import dense
 
 from mdm import FormatError, load_model
+from mdm.errors import ModelWarning
 from mdm.models import POMDP
 
 
@@ -90,3 +91,48 @@ def test_mutated_files_make_a_model_or_an_error(seed, tmp_path_factory):
         assert isinstance(load(path), POMDP)
     except FormatError as error:
         assert path.name in str(error)
+
+
+UNREACHED = """agents: 2
+discount: 1
+values: reward
+states: here there never
+start:
+1 0 0
+actions:
+2
+1
+observations:
+2
+1
+T: * : * : there : 1.0
+O: * : there :
+0.25 0.75
+R: * : * : * : * : 1
+"""
+
+
+def test_rows_of_observations_that_are_never_reached_are_uniform(tmp_path):
+    """Such files exist in numbers; MADP takes them."""
+    path = written(tmp_path, UNREACHED, "x.dpomdp")
+    with pytest.warns(ModelWarning, match="4 rows of O are not given, of next states that are never reached") as caught:
+        model = load_model(path)
+    assert len(caught) == 1
+    for action in range(2):
+        np.testing.assert_array_equal(model.observation_matrix(action), [[0.5, 0.5], [0.25, 0.75], [0.5, 0.5]])
+
+
+@pytest.mark.filterwarnings("ignore:.*rows of O are not given")
+def test_a_row_that_is_reached_must_be_given(tmp_path):
+    path = written(tmp_path, UNREACHED + "T: 1 0 : here : never : .5\nT: 1 0 : here : there : .5\n", "x.dpomdp")
+    with pytest.raises(FormatError, match="O of action .*the row of 'never' sums to 0") as caught:
+        load_model(path)
+    assert caught.value.line == 14  # where the action's O is
+
+
+@pytest.mark.filterwarnings("ignore:.*rows of O are not given")
+def test_a_row_that_was_never_given_is_told_at_its_block(tmp_path):
+    rest = UNREACHED.replace("T: * : * : there : 1.0\n", "T: * : here : there : 1.0\nT: * : there : there : 1.0\n")
+    with pytest.raises(FormatError, match="T of action .*the row of 'never' sums to 0") as caught:
+        load_model(written(tmp_path, rest, "x.dpomdp"))
+    assert caught.value.line == 14

@@ -1,4 +1,4 @@
-"""Distributions as they are written: their sums are as close to 1 as the original tools ask for."""
+"""Distributions and utilities as they are written: with the sums, and as many, as the original tools ask for."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.models.compressed import csr, is_compressed
-from mdm.models.factored.potential import Table
+from mdm.models.factored.potential import Node, Table
 
 if TYPE_CHECKING:
     from mdm.models import TwoSliceNetwork
     from mdm.models.factored.potential import Potential
 
-__all__ = ["closed", "initial"]
+__all__ = ["closed", "initial", "utilities"]
 
 _CLOSE = 1e-14
 """MADP takes a sum within 5e-13, added one number after the other."""
@@ -39,3 +39,8 @@ def initial(network: TwoSliceNetwork) -> list[Potential]:
         Table(each.scope, closed(each.values)) if isinstance(each, Table) and len(each.scope) == 1 else each
         for each in network.initial
     ]
+
+
+def utilities(network: TwoSliceNetwork) -> tuple[Potential, ...]:
+    """Return a network's utilities; one of 0 if there are none, for MADP and SARSOP need a reward."""
+    return network.utilities or (Table([Node("action", 0)], np.zeros(len(network.actions.factors[0]))),)

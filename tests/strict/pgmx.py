@@ -81,6 +81,7 @@ class _Reader:
         later = [(re.sub(r" \[0\]$", " [1]", name), 1) for name, _ in states]
         actions = self.ordered("decision", 0)
         seen = []
+        need(len(self.ordered("decision", 1)) <= len(actions), "a decision without its first slice")
         for decision in self.ordered("decision", 1):
             parents = [p for p, child in self.links if child == decision and self.roles[p] == "chance" and p[1] == 1]
             need(len(parents) == 1, f"the observation of {decision}")
@@ -101,6 +102,7 @@ class _Reader:
         sums(start, PRECISION, "the start")
         sums(transitions, LATER, "T")
         utilities = self.ordered("utility", 0)
+        need(utilities, "no rewards")
         scopes = [self.scope(self.potentials[place]) for place in utilities]
         outcomes = not {*later, *seen}.isdisjoint(place for scope in scopes for place in scope)
         told = not set(seen).isdisjoint(place for scope in scopes for place in scope)

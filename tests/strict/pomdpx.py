@@ -82,6 +82,7 @@ class _Reader:
         everything = [*action, *prev, *curr, *obs]
         used = {name for function in told for name in function.find("Parent").text.split()}
         later = not used.isdisjoint([*curr, *obs])
+        need(told, "no rewards")
         axes = everything if later else [*action, *prev]
         for function in told:
             rewards = rewards + self.function(function, axes, None)
@@ -107,7 +108,10 @@ class _Reader:
                     parents == ["null"] or set(parents) <= {*self.kinds["action"], *self.kinds["curr"]},
                     f"the parents of {name}",
                 )
+            need((parents == ["null"]) <= (section == "InitialStateBelief"), f"the parents of {name}")
             if section == "StateTransitionFunction":
+                before = self.kinds["prev"][variables.index(name)]
+                need({*self.kinds["action"], before} <= set(parents), f"all actions and the value before of {name}")
                 same = set(parents) & set(variables)
                 need(not same or (name not in self.observed and same <= self.observed), f"the parents of {name}")
             if section == "InitialStateBelief" and parents == ["null"]:
@@ -120,6 +124,7 @@ class _Reader:
         """Return a function as an array with the given axes, of length 1 where it does not depend on one."""
         need([child.tag for child in element] == ["Var", "Parent", "Parameter"], "the parts of a function")
         parents = element.find("Parent").text.split()
+        need(variable is not None or parents != ["null"], "a reward of nothing")
         parents = [] if parents == ["null"] else parents
         scope = parents if variable is None else [*parents, variable]
         need(len(set(scope)) == len(scope) and set(scope) <= set(axes), f"the parents {parents}")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ModelError, ModelWarning
-from mdm.formats.distributions import initial
+from mdm.formats.distributions import initial, utilities
 from mdm.formats.markup import quoted
 from mdm.formats.spelling import Speller
 from mdm.formats.target import write_text
@@ -62,7 +62,7 @@ def write(model: MDP, path: str | Path) -> None:
         else:
             network = free
     agents, seen = len(network.actions.factors), len(network.observation)
-    if seen not in {0, agents} and not network.event_observations:
+    if seen > agents or (0 < seen < agents and not network.event_observations):
         text = f"MADP reads one observation of each agent, but there are {seen} for {agents}"
         warnings.warn(text, ModelWarning, stacklevel=3)
     document = _Document(network)
@@ -96,7 +96,7 @@ class _Document:
             self._variables[Node("action", place)] if place < agents else self._title(f"informed{place}")
             for place in range(len(network.factors("observation")))
         ]
-        self._rewards = [self._title(f"reward{index}") for index in range(len(network.utilities))]
+        self._rewards = [self._title(f"reward{index}") for index in range(len(utilities(network)))]
         # MADP takes the first variable whose name begins with the wanted one; a slice in each name ends them.
         names = sorted(self._taken)
         self._with_slices = any(after.startswith(name) for name, after in pairwise(names))
@@ -128,7 +128,7 @@ class _Document:
         for role, each in potentials.items():
             for place, potential in enumerate(each):
                 lines += _Writer(self._reference, self._values, Node(role, place)).lines(potential)
-        for name, utility in zip(self._rewards, network.utilities, strict=True):
+        for name, utility in zip(self._rewards, utilities(network), strict=True):
             lines += _Writer(self._reference, self._values, None, self._key(name, 0)).lines(utility)
         return [*lines, "</Potentials>", "</ProbNet>", "</ProbModelXML>"]
 
@@ -167,7 +167,7 @@ class _Document:
         ]
         pairs += [
             (self._reference(node), f"<Variable {self._key(name, 0)}/>")
-            for name, utility in zip(self._rewards, network.utilities, strict=True)
+            for name, utility in zip(self._rewards, utilities(network), strict=True)
             for node in utility.scope
         ]
         return [f'<Link directed="true">{parent}{child}</Link>' for parent, child in pairs]

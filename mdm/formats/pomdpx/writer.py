@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ModelError, ModelWarning
-from mdm.formats.distributions import initial
+from mdm.formats.distributions import initial, utilities
 from mdm.formats.markup import escape, quoted
 from mdm.formats.spelling import Speller, unused
 from mdm.formats.target import write_text
@@ -140,7 +140,7 @@ class _Document:
                 lines += self._function("CondProb", self._variables[Node(role, place)], potential, Node(role, place))
             lines.append(f"</{section}>")
         lines.append("<RewardFunction>")
-        for index, utility in enumerate(network.utilities):
+        for index, utility in enumerate(utilities(network)):
             lines += self._function("Func", self._reward(index), utility, None)
         return [*lines, "</RewardFunction>", "</pomdpx>"]
 
@@ -164,13 +164,17 @@ class _Document:
                 counted = values == [f"{prefix}{index}" for index in range(len(values))]
                 listed = f"<ValueEnum>{escape(' '.join(values))}</ValueEnum>"
                 lines.append(begin + (f"<NumValues>{len(values)}</NumValues>" if counted else listed) + f"</{tag}>")
-        lines += [f"<RewardVar vname={quoted(self._reward(index))}/>" for index in range(len(self._network.utilities))]
+        lines += [f"<RewardVar vname={quoted(self._reward(index))}/>" for index in range(len(utilities(self._network)))]
         return lines
 
     def _function(self, tag: str, variable: str, potential: Potential, child: Node | None) -> list[str]:
         parents = [node for node in potential.scope if node != child]
-        if child is None and not parents:
-            parents = [Node("action", 0)]  # a reward depends on something
+        if child is not None and child.role == "next_state":
+            # SARSOP multiplies these tables, and fails where none of them has an action or the state before.
+            actions = [Node("action", place) for place in range(len(self._network.actions.factors))]
+            parents += [node for node in (*actions, Node("state", child.place)) if node not in parents]
+        elif not parents and (child is None or child.role != "state"):
+            parents = [Node("action", 0)]  # only what is initial depends on nothing
         names = " ".join(self._variables[node] for node in parents) or "null"
         head = f"<{tag}><Var>{escape(variable)}</Var><Parent>{escape(names)}</Parent>"
         order = parents if child is None else [*parents, child]

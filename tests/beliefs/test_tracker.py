@@ -11,7 +11,7 @@ from hypothesis import assume, given, strategies as st
 from random_models import dense, flat_models
 
 from mdm import load_model
-from mdm.beliefs import BeliefTracker, Support
+from mdm.beliefs import BeliefTracker, Support, dense as belief_dense, tracker as belief_tracker
 from mdm.errors import ModelError, ModelWarning
 from mdm.models import POMDP, Factor, Space
 from mdm.problems import tiger
@@ -140,6 +140,22 @@ def as_matrices(model, *, sparse):
         event_observations=bool(events),
         sparse=sparse,
     )
+
+
+def test_what_is_kept_of_missing_components_has_a_bound(monkeypatch):
+    monkeypatch.setattr(belief_tracker, "_MOST_KEPT", 2)
+    monkeypatch.setattr(belief_dense, "_KEPT", 8)
+    random = np.random.default_rng(3)
+    transitions, observations = random.dirichlet(np.ones(2), size=(2, 2)), random.dirichlet(np.ones(12), size=(2, 2))
+    space = Space([Factor("left", 3), Factor("right", 4)])
+    model = POMDP(transitions, observations, np.zeros((2, 2)), discount=0.9, observation_names=space)
+    tracker, belief = BeliefTracker(model), list(model.initial_belief)
+    for _ in range(2):
+        for left, right in [(0, None), (None, 3), (2, None), (None, 0), (1, None)]:
+            likely = [o for o in range(12) if left in (None, o // 4) and right in (None, o % 4)]
+            total, belief = plain_update(model, belief, 1, likely)
+            assert tracker.update(1, (left, right)) == pytest.approx(total)
+            np.testing.assert_allclose(tracker.belief, belief)
 
 
 def test_a_belief_that_was_handed_out_never_changes():

@@ -70,6 +70,26 @@ def test_states_are_collected_too():
     run_virtual(main)
 
 
+def test_what_is_lost_is_said_again_50_ms_after_it_was_said_itself():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        left, right = await started(runtime, tigers(), network, over_beliefs(problems.dec_tiger()))
+        await asyncio.sleep(1.0)
+        before = len(left.commits)
+        right.observe(None, "hear-left")
+        await asyncio.sleep(0.03)
+        assert len(left.commits) == before + 1
+        network.loss = 1.0
+        right.observe(None, "hear-left")
+        network.loss = 0.0
+        await asyncio.sleep(0.045)
+        assert len(left.commits) == before + 1
+        await asyncio.sleep(0.01)
+        assert len(left.commits) == before + 2
+
+    run_virtual(main)
+
+
 def test_nothing_is_lost_for_long_where_messages_are():
     async def main(runtime):
         network = Network(runtime.clock, team="tigers", loss=0.3, seed=2, delay=(0.001, 0.02))

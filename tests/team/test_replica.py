@@ -11,6 +11,7 @@ from teams import team as random_team
 
 import mdm
 from mdm import problems
+from mdm.team.agreement import decode
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
@@ -601,6 +602,40 @@ def test_copies_stay_the_same_where_the_team_stops_and_starts_while_an_agent_is_
         assert left.ensemble.mode == right.ensemble.mode == "deciding"
         assert left.did == ["listen", "SAFE", "open-right"]
 
+    run_virtual(main)
+
+
+def test_who_observes_at_once_says_by_that_that_a_step_was_applied():
+    class Observing(list):
+        more = 4
+
+        def append(self, action):
+            super().append(action)
+            if self.more:
+                self.more -= 1
+                asyncio.get_running_loop().call_soon(right.observe, None, "hear-left")
+
+    async def main(runtime):
+        nonlocal right
+        left, right = await two(runtime)
+        await asyncio.sleep(1.0)
+        right.did = Observing()
+        said = []
+        put = right.transport.put
+
+        def seen(key, body, **options):
+            if "/agreement/" in key:
+                said.append(type(decode(body)).__name__)
+            return put(key, body, **options)
+
+        right.transport.put = seen
+        right.observe(None, "hear-left")
+        await asyncio.sleep(1.0)
+        assert said == ["Component"] * 5 + ["Applied"]
+        assert len(right.did) == 5
+        assert history(left) == history(right)
+
+    right = None
     run_virtual(main)
 
 

@@ -142,7 +142,7 @@ class Replica(TeamLayer):
     def on_stop(self) -> None:
         """Keep the copy for the next start."""
         super().on_stop()
-        self._word = None
+        self._concludes, self._word = False, None
         self._saved = self.copy.snapshot()
 
     # -- What this agent says ------------------------------------------------------------------------------------
@@ -195,6 +195,8 @@ class Replica(TeamLayer):
 
     def _conclude(self, _: None) -> None:
         """Do at the end of a turn what nobody waits for."""
+        if not self._concludes:  # the layer has stopped meanwhile
+            return
         self._concludes = False
         self._follow_up()
         self.copy.digest()  # for which the next step then need not wait

@@ -8,6 +8,7 @@ from mdm.actors.layer import Layer
 from mdm.actors.wiring import Wire, arrange
 from mdm.errors import ConfigError
 from mdm.logic import similar
+from mdm.logic.memory import Memory
 from mdm.messages import EventUpdate, Observation
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from mdm.models import Space
 
 __all__ = ["ObservationLayer"]
+
+_FEW = 8
 
 
 class ObservationLayer(Layer):
@@ -51,6 +54,8 @@ class ObservationLayer(Layer):
         self._places: dict[str, tuple[int, int]] = {}
         self._rest: list[int | None] = []
         self._strides: tuple[int, ...] = ()
+        self._holds = any(factor.hold for factor in self.factors)
+        self._known: Memory[tuple[str, ...], tuple[int | None, tuple[int | None, ...], tuple[bool, ...]]] = Memory()
 
     @property
     def key(self) -> str:
@@ -107,6 +112,7 @@ class ObservationLayer(Layer):
         for problem in self.problems():
             raise problem
         self._published = self.owner.channel("observation" if self._covers is None else "own_observation", Observation)
+        self._known.clear()
         self._places = {
             event: (component, symbol)
             for component, factor in enumerate(self.factors)
@@ -123,12 +129,19 @@ class ObservationLayer(Layer):
         self.subscribe(self.predicates.events, self._update, topics=self._places)
 
     def _update(self, update: EventUpdate) -> None:
+        # Hot path: what events mean is looked up, unless it depends on those before, or must be reported.
+        known = self._known.get(update.events)
+        if known is not None:
+            self._published.emit_last(Observation(update.time, *known))
+            return
         new: dict[int, int] = {}
+        plain = not self._holds
         for event in update.events:
             place = self._places.get(event)
             if place is not None:
                 component, symbol = place
                 if component in new:
+                    plain = False
                     self._conflict(component, new[component], symbol, update.time)
                     symbol = min(symbol, new[component])
                 new[component] = symbol
@@ -144,6 +157,8 @@ class ObservationLayer(Layer):
             if self.factors[component].hold:
                 self._rest[component] = symbol
         mask = tuple([component in new for component in range(len(values))])
+        if plain and len(update.events) <= _FEW:
+            self._known.keep(update.events, (index, tuple(values), mask))
         self._published.emit_last(Observation(update.time, index, tuple(values), mask))
 
     def _conflict(self, component: int, first: int, second: int, time: int) -> None:

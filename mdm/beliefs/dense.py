@@ -159,10 +159,16 @@ class CompiledFoldedFilter(FoldedFilter):
 
     def step(self, action: int, observation: int) -> float:
         """Update by an action and an observation; return P(observation | belief, action)."""
-        total = self._move(self._folded[action][observation], self._before, self._after)
+        # Hot path: of .4 µs for two states numba's call takes .25.
+        before, after = self._before, self._after
+        total = self._move(self._folded[action][observation], before, after)
         if not total > 0:
             return 0.0
-        self._swap()
+        self._before = after
+        self._after = before
+        if self._handed_out:
+            self._after = np.empty(self._size)
+            self._handed_out = False
         return total
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:

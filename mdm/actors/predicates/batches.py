@@ -2,63 +2,61 @@
 
 from __future__ import annotations
 
-import asyncio
+from asyncio import _get_running_loop, current_task
 from threading import get_ident
+from typing import TYPE_CHECKING
 
-__all__ = ["Batch", "Batches"]
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["Batch", "scope"]
+
+Values = tuple[tuple[str, "bool | None"], ...]
 
 
 class Batch:
-    """Values of predicates, the latest of each, and events in their order.
+    """A block in which values of predicates, the latest of each, and events, in their order, are gathered.
+
+    Within another batch of the same task or thread it leaves all to that one.
 
     Args:
-        scope: The task or thread whose it is.
+        batches: The open batches: one a task, or outside of tasks one a thread.
+        tell: Takes what was gathered, at the end.
 
     Attributes:
-        values: By predicate.
+        readings: Predicates with their values.
         events: Their names.
     """
 
-    __slots__ = ("events", "scope", "values")
+    __slots__ = ("_batches", "_scope", "_tell", "events", "readings")
 
-    def __init__(self, scope: object) -> None:
-        self.scope = scope
-        self.values: dict[str, bool | None] = {}
+    def __init__(self, batches: dict[object, Batch], tell: Callable[[Values, tuple[str, ...]], object]) -> None:
+        self.readings: list[tuple[str, bool | None]] = []
         self.events: list[str] = []
+        self._batches = batches
+        self._tell = tell
+        self._scope: object = None
+
+    def __enter__(self) -> None:
+        """Gather from now on what the present task or thread reports."""
+        found = scope()
+        if found not in self._batches:
+            self._batches[found] = self
+            self._scope = found
+
+    def __exit__(self, *_: object) -> None:
+        """Tell what was gathered, whoever calls this and whatever was raised."""
+        if self._scope is None:
+            return
+        del self._batches[self._scope]
+        self._scope = None
+        readings, events = self.readings, self.events
+        if readings or events:
+            self.readings, self.events = [], []
+            self._tell(tuple(dict(readings).items()), tuple(events))
 
 
-class Batches:
-    """The open batches: one a task, or outside of tasks one a thread.
-
-    Attributes:
-        open: By the task or thread that has begun it.
-    """
-
-    __slots__ = ("open",)
-
-    def __init__(self) -> None:
-        self.open: dict[object, Batch] = {}
-
-    def begin(self) -> Batch | None:
-        """Open a batch for whoever calls this; None where there is one already, which takes all."""
-        scope = _scope()
-        if scope in self.open:
-            return None
-        batch = self.open[scope] = Batch(scope)
-        return batch
-
-    def end(self, batch: Batch) -> None:
-        """Close a batch, whoever calls this."""
-        del self.open[batch.scope]
-
-    def present(self) -> Batch | None:
-        """Return the open batch of whoever calls this, if any."""
-        return self.open.get(_scope())
-
-
-def _scope() -> object:
+def scope() -> object:
     """Return what runs: an asyncio task, or else a thread."""
-    try:
-        return asyncio.current_task() or get_ident()
-    except RuntimeError:  # no event loop runs here
-        return get_ident()
+    loop = _get_running_loop()  # None where none runs, in place of an exception
+    return get_ident() if loop is None else current_task(loop) or get_ident()

@@ -6,11 +6,10 @@ It owns one network of formulas, updates it in dependency order once a turn, and
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mdm.actors.predicates.backlog import Backlog
-from mdm.actors.predicates.batches import Batches
+from mdm.actors.predicates.batches import Batch, scope
 from mdm.actors.predicates.declarations import ACTION_END, Declarations
 from mdm.actors.predicates.follower import Follower
 from mdm.actors.predicates.sensor import EventSource, Sensor, truth
@@ -25,7 +24,7 @@ from mdm.runtime.handler import check_plain
 from mdm.runtime.supervision import text_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     import numpy as np
 
@@ -67,7 +66,7 @@ class PredicateManager(Actor):
         self._seen: dict[str, int] = {}
         self._hold_timers: dict[str, Timer] = {}
         self._age_timers: dict[str, Timer] = {}
-        self._batches = Batches()
+        self._batches: dict[object, Batch] = {}
         self._backlog = Backlog()
         self._known: frozenset[str] = frozenset()
         self._senses: Callable[[SensorUpdate], None] | None = None
@@ -193,22 +192,12 @@ class PredicateManager(Actor):
         values = self._network.values()
         return dict.fromkeys(values) if self._lost else values
 
-    @contextmanager
-    def batch(self) -> Iterator[None]:
+    def batch(self) -> Batch:
         """Make all changes that are reported inside the block one update.
 
         It takes what this task reports, or outside of tasks this thread: others go on while the block awaits something.
         """
-        batch = self._batches.begin()
-        if batch is None:
-            yield  # the outer batch takes them all
-            return
-        try:
-            yield
-        finally:
-            self._batches.end(batch)
-            if batch.values or batch.events:
-                self._input(tuple(batch.values.items()), tuple(batch.events))
+        return Batch(self._batches, self._input)
 
     def sense(self, name: str, value: bool | np.bool_ | None) -> None:
         """Take a predicate's value, by its name. From any thread.
@@ -222,8 +211,8 @@ class PredicateManager(Actor):
 
     def take(self, readings: tuple[tuple[str, bool | None], ...]) -> None:
         """Take values of predicates as one update; `Sensor.set` calls this. From any thread."""
-        if self._batches.open and (batch := self._batches.present()) is not None:
-            batch.values.update(readings)
+        if self._batches and (batch := self._batches.get(scope())) is not None:
+            batch.readings += readings
         elif self._senses is None:
             self._input(readings, ())
         else:
@@ -238,7 +227,7 @@ class PredicateManager(Actor):
         for name in events:
             if name not in self._raised:
                 self.declared.check_input(name, "event")
-        if self._batches.open and (batch := self._batches.present()) is not None:
+        if self._batches and (batch := self._batches.get(scope())) is not None:
             batch.events.extend(events)
         else:
             self._input((), events)
@@ -248,10 +237,13 @@ class PredicateManager(Actor):
         return self._backlog.values.get(name, None if self._begun else initial)
 
     def _input(self, predicates: tuple[tuple[str, bool | None], ...], events: tuple[str, ...]) -> None:
-        if not self._begun:
+        senses = self._senses
+        if senses is not None:
+            senses(SensorUpdate(self._now(), predicates, events))
+        elif self._begun:
+            self._keep(SensorUpdate(self.runtime.clock.now(), predicates, events))
+        else:
             self._backlog.put(predicates, None)
-            return
-        (self._senses or self._keep)(SensorUpdate(self.runtime.clock.now(), predicates, events))
 
     def _keep(self, update: SensorUpdate) -> None:
         self._backlog.put(update.predicates, update.time)

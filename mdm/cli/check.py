@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import warnings
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,13 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
-__all__ = ["Findings", "add_parser", "report", "run"]
+__all__ = ["Findings", "add_parser", "grouped", "report", "run"]
+
+_TOLD = 5
+_PLACES = 5
+_VARYING = re.compile(r"'[^']*'|\d[\d.e+-]*|; did you mean .*")
+"""What differs between problems of one kind: names, numbers, places, suggestions."""
+_PLACE = re.compile(r"\S*?:(\d+)(?::\d+)?: ")
 
 Findings = tuple[str | None, list[str], list[str]]
 """The kind of a file's content, its problems, and notes on oddities."""
@@ -22,9 +29,11 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         "check",
         help="list all problems of an ensemble, model or policy file",
         description=(
-            "Check a file without running anything: an ensemble's TOML file, a model or a policy. All problems are "
-            "listed at once; notes list what is allowed but odd: states that cannot be reached or left, observations "
-            "that never occur, actions that change nothing."
+            "Check a file: an ensemble's TOML file, a model or a policy. All problems are listed at once, those of one "
+            "kind by the first few and their number; notes list what is allowed but odd: states that cannot be reached "
+            "or left, observations that never occur, actions that change nothing. Functions that a TOML file names are "
+            "looked for in the source of their modules, which are not run, unless --import is given; those of a team's "
+            "file are imported, as `mdm team check` does."
         ),
         epilog="example: mdm check examples/patrol/patrol.toml",
     )
@@ -33,14 +42,19 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--normalize", action="store_true", help="take distributions that do not sum to 1 for notes, not problems"
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument(
+        "--import",
+        dest="imports",
+        action="store_true",
+        help="import the functions of a TOML file, which runs its modules",
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object, with every problem")
     return parser
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the file; return the exit status."""
-    file = arguments.file
-    return report(file, lambda: _examine(file, arguments.model, arguments.normalize), json=arguments.json)
+    return report(arguments.file, lambda: _examine(arguments), json=arguments.json)
 
 
 def report(file: str, examine: Callable[[], Findings], *, json: bool, command: str = "mdm check") -> int:
@@ -61,8 +75,8 @@ def report(file: str, examine: Callable[[], Findings], *, json: bool, command: s
     if json:
         print(as_json({"file": file, "holds": kind, "problems": problems, "notes": notes}))
     else:
-        for problem in problems:
-            print(f"{command}: {problem}", file=sys.stderr)
+        for line in grouped(problems):
+            print(f"{command}: {line}", file=sys.stderr)
         for note in notes:
             print(f"{file}: note: {note}")
         if not problems:
@@ -72,22 +86,39 @@ def report(file: str, examine: Callable[[], Findings], *, json: bool, command: s
     return 1 if problems else 0
 
 
-def _examine(file: str, model: str | None, normalize: bool) -> Findings:
+def grouped(problems: list[str]) -> list[str]:
+    """Return problems as lines: of each kind all, or the first few, and the number and places of those that follow."""
+    kinds: dict[str, list[str]] = {}
+    for problem in problems:
+        kinds.setdefault(_VARYING.sub("", problem), []).append(problem)
+    lines: list[str] = []
+    for alike in kinds.values():
+        if len(alike) <= _TOLD:
+            lines += alike
+            continue
+        rest = [found[1] for found in map(_PLACE.match, alike[_TOLD - 2 :]) if found]
+        places = f", at lines {', '.join(rest[:_PLACES])}{', …' if len(rest) > _PLACES else ''}" if rest else ""
+        lines += [*alike[: _TOLD - 2], f"and {len(alike) - _TOLD + 2} more like the last{places}"]
+    return lines
+
+
+def _examine(arguments: argparse.Namespace) -> Findings:
     """Return a file's kind of content, its problems, and notes on oddities."""
     from mdm.cli.document import Document  # noqa: PLC0415
     from mdm.cli.team.check import examine  # noqa: PLC0415
     from mdm.cli.usage import UsageError  # noqa: PLC0415
-    from mdm.config import load_system, load_team  # noqa: PLC0415
+    from mdm.config import load_system, load_team, look_over  # noqa: PLC0415
     from mdm.errors import ConfigError, FormatError  # noqa: PLC0415
     from mdm.formats import load_model, load_policy  # noqa: PLC0415
     from mdm.formats.source import suffixes  # noqa: PLC0415
 
+    file, model = arguments.file, arguments.model
     try:
         if suffixes(file) == ".toml":
             team = load_team(file)
             if team is not None:
                 return examine(file, team)
-            system = load_system(file)
+            system = load_system(file) if arguments.imports else look_over(file)
             return "ensembles", [], [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
         if _holds_policy(file):
             policy = load_policy(file, None if model is None else load_model(model))
@@ -98,7 +129,7 @@ def _examine(file: str, model: str | None, normalize: bool) -> Findings:
         return None, [str(error)], []
     if model is not None:
         raise UsageError("--model is for policies; this file holds a model itself")
-    return _examine_model(file, normalize)
+    return _examine_model(file, arguments.normalize)
 
 
 def _holds_policy(file: str) -> bool:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from mdm.team import Team
     from mdm.team.transport.transport import Transport
 
-__all__ = ["load_system", "load_team", "load_team_file"]
+__all__ = ["load_system", "load_team", "load_team_file", "look_over"]
 
 
 def load_system(
@@ -54,6 +54,15 @@ def load_system(
     return _Builder(Path(path), callbacks=callbacks).system(agent, transport=transport, decisions=decisions)
 
 
+def look_over(path: str | Path) -> System:
+    """Build the system that a TOML file describes, to check it: functions are looked for, and not imported.
+
+    Raises:
+        ConfigError: With all problems, one per line and each in its ``problems``.
+    """
+    return _Builder(Path(path), callbacks=False, look=True).system(None)
+
+
 def load_team(path: str | Path) -> Team | None:
     """Return the team that a TOML file describes, without its ensembles; None where it describes none.
 
@@ -76,11 +85,11 @@ def load_team_file(path: str | Path) -> TeamFile | None:
 class _Builder:
     """Builds a system and collects problems."""
 
-    def __init__(self, path: Path, *, callbacks: bool) -> None:
+    def __init__(self, path: Path, *, callbacks: bool, look: bool = False) -> None:
         self._path = path
         self._callbacks = callbacks
         self._problems = Problems(path)
-        self._functions = Functions(path.parent, self._problems, callbacks=callbacks)
+        self._functions = Functions(path.parent, self._problems, callbacks=callbacks, look=look)
 
     def team(self) -> TeamFile | None:
         """Return the team, or raise its problems."""

@@ -74,6 +74,7 @@ class Ensembles:
         self._parents: dict[str, str] = {}
         self._share = share
         self.joint: dict[str, Placement] = {}
+        self._wired: dict[str, tuple[list[StateFactor], list[ObservationFactor]]] = {}
 
     def build(self, document: dict[str, Any]) -> dict[str, Ensemble]:
         """Return the ensembles that could be built, in file order."""
@@ -97,6 +98,26 @@ class Ensembles:
             if self._parents.get(name) not in built:  # otherwise the parent's problems include them
                 for problem in ensemble.problems():
                     self._problems.add(problem.message, problem.key)
+        for name in self._wired.keys() - built.keys() if self._share is None else ():
+            self._check_wiring(name)
+
+    def _check_wiring(self, name: str) -> None:
+        """Note undeclared names in the factors of an ensemble that could not be built for other reasons."""
+        states, observations = self._wired[name]
+        for state in states:
+            self._check_names("predicate", f"ensembles.{name}.states", state.name, state.predicates)
+        for seen in observations:
+            named = [event for place, event in enumerate(seen.events) if event is not None and place != seen.idle]
+            self._check_names("event", f"ensembles.{name}.observations", seen.name, named)
+
+    def _check_names(self, kind: str, key: str, factor: str, names: Sequence[str]) -> None:
+        declared = self._predicates.declared
+        known = [name for name, of in declared.names.items() if of == kind]
+        what = "state factor" if kind == "predicate" else "observation factor"
+        for name in names:
+            if declared.knows(name) != kind:
+                text = f"{what} {factor!r} uses {name!r}, which is no declared {kind}{similar(name, known)}"
+                self._problems.add(text, f"{key}.{factor}")
 
     def _take_tables(self, document: dict[str, Any]) -> None:
         for name, value in self._problems.tables(document, "ensembles"):
@@ -149,6 +170,7 @@ class Ensembles:
         policy = self._policy(table, model, key)
         if table.search is not None and policy is not None:
             policy = self._search(table, model, policy, f"{key}.search")
+        self._wired[name] = states or [], observations or []
         seat = self._seat(name, table, model)
         if given is None:
             actions = self._idle(seat, model, f"{key}.actions")
@@ -241,7 +263,7 @@ class Ensembles:
         safe = table.safe_action
         if safe is None or ":" not in safe:
             return safe
-        return self._functions.find(safe, key) if seat.acts else nothing
+        return (self._functions.find(safe, key) if seat.acts else None) or nothing
 
     def _search(self, table: EnsembleTable, model: MDP | POMDP | None, policy: Any, key: str) -> TreeSearch | None:
         given: SearchTable | None = self._problems.convert(table.search, SearchTable, key)
@@ -322,7 +344,7 @@ class Ensembles:
         if (entry.call is None) == (entry.ensemble is None):
             raise ConfigError("an action needs either a function ('call') or an 'ensemble'")
         if entry.call is not None:
-            return self._functions.find(entry.call, key)
+            return self._functions.find(entry.call, key) or nothing  # what else is wrong is told, too
         below = str(entry.ensemble)
         if below not in self._tables:
             raise ConfigError(f"there is no ensemble {below!r} in this file{similar(below, self._tables)}")

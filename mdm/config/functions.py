@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from mdm.config.sources import look_for
 from mdm.errors import ConfigError
 from mdm.logic import similar
 
@@ -25,17 +26,23 @@ class Functions:
         folder: The file's folder, whose modules take precedence.
         problems: Where problems are noted.
         callbacks: Whether functions are imported; otherwise each is one that does nothing.
+        look: Whether functions that are not imported are looked for in the source of their modules.
     """
 
-    def __init__(self, folder: Path, problems: Problems, *, callbacks: bool) -> None:
+    def __init__(self, folder: Path, problems: Problems, *, callbacks: bool, look: bool = False) -> None:
         self._folder = folder
         self._problems = problems
         self._callbacks = callbacks
+        self._look = look
 
     def find(self, reference: str, key: str) -> Callable[..., Any] | None:
         """Return the function named ``module:name``; None where there is none, which is noted with its key."""
         with self._problems.collecting(key):
-            return find_function(reference, self._folder) if self._callbacks else nothing
+            if self._callbacks:
+                return find_function(reference, self._folder)
+            if self._look:
+                look_for(reference, self._folder)
+            return nothing
         return None
 
 

@@ -6,6 +6,8 @@ import gzip
 import io
 import re
 import zlib
+from bisect import bisect_right
+from itertools import accumulate
 from pathlib import Path
 from typing import NoReturn
 
@@ -58,21 +60,26 @@ class Words:
         self._skip = skip
         text = source.text.split("\n", skip)[skip] if source.text.count("\n") >= skip else ""
         self.words = _split(_COMMENT.sub("", text))
+        self._lines: list[str] = []
+        self._ends: list[int] | None = None
 
     def fail(self, at: int, message: str) -> NoReturn:
         """Raise a `FormatError` at a word; beyond the end, at the last word."""
         at = min(at, len(self.words) - 1)
-        seen = 0
-        for number, text in enumerate(self._source.text.split("\n")[self._skip :], self._skip + 1):
-            words = _split(_COMMENT.sub("", text))
-            if at < seen + len(words):
-                column = 0
-                for word in words[: at - seen + 1]:
-                    column = text.find(word[0] if word[0] in "+-" else word, column) + 1
-                    start, column = column, column - 1 + len(word)
-                self._source.fail(message, line=number, column=start)
-            seen += len(words)
-        self._source.fail(message)
+        if self._ends is None:  # once, however many errors there are
+            self._lines = self._source.text.split("\n")[self._skip :]
+            self._ends = list(accumulate(len(_split(_COMMENT.sub("", line))) for line in self._lines))
+        place = bisect_right(self._ends, at)
+        if place == len(self._ends):
+            self._source.fail(message)
+        text = self._lines[place]
+        words = _split(_COMMENT.sub("", text))
+        seen = self._ends[place] - len(words)
+        column = 0
+        for word in words[: at - seen + 1]:
+            column = text.find(word[0] if word[0] in "+-" else word, column) + 1
+            start, column = column, column - 1 + len(word)
+        self._source.fail(message, line=self._skip + place + 1, column=start)
 
 
 def _split(text: str) -> list[str]:

@@ -116,3 +116,45 @@ def test_check_of_policies(mdm, tmp_path):
     status, _, errors = mdm("check", "--model", TIGER, TIGER)
     assert status == 2
     assert "holds a model itself" in errors
+
+
+def test_check_tells_mistakes_of_all_kinds_at_once_and_runs_no_module(mdm, tmp_path):
+    (tmp_path / "checked_robot.py").write_text("raise SystemExit('this was run')\n\ndef listen(): ...\n")
+    for name in ("tiger.pomdp", "tiger.vf"):
+        (tmp_path / name).write_text((EXAMPLES / name).read_text())
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        """[events]
+HearLeft = {}
+[ensembles.robot]
+model = "tiger.pomdp"
+policy = "tiger.vf"
+observations = { growl = ["HearLeft", "HearRight"] }
+[ensembles.robot.actions]
+listen = "checked_robot:lisen"
+open-left = "checked_robot:listen"
+"""
+    )
+    status, _, errors = mdm("check", path)
+    assert status == 1
+    assert "module 'checked_robot' has no 'lisen'; did you mean 'listen'" in errors  # a function
+    assert "'open-right'" in errors  # an action
+    assert "HearRight" in errors  # an event
+    assert "this was run" not in errors
+    assert "this was run" in mdm("check", "--import", path)[2]
+
+
+def test_check_tells_of_many_mistakes_of_one_kind_by_their_number(mdm, tmp_path):
+    path = tmp_path / "m.mdp"
+    lines = [f"R: go : nowhere{index} : * 1" for index in range(400)]
+    text = "discount: .9\nvalues: reward\nstates: a b\nactions: go\nT: go\nidentity\n"
+    path.write_text(text + "\n".join(lines) + "\nR: go : a : * much\n")
+    status, _, errors = mdm("check", path)
+    assert status == 1
+    told = errors.splitlines()
+    assert [":7:9: 'nowhere0'" in told[0], ":8:9: 'nowhere1'" in told[1], ":9:9: 'nowhere2'" in told[2]] == [True] * 3
+    assert told[3] == "mdm check: and 397 more like the last, at lines 10, 11, 12, 13, 14, …"
+    assert "a number was expected" in told[4]
+    assert told[5].endswith("401 problems found")
+    status, lines, _ = mdm("check", path, "--json")
+    assert len(json.loads(lines[0])["problems"]) == 401

@@ -35,6 +35,7 @@ SPACES = {
     "three-lost": Space(3, "majority", False, losses=1, duplicates=1),
     "three-restart": Space(3, "majority", False, crashes=1, restarts=1),
     "one-step-crash-cut": Space(3, "majority", False, steps=1, crashes=1, partitions=1),
+    "one-step-crash-cut-lost": Space(3, "majority", False, steps=1, crashes=1, partitions=1, losses=1, duplicates=1),
     "one-step-crash-lost": Space(3, "majority", False, steps=1, crashes=1, losses=1, duplicates=1),
     "one-step-cut": Space(3, "majority", False, steps=1, partitions=1),
     "one-step-cut-lost": Space(3, "majority", False, steps=1, partitions=1, losses=1, duplicates=1),

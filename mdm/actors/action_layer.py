@@ -88,6 +88,23 @@ class ActionLayer(Layer):
         alarm: Told of an action that failed, timed out or was abandoned where nothing listens for that event.
     """
 
+    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    __slots__ = (
+        "_calling",
+        "_component",
+        "_current",
+        "_halted",
+        "_left",
+        "_lives",
+        "_now",
+        "_recent",
+        "bindings",
+        "ended",
+        "names",
+        "predicates",
+        "started",
+    )
+
     def __init__(
         self,
         names: tuple[str, ...],

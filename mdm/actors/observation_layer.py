@@ -35,6 +35,12 @@ class ObservationLayer(Layer):
         space: The model's observation space, to arrange the factors by and to check them against.
     """
 
+    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    __slots__ = (
+        "_known",
+        "_published",
+    )
+
     def __init__(
         self,
         factors: Iterable[ObservationFactor],

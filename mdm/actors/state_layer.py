@@ -50,6 +50,16 @@ class StateLayer(Layer):
         space: The model's state space, to arrange the factors by and to check them against.
     """
 
+    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    __slots__ = (
+        "_digits",
+        "_index",
+        "_known",
+        "_missing",
+        "_published",
+        "_slots",
+    )
+
     def __init__(
         self,
         factors: Iterable[StateFactor],

@@ -68,6 +68,15 @@ class _Plan:
 class Network(Declarations):
     """Input and derived predicates and events: declare them, `compile`, then `update`."""
 
+    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    __slots__ = (
+        "_changes",
+        "_plans",
+        "_raisings",
+        "_readings",
+        "_values",
+    )
+
     def __init__(self) -> None:
         super().__init__()
         self._values: list[int] = []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from array import array
+
 import msgspec
 import numpy as np
 import numpy.typing as npt
@@ -117,7 +119,7 @@ def _upper(bucket: int) -> float:
 
 
 class Latencies:
-    """Records latencies in nanoseconds; a record costs one list append, the histogram is made when it is asked for.
+    """Records latencies in nanoseconds; a record costs one append, the histogram is made when it is asked for.
 
     Attributes:
         pending: What was recorded last. A hot path may append to it by itself, and calls `fold` where it is `FULL`.
@@ -126,7 +128,7 @@ class Latencies:
     __slots__ = ("_counts", "_maximum", "_total", "pending")
 
     def __init__(self) -> None:
-        self.pending: list[int] = []
+        self.pending = array("q")
         self._counts: npt.NDArray[np.int64] = np.zeros(_BUCKETS, dtype=np.int64)
         self._total = 0
         self._maximum = 0
@@ -142,8 +144,8 @@ class Latencies:
         """Count what is pending."""
         if not self.pending:
             return
-        values = np.maximum(np.asarray(self.pending, dtype=np.int64), 1)
-        self.pending.clear()
+        values = np.maximum(np.array(self.pending, dtype=np.int64), 1)
+        del self.pending[:]
         fraction, exponent = np.frexp(values.astype(np.float64))
         buckets = (exponent - 1) * 8 + ((fraction * 2 - 1) * 8).astype(np.int64)
         self._counts += np.bincount(buckets, minlength=_BUCKETS)

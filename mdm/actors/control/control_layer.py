@@ -105,6 +105,20 @@ class ControlLayer(Layer):
         planner: Who searches, where the policy's answer comes later; else None.
     """
 
+    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    __slots__ = (
+        "_event_driven",
+        "_held",
+        "_last_epoch",
+        "_last_observation",
+        "_see",
+        "_state",
+        "_tell",
+        "controller",
+        "planner",
+        "running",
+    )
+
     def __init__(
         self,
         policy: GivenPolicy,

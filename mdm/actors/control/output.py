@@ -44,6 +44,29 @@ class Output:
         overdue: Nanoseconds from the first of the ticks that were missed to the present one.
     """
 
+    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    __slots__ = (
+        "_actions",
+        "_alone",
+        "_beliefs",
+        "_controller",
+        "_deadline",
+        "_decisions",
+        "_do",
+        "_emit_last",
+        "_has_belief",
+        "_latencies",
+        "_now",
+        "_path",
+        "_pending",
+        "_refuses",
+        "_rewards",
+        "acted",
+        "action_names",
+        "overdue",
+        "record",
+    )
+
     def __init__(self, controller: Controller, deadline: int | None, refuses: Callable[[Step, int, int], bool]) -> None:
         space = controller.symbols.action_space
         self.action_names: Sequence[str] = () if space is None else space.names

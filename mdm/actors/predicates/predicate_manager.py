@@ -51,6 +51,25 @@ class PredicateManager(Actor):
         action_ends: The ends of actions that something here depends on, once it has started.
     """
 
+    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    __slots__ = (
+        "_batches",
+        "_counter",
+        "_event_counter",
+        "_max_age",
+        "_network",
+        "_now",
+        "_raised",
+        "_raisings",
+        "_senses",
+        "_told",
+        "action_ends",
+        "events",
+        "map",
+        "sensed",
+        "updates",
+    )
+
     def __init__(self, name: str = "predicates", *, supervision: Supervision = "escalate") -> None:
         super().__init__(name, supervision=supervision)
         self._network = Network()

@@ -55,7 +55,7 @@ def sensed(log, *, max_age=None, supervision="escalate", **options):
     return robot(log, predicates=manager, states=factors, supervision=supervision, **options), manager, sensor
 
 
-def two_levels(log, *actions, safe_action, safe_below=None, cleanup=0.0):
+def two_levels(log, *actions, safe_action, safe_below=None, cleanup=0.0, below=None, **options):
     """An ensemble whose sensor grows old after a second, one below it that works, and that sensor."""
     manager = PredicateManager()
     sensor = manager.sensor("S", max_age=1.0)
@@ -68,7 +68,7 @@ def two_levels(log, *actions, safe_action, safe_below=None, cleanup=0.0):
             await asyncio.sleep(cleanup)
             log.append("Work ends")
 
-    below = Ensemble("below", policy=[0], actions={"Work": bind(work, grace=5.0)}, safe_action=safe_below)
+    below = below or Ensemble("below", policy=[0], actions={"Work": bind(work, grace=5.0)}, safe_action=safe_below)
     top = Ensemble(
         "top",
         policy=DeterministicPolicy([0, 0], 2),
@@ -76,5 +76,6 @@ def two_levels(log, *actions, safe_action, safe_below=None, cleanup=0.0):
         predicates=manager,
         states=[StateFactor("s", ["S"])],
         safe_action=safe_action,
+        **options,
     )
     return top, below, sensor

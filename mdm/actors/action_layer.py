@@ -142,6 +142,7 @@ class ActionLayer(Layer):
         self._admits = self._barred = False
         self._calling = False
         self._secure: Secured | None = None
+        self._begins: Callable[[], None] = lambda: None
         self._unsecured = False
         self._patience: Timer | None = None
 
@@ -150,6 +151,11 @@ class ActionLayer(Layer):
         """The names of the actions that are live now."""
         current = () if self._current is None else (self._current.name,)
         return (*current, *self._beside)
+
+    @property
+    def num_ended(self) -> int:
+        """How many actions have ended, safe actions among them."""
+        return sum(self.ended.values())
 
     def statistics(self) -> ActionStatistics:
         """Return what the layer has done so far."""
@@ -211,16 +217,17 @@ class ActionLayer(Layer):
         self._cancel_all()
         self.when_idle(idle)
 
-    def secure(self, secured: Secured, *, patience: float = 60.0) -> None:
+    def secure(self, secured: Secured, begins: Callable[[], None], *, patience: float = 60.0) -> None:
         """Cancel what is live, run no more, and run the safe action when nothing lives.
 
         Args:
             secured: Called when it has ended, in a turn behind all that was decided before: with None, or with how it
                 failed. It is then told to run once more, or else `give_up` is called: until then nothing is idle here.
+            begins: Called when it begins.
             patience: Seconds after which whatever still lives is abandoned.
         """
         self.latch()
-        self._secure, self._unsecured = secured, False
+        self._secure, self._begins, self._unsecured = secured, begins, False
         self._cancel_all()
         lives = tuple(life for life in self._living() if not life.secures)
         if lives:
@@ -270,6 +277,7 @@ class ActionLayer(Layer):
                 if self.safe is None or self.idle:
                     self._tell_secured(None)
                 else:
+                    self._begins()
                     self._begin_life("safe action", self.safe, Action(self._now(), -1, -1), secures=True)
         elif self._current is None and self._pending is not None:
             pending, self._pending = self._pending, None

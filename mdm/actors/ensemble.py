@@ -495,13 +495,18 @@ class Ensemble(Layer):
 
     @property
     def patience(self) -> float:
-        """Seconds after which the safe action has ended besides, or has failed twice."""
+        """Seconds after which the safe action has ended besides, or has failed twice, as the last word."""
         safe = self.action.safe
         own = max((binding.grace for binding in self.action.bindings if binding.ensemble is None), default=0.0)
         # Of those below one may decide, or else an action of its own live, and another have stopped: it comes after.
         last, *before = sorted((below.patience for below in self.subensembles), reverse=True) or [0.0]
         below = last + max([own, *before])
-        return 0.5 + below + (0.0 if safe is None else 2 * (self.action.safe_timeout + safe.grace))
+        if safe is None:
+            return 0.5 + below
+        once = self.action.safe_timeout + safe.grace
+        # One that begins when all has settled here, and not below, comes to its end, too, before it is the last word.
+        early = 0.5 + max(last, own) + once if self.subensembles else 0.0
+        return 0.5 + max(below, early) + 2 * once
 
 
 def _check_settings(predicates: object, states: object, observations: object, agent: object, *, local: object) -> None:

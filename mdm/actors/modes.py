@@ -164,19 +164,29 @@ class Modes:
         """A person says that it is over; a safe action that is due or runs comes to its end first."""
         return self.gone(frozenset(self.causes), time)
 
-    def secured(self, failure: str | None, time: int) -> Orders:
-        """The safe action has ended, or failed."""
+    def secured(self, failure: str | None, time: int, *, early: bool = False) -> Orders:
+        """The safe action has ended, or failed.
+
+        Args:
+            failure: How it failed, or None.
+            time: When.
+            early: Whether it began before that which it is to have the last word over had ended: it runs once more.
+        """
         if not self.securing:
             return ()
         if failure is not None and self._tries < _TRIES:
             self._tries += 1
             return (Order.SECURE,)
-        self.securing = False
+        alarm: Orders = ()
         if failure is not None:
             self.causes["safe_action"] = Cause("safe_action", failure, time)
-            return (Order.EMERGENCY, *self._leave(time))
-        self.causes.pop("impossible_observation", None)
-        return self._leave(time)
+            alarm = (Order.EMERGENCY,)
+        if early:
+            return (*alarm, *self._secure(time))
+        self.securing = False
+        if failure is None:
+            self.causes.pop("impossible_observation", None)
+        return (*alarm, *self._leave(time))
 
     # -- Transitions ---------------------------------------------------------------------------------------------
 

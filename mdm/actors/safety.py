@@ -60,6 +60,7 @@ class Safety:
         self._latched = False
         self._ending = False
         self._owed = False
+        self._ended_below = 0
         self._last = False
         self._over = False
         self._ended: list[Callable[[], None]] = []
@@ -253,7 +254,7 @@ class Safety:
                 control.hold(self._done)
                 for below in self._ensemble.subensembles:
                     below.safety.stop_alone()
-                action.secure(self._on_secured, patience=self._ensemble.settling)
+                action.secure(self._on_secured, self._on_begin, patience=self._ensemble.settling)
             elif order is Order.HALT:
                 self.waiting.end()
                 control.let_go()
@@ -278,6 +279,13 @@ class Safety:
         if self.deciding and self._ensemble.control.blind:
             self.waiting.begin()
 
+    def _on_begin(self) -> None:
+        self._ended_below = self._count_below()
+
+    def _count_below(self) -> int:
+        """How many actions have ended below; where all have, that tells whether one has lived since another count."""
+        return sum(safety._ensemble.action.num_ended for safety in self._family() if safety is not self)  # noqa: SLF001
+
     def _on_secured(self, failure: str | None) -> None:
         # Behind the state that the cause itself brings about, so that none from before it is decided on.
         secured: Subscription[str | None] = Subscription(None, self._ensemble, self._secured)
@@ -287,7 +295,7 @@ class Safety:
         now = self._ensemble.runtime.clock.now()
         if failure is None:
             self._safe_at = self._ensemble.action.started
-        orders = self.modes.secured(failure, now)
+        orders = self.modes.secured(failure, now, early=self._last and self._count_below() > self._ended_below)
         if self._ending and not self._last and Order.SECURE in orders:
             self._owed = True  # tried once more, but not beside the safe actions of what has stopped below
             self._end_stopped()

@@ -15,6 +15,8 @@ EVENTS = {
     "release": lambda modes, time: modes.release(time),
     "secured": lambda modes, time: modes.secured(None, time),
     "failed": lambda modes, time: modes.secured("it broke", time),
+    "secured early": lambda modes, time: modes.secured(None, time, early=True),
+    "failed early": lambda modes, time: modes.secured("it broke", time, early=True),
     "end": lambda modes, time: modes.end(time),
     "stimulus": lambda modes, time: modes.gone(AT_STIMULUS, time),
     "input": lambda modes, time: modes.gone(AT_INPUT, time),
@@ -37,7 +39,7 @@ class World:
     def apply(self, event):
         before, ended = self.modes.mode, self.modes.ended
         self.time += 1
-        if event in {"secured", "failed"}:
+        if event in {"secured", "failed", "secured early", "failed early"}:
             if not self.safe_runs:
                 return
             self.safe_runs = False
@@ -50,11 +52,12 @@ class World:
             elif order is Order.SECURE:
                 assert not self.safe_runs, "the safe action runs twice at once"
                 self.admits, self.safe_runs = False, True
-                self.tries = self.tries + 1 if event == "failed" else 1
+                self.tries = self.tries + 1 if event in {"failed", "failed early"} else 1
                 assert self.tries <= 2
             elif order is Order.EMERGENCY:
                 assert self.tries == 2
                 self.emergencies += 1
+                self.tries = 0
             elif order is Order.HALT:
                 self.admits = False
         after = self.modes.mode
@@ -166,6 +169,27 @@ def test_a_safe_action_that_fails_twice_is_an_emergency():
     assert modes.secured("broken", 3) == (Order.EMERGENCY,)
     assert modes.gone(AT_STIMULUS, 4) == ()
     assert modes.release(5) == (Order.RESUME,)
+
+
+def test_a_safe_action_that_began_too_early_to_be_the_last_word_runs_once_more_and_may_fail_once():
+    modes = decide()
+    modes.endanger("impossible_observation", "words", 1)
+    modes.end(2)
+    assert modes.secured(None, 3, early=True) == (Order.SECURE,)
+    assert modes.securing
+    assert modes.secured("broken", 4) == (Order.SECURE,)
+    assert modes.secured("broken", 5, early=True) == (Order.EMERGENCY, Order.SECURE)
+    assert modes.secured(None, 6) == ()
+    assert (modes.mode, modes.securing) == ("safe", False)
+
+
+def test_what_was_told_to_stop_stops_only_when_its_safe_action_has_run_once_more():
+    modes = decide()
+    modes.endanger("deadline", "late", 1)
+    assert modes.stop(2) == ()
+    modes.end(3)
+    assert modes.secured(None, 4, early=True) == (Order.SECURE,)
+    assert modes.secured(None, 5) == (Order.IDLE,)
 
 
 def test_every_cause_of_the_table_has_its_way_back():

@@ -24,10 +24,10 @@ class Run:
 
 
 class Ending:
-    """An end of the runtime, or of an ensemble: when it began and was over, and who was deciding when it began."""
+    """An end of the runtime, or of an ensemble: whose, when it began and was over, and who was deciding then."""
 
-    def __init__(self, began, deciding):
-        self.began, self.deciding = began, deciding
+    def __init__(self, names, began, deciding):
+        self.names, self.began, self.deciding = names, began, deciding
         self.over = None
 
 
@@ -151,6 +151,7 @@ class Journal:
     def ends(self, names):
         """Note that ensembles are about to end, and return that."""
         self.order += 1
-        ending = Ending(self.order, {name for name in names if self.robots[name].mode == "deciding"})
+        names = set(names)
+        ending = Ending(names, self.order, {name for name in names if self.robots[name].mode == "deciding"})
         self.endings.append(ending)
         return ending

@@ -41,6 +41,10 @@ class Oracles:
     def _lives(self):
         return [life for messages in self._journal.lives for life in messages]
 
+    def _abandoned(self):
+        """Return the ensembles an action of which was abandoned, and may still live."""
+        return {life.ensemble.rpartition("/")[2] for life in self._lives() if life.status == "abandoned"}
+
     def _ends_in_time(self):
         """Hold that what is decided anew ends what lives, within the time that it has for it."""
         journal = self._journal
@@ -64,7 +68,7 @@ class Oracles:
                         yield f"{life.action} of {name} lived on after {chosen} was decided"
 
     def _one_at_a_time(self):
-        abandoned = {life.ensemble.rpartition("/")[2] for life in self._lives() if life.status == "abandoned"}
+        abandoned = self._abandoned()
         for before, after in self._journal.overlaps:
             if before.robot not in abandoned:
                 yield f"{before.robot}: {after.action} starts while {before.action} lives"
@@ -109,20 +113,23 @@ class Oracles:
                 yield f"{name} is {robot.mode} in the end, and its last action is {last.action}"
 
     def _outermost_last(self):
-        """Hold that at each end what was deciding is made safe, what is above after what is below."""
-        journal = self._journal
+        """Hold that at each end what was deciding is made safe, and what is above after what is below."""
+        journal, abandoned = self._journal, self._abandoned()
         for ending in journal.endings:
             over, last = journal.order if ending.over is None else ending.over, {}
-            for name in ending.deciding:
+            for name in ending.names:
                 runs = [run for run in journal.runs if run.robot == name and run.safe and run.entered > ending.began]
                 during = [run for run in runs if run.entered <= over]
                 if during:
                     last[name] = during[-1]
-                elif not runs and not self._went_on(name, ending.began):
+                elif name in ending.deciding and not runs and not self._went_on(name, ending.began):
                     yield f"{name} was deciding, and did not run its safe action at the end"
-            for name, above in journal.parents.items():
-                if name in last and above in last and last[above].entered < (last[name].left or 0):
-                    yield f"the safe action of {above} has not the last word over {name}"
+            for name in ending.names:
+                runs = [run for run in journal.runs if run.robot == name and run.entered <= over]
+                left = max((run.left or 0 for run in runs if run.safe or name not in abandoned), default=0)
+                for above in journal.above(name)[1:]:
+                    if above in last and last[above].entered < left:
+                        yield f"the safe action of {above} has not the last word over {name}"
 
     def _went_on(self, name, order):
         """Whether something above has chosen another action since, as at a tick of the same moment."""

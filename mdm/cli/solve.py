@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["add_parser", "run"]
 
-_OPTIONS = ("horizon", "seed")
+_OPTIONS = ("horizon", "seed", "whole")
 """Options of some solvers only."""
 
 
@@ -51,6 +51,9 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--horizon", metavar="H", type=count, help="decisions, for solvers of finite horizons")
     add_false_negative(parser)
     parser.add_argument("--seed", metavar="S", type=seed, help="for randomised solvers")
+    parser.add_argument(
+        "--whole", action="store_const", const=True, help="keep all of SARSOP's vectors, not only those of a good plan"
+    )
     parser.add_argument("--history", metavar="FILE.json", help="write the bounds over time, for mdm plot bounds")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser

@@ -29,6 +29,7 @@ from mdm.models.factored.mixed import MixedPOMDP
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 from mdm.solvers.bounds import blind_values, informed_values
 from mdm.solvers.limits import Limits
+from mdm.solvers.sarsop.condensation import Vectors, condensed
 from mdm.solvers.sarsop.graph import LINKS, NODES, POINTS, VECTORS, grown, lacking, new_graph, new_scratch, room_for
 from mdm.solvers.sarsop.layout import layout_of
 from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, parts_of, prune_points, prune_vectors
@@ -50,9 +51,13 @@ _ROUNDING = 4e-12
 """The bounds come no nearer than this share of the values: the slack for rounding."""
 _LEAST_VECTORS = 200
 _LEAST_NODES = 50_000
+_CONDENSATION = 0.5, 0.1
+"""The seconds, and the part of the time so far, that a policy may take to be made small: the larger of them."""
+_FEWER = 5e-3
+"""What a belief may lose for a vector less, as a share of the gap, before the rest is valued anew."""
 
 
-def sarsop(model: POMDP, *, limits: Limits | None = None) -> Solution:
+def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -> Solution:
     """Solve a POMDP.
 
     Where factors of the state are fully observed, the model `POMDP.revealed` is solved, and the bounds are for an agent
@@ -61,6 +66,8 @@ def sarsop(model: POMDP, *, limits: Limits | None = None) -> Solution:
     Args:
         model: The model; its observations tell of states.
         limits: When to stop, and where to report.
+        whole: Whether the policy has all vectors that its value was built from. By default it has the few that a good
+            plan uses, with values that hold for these alone: it is certified anew, and its lower bound is no worse.
 
     Raises:
         ModelError: If the discount is 1, observations are events, or one is a false negative.
@@ -80,8 +87,11 @@ def sarsop(model: POMDP, *, limits: Limits | None = None) -> Solution:
             lower, upper = search.bounds()
             if run.gap < upper - lower <= search.rounding:
                 run.reason = "converged"
-        policy = search.policy()
-        return run.solution(policy, "sarsop", lower, upper, iterations=search.backups, size=search.kept)
+        vectors = search.whole()
+        if not whole and (small := search.condensed(run, lower, upper)) is not None:
+            vectors, lower = small
+        policy = search.policy(vectors)
+        return run.solution(policy, "sarsop", lower, upper, iterations=search.backups, size=len(vectors.actions))
 
 
 @cache
@@ -112,7 +122,6 @@ class _Search:
         room = room_for(self._layout)
         self._room = np.array([room[count] for count in range(8)], dtype=np.int64)
         self.backups = 0
-        self.kept = 0
         self._budget = 16
         self._start(blind)
         self._kept_vectors = self.size
@@ -132,7 +141,7 @@ class _Search:
                 part = values[layout.first_state[block] : layout.first_state[block + 1]]
                 self._graph.values[at : at + len(part)] = part
                 default = self._graph.default_vector[block]
-                if default < 0 or part.mean() > self._values(default).mean():
+                if default < 0 or part.mean() > self._part(default).mean():
                     self._graph.default_vector[block] = vector
         belief = self._model.initial_belief[self._order]
         roots, shares = [], []
@@ -160,7 +169,7 @@ class _Search:
         graph.num_links[vector] = len(parts)
         graph.counts[LINKS] += len(parts)
 
-    def _values(self, vector: int) -> Vector:
+    def _part(self, vector: int) -> Vector:
         block = self._graph.vector_block[vector]
         width = self._layout.first_state[block + 1] - self._layout.first_state[block]
         at = self._graph.first_value[vector]
@@ -228,23 +237,54 @@ class _Search:
             prune_points(self._graph)
             self._kept_points = int(counts[POINTS])
 
-    def policy(self) -> AlphaVectors | MixedAlphaVectors:
-        """Return the vectors as a policy: the best ones at the roots, and all that they are made of.
+    def whole(self) -> Vectors:
+        """Return the best vectors at the roots, and all that they are made of.
 
-        So each vector is at most the value of an action followed by the policy's own vectors, and the policy earns no
-        less than the lower bound.
+        So each vector is at most the value of an action followed by others of them, and a policy of them earns no less
+        than the lower bound.
         """
         graph = self._graph
         needed = np.zeros(int(graph.counts[VECTORS]), dtype=np.bool_)
         needed[graph.best[self._roots]] = True
         needed[graph.default_vector] = True
-        kept = np.flatnonzero(parts_of(graph, needed))
-        self.kept = len(kept)
-        vectors = np.stack([self._values(vector) for vector in kept.tolist()])
-        actions = graph.vector_action[kept].tolist()
+        return self._vectors(np.flatnonzero(parts_of(graph, needed)))
+
+    def condensed(self, limits: Limits, lower: float, upper: float) -> tuple[Vectors, float] | None:
+        """Return few vectors and their lower bound; None where they would not keep the bound that was found."""
+        graph = self._graph
+        active = np.union1d(np.flatnonzero(graph.is_active[: graph.counts[VECTORS]]), graph.default_vector)
+        vectors = self._vectors(active)
+        # What is chosen among, the visits, and a dozen vectors of the linear system.
+        if 16 * vectors.values.nbytes >= limits.room:
+            return None
+        start = self._model.initial_belief[self._order].reshape(-1, vectors.values.shape[1])
+        defaults = np.searchsorted(active, graph.default_vector)
+        roots = np.searchsorted(active, graph.best[self._roots])
+        least, part = _CONDENSATION
+        end = limits.seconds + max(least, part * limits.seconds)
+        found = condensed(
+            self._layout,
+            vectors,
+            defaults,
+            start,
+            roots,
+            slack=_FEWER * max(upper - lower, 0.0),
+            goes_on=lambda: limits.seconds < end,
+        )
+        enough = min(lower, upper - limits.gap) if limits.reason == "gap" else lower - self.rounding
+        return (found.vectors, found.lower) if found.lower >= enough else None
+
+    def _vectors(self, which: npt.NDArray[np.intp]) -> Vectors:
+        graph = self._graph
+        places = graph.first_value[which][:, None] + np.arange(int(self._layout.first_state[1]))
+        return Vectors(
+            graph.values[places], graph.vector_action[which].astype(np.intp), graph.vector_block[which].astype(np.intp)
+        )
+
+    def policy(self, vectors: Vectors) -> AlphaVectors | MixedAlphaVectors:
+        """Return vectors as a policy."""
+        values, actions = vectors.values, vectors.actions.tolist()
         num_actions = len(self._model.action_space)
         if isinstance(self._model, MixedPOMDP):
-            return MixedAlphaVectors(
-                vectors, actions, graph.vector_block[kept].tolist(), num_actions, states=self._model.layout
-            )
-        return AlphaVectors(vectors, actions, num_actions)
+            return MixedAlphaVectors(values, actions, vectors.blocks.tolist(), num_actions, states=self._model.layout)
+        return AlphaVectors(values, actions, num_actions)

@@ -29,7 +29,7 @@ def test_pruning_leaves_the_bounds_as_they_are():
     lower, upper = search.bounds()
     assert search.size < many
     assert (lower, upper) == pytest.approx(before, abs=1e-8)
-    assert search.policy().value([0.5, 0.5]) == pytest.approx(before[0], abs=1e-8)
+    assert search.policy(search.whole()).value([0.5, 0.5]) == pytest.approx(before[0], abs=1e-8)
 
 
 def test_what_only_bad_actions_lead_to_is_forgotten_and_can_be_found_again():

@@ -1,0 +1,85 @@
+"""Condensation: few vectors whose own values hold, and are no less than what the whole set promises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from places import TIGER
+from random_models import dense, distributions
+from sarsop_models import mixed
+
+from mdm import load_model
+from mdm.models import POMDP, MixedPOMDP
+from mdm.models.dynamics import Dynamics
+from mdm.solvers import Limits
+from mdm.solvers.bounds import blind_values
+from mdm.solvers.sarsop import sarsop
+from mdm.solvers.sarsop.condensation import Vectors, condensed
+from mdm.solvers.sarsop.layout import layout_of
+
+
+def random_model(seed, discount=0.9):
+    random = np.random.default_rng(seed)
+    states, actions, observations = random.integers(1, 5, size=3)
+    ways = distributions(random, actions, states, states)
+    ways[random.random(ways.shape) < 0.3] = 0
+    ways += np.eye(states) * 1e-3
+    return POMDP(
+        ways / ways.sum(axis=-1, keepdims=True),
+        distributions(random, actions, states, observations),
+        random.integers(-5, 6, size=(states, actions)) * float(random.choice([0, 1e-6, 1, 1e6])),
+        discount=discount,
+        initial_belief=distributions(random, states),
+    )
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.integers(5, 500))
+def test_few_vectors_are_certified_anew(seed, seen, backups):
+    model = mixed(seed) if seen else random_model(seed)
+    limits = {"gap": 1e-6, "iterations": backups}
+    few, whole = sarsop(model, limits=Limits(**limits)), sarsop(model, limits=Limits(**limits), whole=True)
+    scale = 1 + np.abs(model.rewards).max() / (1 - model.discount)
+    assert few.history[-1].size == few.policy.facts()["vectors"]
+    assert few.policy.value(model.initial_belief) == pytest.approx(few.lower, abs=1e-9 * scale)
+    assert few.lower >= min(whole.lower, few.upper - 1e-6) - 1e-9 * scale
+    assert few.lower <= few.upper + 1e-9 * scale
+    random = np.random.default_rng(seed)
+    for _ in range(10):
+        belief = distributions(random, len(model.state_space))
+        if isinstance(model, MixedPOMDP):
+            belief = np.where(model.seen_in == random.choice(model.seen_in[belief > 0]), belief, 0)
+            belief /= belief.sum()
+        assert few.policy.value(belief) <= followed(model, few.policy, belief) + 1e-9 * scale
+
+
+def followed(model, policy, belief):
+    """Return what the policy's action is worth, and its own values after it."""
+    action = policy.action(belief)
+    value = belief @ model.rewards[:, action]
+    for observation in range(len(model.observation_space)):
+        after = belief @ dense(model.joint_matrix(action, observation))
+        if after.sum() > 0:
+            value += model.discount * after.sum() * policy.value(after / after.sum())
+    return value
+
+
+def test_promises_that_vectors_do_not_hold_are_not_believed():
+    model = random_model(7)
+    dynamics = Dynamics(model)
+    layout, _ = layout_of(model, dynamics)
+    blind = blind_values(dynamics)
+    vectors = Vectors(blind + 100.0, np.arange(len(blind)), np.zeros(len(blind), dtype=np.intp))
+    first = np.zeros(1, dtype=np.intp)
+    found = condensed(layout, vectors, first, model.initial_belief[None], first, slack=0.0)
+    whole = sarsop(model, limits=Limits(gap=1e-6))
+    assert found.lower <= whole.upper
+
+
+def test_the_tiger_needs_few():
+    model = load_model(TIGER).with_discount(0.95)
+    found = sarsop(model, limits=Limits(gap=1e-3))
+    assert len(found.policy.actions) < 20
+    assert found.lower <= 19.37137 <= found.upper  # A. R. Cassandra's optimum
+    assert len(sarsop(model, limits=Limits(gap=1e-3), whole=True).policy.actions) > 100

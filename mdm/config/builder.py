@@ -14,6 +14,8 @@ from mdm.config.problems import Problems
 from mdm.config.share import Share
 from mdm.config.system import System
 from mdm.errors import ConfigError
+from mdm.formats.archive.npz import is_archive
+from mdm.formats.recognition import beginning, holds_policy
 from mdm.runtime.emergency import check_emergency
 
 if TYPE_CHECKING:
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from mdm.team.transport.transport import Transport
 
 __all__ = ["load_system", "load_team", "load_team_file", "look_over"]
+
+_HELD: dict[bool | None, str] = {True: "a policy", False: "a model"}
 
 
 def load_system(
@@ -169,11 +173,18 @@ class _Builder:
         except OSError as error:
             self._problems.add(f"the file cannot be read: {error.strerror}", None)
         except UnicodeDecodeError:
-            self._problems.add("this is not UTF-8 text, which TOML requires", None)
+            self._problems.add(self._other_content() or "this is not UTF-8 text, which TOML requires", None)
         except tomllib.TOMLDecodeError as error:
-            self._problems.add(f"this is not valid TOML: {error}", None)
+            self._problems.add(self._other_content() or f"this is not valid TOML: {error}", None)
         self._problems.raise_all()
         raise AssertionError
+
+    def _other_content(self) -> str | None:
+        """Return what a file holds that is no TOML by its name either; None if that is not known."""
+        if self._path.suffix == ".toml":
+            return None
+        held = "a model or a policy" if is_archive(self._path) else _HELD.get(holds_policy(beginning(self._path)))
+        return None if held is None else f"the file holds {held}; a TOML file of ensembles was expected"
 
     def _tasks(self, references: object) -> list[Callable[[System], Any]]:
         if not isinstance(references, list) or not all(isinstance(reference, str) for reference in references):

@@ -116,6 +116,8 @@ def _reader(path: Path) -> _Reader:
     suffix = suffixes(path)
     if suffix in toi.PARTS:
         raise FormatError("this file is part of a set: read the set by its .base file", file=path)
+    if suffix == ".toml":
+        raise FormatError("this is a TOML file of ensembles; a model was expected", file=path)
     by_suffix = _BY_SUFFIX.get(suffix)
     if npz.is_archive(path):
         return archive.read

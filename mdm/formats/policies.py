@@ -102,6 +102,8 @@ def load_policy(
             raise FormatError(f"the archive holds a {type(policy).__name__}, not kind={kind!r}", file=path)
         return policy
     source = Source(path)
+    if suffixes(path) == ".toml":
+        source.fail("this is a TOML file of ensembles; a policy was expected")
     if holds_policy(beginning(path)) is False:
         source.fail("the file holds a model; a policy was expected")
     form = _form(source, kind)
@@ -215,6 +217,8 @@ def _read(source: Source, form: _Form, model: MDP | None, kind: PolicyKind | Non
         case "array":
             return state_table.table(source, ublas.read(path), model, kind, seed)
         case "q-table":
+            if kind is None:
+                q_table.refuse_vectors(source, model)
             return state_table.table(source, q_table.read(path), model, kind or "q", seed)
         case "sarsop":
             return sarsop_policy.read(path, model)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings, strategies as st
 from loading import written
+from places import EXAMPLES
 from robot_file import GOOD
 
 from mdm import (
@@ -137,3 +138,9 @@ def test_the_options_of_safety_reach_their_ensemble(folder, monkeypatch):
     monkeypatch.setattr("mdm.config.ensembles.Ensemble", record)
     load_system(written(folder, GOOD.replace("drive = 2.0", lines), "robot.toml"))
     assert made["below"] | options == made["below"]
+
+
+@pytest.mark.parametrize(("file", "held"), [("tiger.pomdp", "a model"), ("tiger.vf", "a policy")])
+def test_a_model_or_policy_is_no_file_of_ensembles(file, held):
+    with pytest.raises(ConfigError, match=f"{file}: the file holds {held}; a TOML file of ensembles was expected"):
+        load_system(EXAMPLES / file)

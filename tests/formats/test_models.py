@@ -6,9 +6,11 @@ import json
 
 import numpy as np
 import pytest
-from loading import assert_refused_where_it_breaks, load
+from loading import assert_refused_where_it_breaks, load, written
 from places import CORPUS, each
 from random_models import dense
+
+from mdm import FormatError, load_model, load_policy
 
 SUFFIXES = (".pomdp", ".mdp", ".dpomdp")
 
@@ -77,3 +79,10 @@ def test_quirks(corpus, file):
 @pytest.mark.parametrize("file", each(sorted(MALFORMED)))
 def test_broken_files_are_refused_where_they_break(corpus, file):
     assert_refused_where_it_breaks(corpus / "malformed" / file, MALFORMED[file])
+
+
+def test_a_file_of_ensembles_is_no_model(tmp_path):
+    path = written(tmp_path, "[ensembles.robot]\n", "robot.toml")
+    for read in (load_model, load_policy):
+        with pytest.raises(FormatError, match="robot.toml: this is a TOML file of ensembles; a (model|policy) was"):
+            read(path)

@@ -8,12 +8,16 @@ from functools import partial
 import numpy as np
 import pytest
 from hypothesis import given
+from loading import load, written as written_text
+from places import foreign
 from random_models import NAMES, factored_models, flat_models
-from strict import cassandra, madp, pgmx, pomdpx
-from strict.numbers import assert_same_numbers
+from random_policies import alpha, q_values
+from strict import cassandra, madp, pgmx, policies, pomdpx
+from strict.numbers import RefusedError, assert_same_numbers
 
-from mdm import ModelError, problems, save_model
+from mdm import ModelError, problems, save_model, save_policy
 from mdm.errors import ModelWarning
+from mdm.policies import FiniteStateController
 
 READERS = {".dpomdp": madp.read, ".pgmx": pgmx.read, ".pomdpx": pomdpx.read}
 SMALLER = {
@@ -76,3 +80,52 @@ def test_factored_models(model, tmp_path_factory):
 @given(model=flat_models(names=NAMES))
 def test_odd_names(model, tmp_path_factory):
     assert_all_the_same(model, tmp_path_factory.mktemp("strict"))
+
+
+@pytest.mark.foreign("models of MADPToolbox/MADP, cassandra/pomdp-solve, AdaCompNUS/sarsop and others")
+@pytest.mark.parametrize("file", foreign("edge/*/*.*pomdp*") + foreign("edge/mdp/*") + foreign("models/madp/d*.dpomdp"))
+def test_files_of_others(corpus, file, tmp_path):
+    assert_all_the_same(load(corpus / file), tmp_path)
+
+
+@pytest.mark.parametrize("policy", [alpha(np.random.default_rng(seed), seed + 1) for seed in range(5)])
+def test_alpha_vectors(policy, tmp_path):
+    for suffix, read in ((".alpha", policies.alpha), (".vf", policies.value_function)):
+        save_policy(policy, tmp_path / f"p{suffix}")
+        actions, vectors = read(tmp_path / f"p{suffix}")
+        assert actions == list(policy.actions)
+        np.testing.assert_array_equal(vectors, policy.vectors)
+    save_policy(policy, tmp_path / "p.policy")
+    observed, found = policies.sarsop(tmp_path / "p.policy")
+    assert observed == 1
+    assert [action for action, _, _ in found] == list(policy.actions)
+    np.testing.assert_array_equal([values for _, _, values in found], policy.vectors)
+
+
+@pytest.mark.parametrize("policy", [q_values(np.random.default_rng(seed), seed + 1) for seed in range(5)])
+def test_tables(policy, tmp_path):
+    path = tmp_path / "q.policy"
+    save_policy(policy, path)
+    np.testing.assert_array_equal(policies.ublas(path), policy.values)
+
+
+def test_plans(tmp_path):
+    plan = FiniteStateController([0, 2], [[1, None], [0, 1]], 3, values=[[1.0, 2.0], [0.5, 1e-7]])
+    save_policy(plan, tmp_path / "plan.pg")
+    assert policies.graph(tmp_path / "plan.pg", 2) == ([0, 2], [[1, None], [0, 1]])
+    actions, vectors = policies.alpha(tmp_path / "plan.alpha")
+    assert (actions, vectors.tolist()) == ([0, 2], [[1, 2], [0.5, 1e-7]])
+
+
+@pytest.mark.parametrize(
+    ("suffix", "text"),
+    [
+        (".pomdp", "states: 3\nactions: x\nobservations: p\nT: x\nidentity\nO: x\nuniform\nR: x : s0 : * : * 1\n"),
+        (".pomdp", "states: a b\nactions: x\nobservations: p q\nT: x\nidentity\nO: x\nidentity\nR: * : * : * : * 1\n"),
+        (".mdp", "states: a b\nactions: x\nstart: uniform\nT: x\nidentity\nR: x : * : * 1\n"),
+    ],
+)
+def test_strict_readers_refuse_what_the_tools_refuse(tmp_path, suffix, text):
+    path = written_text(tmp_path, f"discount: .9\nvalues: reward\n{text}", f"x{suffix}")
+    with pytest.raises(RefusedError):
+        cassandra.read(path, mdp=suffix == ".mdp")

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError
+from mdm.formats.cassandra.dialects import foreign
 from mdm.formats.cassandra.model import LARGEST, build
 from mdm.formats.cassandra.statements import Field, Statements
 from mdm.formats.cassandra.writer import StatementWriter, Symbols
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["read", "write"]
 
 _KEY = re.compile(r"(agents|discount|values|states|start(?:\s+(?:include|exclude))?|actions|observations)\s*:(.*)")
+_SECTIONS = ("agents", "discount", "values", "states", "start", "actions", "observations")
 _STATEMENT = re.compile(r"[TOR]\s*:")
 _SIGNS = {"reward": 1.0, "rewards": 1.0, "cost": -1.0, "costs": -1.0}
 
@@ -101,6 +103,10 @@ class _Reader:
                 line = match[2].strip()
             elif line and key is None:
                 self._fail(number_, f"'agents:' or another section was expected, not {line.split()[0]!r}")
+            word, colon, _ = line.partition(":")
+            wrong = foreign(word.strip(), _SECTIONS) if colon else None
+            if wrong is not None:
+                self._fail(number_, wrong)
             if line and key is not None:
                 self._sections[key].append((number_, line))
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError, ModelWarning
+from mdm.formats.cassandra.dialects import foreign
 from mdm.formats.cassandra.statements import Field, Statements
 from mdm.formats.cassandra.writer import StatementWriter, Symbols
 from mdm.formats.source import Source, Words, number, suffixes
@@ -100,9 +101,13 @@ class _Reader:
             if words[begin - 1 : begin] != [":"] or key.split(maxsplit=1)[0] not in _KEYS:
                 if key in _KEYS:
                     self._words.fail(at, f"a ':' was expected after {key!r}")
-                self._words.fail(at, f"one of {', '.join(sorted(_KEYS))} or a statement was expected, not {key!r}")
+                expected = f"one of {', '.join(sorted(_KEYS))} or a statement was expected, not {key!r}"
+                self._words.fail(at, foreign(key, _KEYS) or expected)
             at = begin
             while at < len(words) and not self._begins(at):
+                wrong = foreign(words[at], _KEYS) if words[at + 1 : at + 2] == [":"] else None
+                if wrong is not None:
+                    self._words.fail(at, wrong)
                 at += 1
             name = "start" if key.startswith("start") else key
             sections[name] = (begin, at)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError
+from mdm.formats.cassandra.dialects import foreign
 from mdm.formats.cassandra.entries import Entries
 from mdm.formats.cassandra.probabilities import Places, Probabilities
 from mdm.formats.cassandra.rewards import Rewards
@@ -88,7 +89,7 @@ class Statements:
         while at < len(words):
             kind = words[at]
             if kind not in {"T", "O", "R"} or at + 1 == len(words) or words[at + 1] != ":":
-                self.fail(at, f"a statement 'T:', 'O:' or 'R:' was expected, not {kind!r}")
+                self.fail(at, foreign(kind) or f"a statement 'T:', 'O:' or 'R:' was expected, not {kind!r}")
             if kind == "O" and self.observations is None:
                 self.fail(at, "an 'O:' statement, but the file declares no observations")
             try:
@@ -250,7 +251,8 @@ class Statements:
                     begins = word in {"T", "O", "R"} and words[at + offset + 1 : at + offset + 2] == [":"]
                     if begins:
                         break
-                    self.fail(at + offset, f"a number was expected ({count} for this {kind!r}), not {word!r}")
+                    expected = f"a number was expected ({count} for this {kind!r}), not {word!r}"
+                    self.fail(at + offset, foreign(word) or expected)
                 values.append(value)
         if len(values) < count:
             expected = f"{count} numbers ({' x '.join(map(str, shape))})" if shape else "a number"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from loading import written
 from places import POLICIES
 from policy_files import assert_refused
 from random_policies import q_values
@@ -12,6 +13,7 @@ from random_policies import q_values
 from mdm import FormatError
 from mdm.formats import policies
 from mdm.formats.tables import q_table
+from mdm.models import MDP
 from mdm.policies import (
     AlphaVectors,
     QTable,
@@ -56,3 +58,13 @@ def test_what_is_written_is_read(tmp_path_factory, seed, count):
     path = tmp_path_factory.mktemp("round") / "q"
     q_table.write(table, path)
     np.testing.assert_array_equal(q_table.read(path), table.values)
+
+
+def test_lines_of_alpha_vectors_are_no_table(tmp_path):
+    text = "0 1.5 2.5\n2 3.25 4\n1 0 0.5\n"
+    path = written(tmp_path, text, "out_revised.policy")
+    with pytest.raises(FormatError, match="every line begins with an index, as of an action before its alpha vector"):
+        policies.load_policy(path)
+    assert policies.load_policy(path, kind="q").values.shape == (3, 3)
+    model = MDP([np.eye(3)] * 3, np.zeros((3, 3)), discount=0.9)
+    assert policies.load_policy(path, model).values[1].tolist() == [2, 3.25, 4]  # the model's shape decides

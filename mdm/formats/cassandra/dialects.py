@@ -1,0 +1,30 @@
+"""Words of other programs' dialects of Cassandra's format, and of misspelt sections, told as what they are."""
+
+from __future__ import annotations
+
+import difflib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = ["foreign"]
+
+_DIALECTS = {
+    "E": "'E:' names end states in a dialect of ZMDP and others, which is not read: take the line out, and let these "
+    "states lead to themselves",
+    "atom": "'atom' is of a dialect that is not read: write its content as statements T, O and R",
+}
+
+
+def foreign(word: str, sections: Iterable[str] = ()) -> str | None:
+    """Return what is wrong with a word where a section or statement might begin; None where nothing is known of it.
+
+    Args:
+        word: The word.
+        sections: The names of sections, for what may be misspelt.
+    """
+    if word in _DIALECTS:
+        return _DIALECTS[word]
+    close = difflib.get_close_matches(word, list(sections), n=1)
+    return f"there is no section {word!r}; did you mean {close[0]!r}?" if close and word not in close else None

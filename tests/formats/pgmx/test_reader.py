@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import random
+import re
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import given, strategies as st
 from loading import assert_refused_where_it_breaks, load
 from mutation import mutated
 from places import CORPUS, DATA, each
-from random_models import dense
+from random_models import assert_same, dense
 
 from mdm import FormatError
 
@@ -201,3 +202,13 @@ def test_two_agents_may_be_informed_of_one_observation(tmp_path):
         for o, p in np.ndindex(2, 2):
             expected = one.joint_matrix(action, o) if o == p else 0
             np.testing.assert_allclose(dense(both.joint_matrix(action, 2 * o + p)), expected)
+
+
+def test_names_may_have_their_slice_beside_the_attribute(tmp_path):
+    text = re.sub(r'name="([^"]*)"([^>]*) timeSlice="([01])"', r'name="\1 [\3]"\2 timeSlice="\3"', GUARD)
+    assert text != GUARD
+    path = tmp_path / "guard.pgmx"
+    path.write_text(text)
+    model, other = load(path), load(DATA / "models" / "guard.pgmx")
+    assert [factor.name for factor in model.state_space.factors] == [f.name for f in other.state_space.factors]
+    assert_same(model, other, within=0)

@@ -14,7 +14,7 @@ from random_models import NAMES, assert_same, factored_models, flat_models
 from mdm import ModelError
 from mdm.errors import ModelWarning
 from mdm.formats.pgmx import writer as pgmx
-from mdm.models import MDP, FactoredMDP, Node, Space, Table, Tree, TwoSliceNetwork
+from mdm.models import MDP, POMDP, Factor, FactoredMDP, Node, Space, Table, Tree, TwoSliceNetwork
 from mdm.problems import fire_fighting_graph, patrol
 
 
@@ -103,3 +103,42 @@ def compare_with_what_comes_back(model, tmp_path):
         assert abs(model.transition_matrix(action) - again.transition_matrix(action)).max() <= 1e-12
         for o in range(len(model.observation_space)):
             assert abs(model.joint_matrix(action, o) - again.joint_matrix(action, o)).max() <= 1e-12
+
+
+def team(names, seen):
+    """Return a model whose agents see each for itself."""
+    each = np.array([[0.25, 0.75], [0.5, 0.5]])
+    joint = each
+    for _ in seen[1:]:
+        joint = (joint[..., None] * each.reshape(2, *[1] * (joint.ndim - 1), 2)).reshape(2, -1)
+    return POMDP(
+        [np.eye(2)] * 2 ** len(names),
+        [joint] * 2 ** len(names),
+        np.zeros((2, 2 ** len(names))),
+        discount=0.9,
+        actions=Space(Factor(name, 2) for name in names),
+        observation_names=Space(Factor(name, 2) for name in seen),
+    )
+
+
+def test_names_that_begin_others_end_with_their_slice(tmp_path):
+    """MADP takes the first variable whose name begins with the one that it looks for."""
+    pgmx.write(team(["agent", "bot"], ["agent", "see"]), tmp_path / "m.pgmx")
+    text = (tmp_path / "m.pgmx").read_text()
+    for name in ("agent [0]", "agent_2 [1]", "see [1]"):
+        assert f'<Variable name="{name}" timeSlice="{name[-2]}"' in text
+    again = load(tmp_path / "m.pgmx")
+    assert [factor.name for factor in again.action_space.factors] == ["agent", "bot"]
+    pgmx.write(team(["left", "right"], ["hear", "see"]), tmp_path / "n.pgmx")
+    assert "[" not in (tmp_path / "n.pgmx").read_text()
+
+
+def test_independent_observations_are_not_linked(tmp_path):
+    pgmx.write(team(["left", "right"], ["hear", "see"]), tmp_path / "m.pgmx")
+    text = (tmp_path / "m.pgmx").read_text()
+    assert '<Variable name="hear" timeSlice="1"/><Variable name="see" timeSlice="1"/>' not in text
+
+
+def test_observations_that_madp_does_not_read_are_told(tmp_path):
+    with pytest.warns(ModelWarning, match="MADP reads one observation of each agent, but there are 2 for 1"):
+        pgmx.write(team(["robot"], ["hear", "see"]), tmp_path / "m.pgmx")

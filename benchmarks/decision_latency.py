@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from measurement import arguments, quantiles, report, table
-from rivals import Direct, Pykka, Queues
+from rivals import Direct, Pykka, Queues, Tight
 
 import mdm
 from mdm.messages import SensorUpdate, State
@@ -42,7 +42,15 @@ class Callback:
 def robot(
     name: str, callback: Callback, manager: mdm.PredicateManager | None = None
 ) -> tuple[mdm.Ensemble, mdm.Sensor]:
-    """Return an MDP ensemble of 12 states (3 x 2 x 2) and the sensor that changes its state."""
+    """Return an MDP ensemble of 12 states (3 x 2 x 2) and a sensor that changes its state."""
+    ensemble, a, _ = robot_with_two(name, callback, manager)
+    return ensemble, a
+
+
+def robot_with_two(
+    name: str, callback: Callback, manager: mdm.PredicateManager | None = None
+) -> tuple[mdm.Ensemble, mdm.Sensor, mdm.Sensor]:
+    """Return the same with both of the sensors that change its state."""
     own = manager is None
     manager = mdm.PredicateManager(f"predicates-{name}") if manager is None else manager
     prefix = "" if own else name
@@ -50,7 +58,7 @@ def robot(
     for index, room in enumerate(rooms):
         manager.sensor(room, initial=index == 0)
     a = manager.sensor(f"{prefix}A", initial=False)
-    manager.sensor(f"{prefix}B", initial=False)
+    b = manager.sensor(f"{prefix}B", initial=False)
     manager.define(f"{prefix}Neither", f"not {prefix}A and not {prefix}B")
     ensemble = mdm.Ensemble(
         name,
@@ -63,7 +71,7 @@ def robot(
         ],
         actions=dict.fromkeys(range(3), callback),
     )
-    return ensemble, a
+    return ensemble, a, b
 
 
 def team(
@@ -113,65 +121,95 @@ async def measure(
     return {name: [latency for each in found[1:] for latency in each] for name, found in latencies.items()}  # type: ignore[attr-defined]
 
 
-async def compare(runtime: mdm.Runtime, rounds: int, repeats: int) -> list[dict[str, Any]]:
-    """Measure one ensemble of each kind and the rivals."""
-    callback = Callback()
-    ours, sensor = robot("mdp", callback)
-    await runtime.start(ours)
-    queues, direct, pykka = Queues(POLICY, callback), Direct(POLICY, callback), Pykka(POLICY, callback)
-    tasks = queues.start()
-    # sure enough of the tiger's place to open a door, or listen: the vectors of a short plan
-    short = mdm.policies.AlphaVectors([[-2.0, -2.0], [-50.0, 20.0], [20.0, -50.0]], [0, 4, 8], 9)
-    dectiger, heard = team(HERE / "data" / "dectiger.dpomdp", short, callback)
-    await runtime.start(dectiger)
+def ours(sensor: mdm.Sensor, second: mdm.Sensor, batch: Callable[[], Any], callback: Callback) -> dict[str, Any]:
+    """Return how our decisions on states are measured: by one sensor, and by two in a batch."""
 
-    def ours_mdp(index: int) -> float:
+    def by_one(index: int) -> float:
         began = now()
         sensor.set(index % 2 == 0)
         return callback.at - began
 
-    async def by_queues(index: int) -> float:
+    def by_two(index: int) -> float:
+        value = index % 2 == 0
         began = now()
-        await queues.decide(index % 2 == 0)
+        with batch():
+            sensor.set(value)
+            second.set(value)
         return callback.at - began
 
-    def by_call(index: int) -> float:
+    return {"mdm: MDP, 12 states": by_one, "mdm: the same, a batch of two sensors": by_two}
+
+
+def observing(events: list[Callable[[], None]], callback: Callback) -> Callable[[int], float]:
+    """Return how a decision on an observation is measured."""
+
+    def observe(index: int) -> float:
+        event = events[0 if index % 3 else -1]
         began = now()
-        direct.decide(index % 2 == 0)
+        event()
         return callback.at - began
 
-    def by_pykka(index: int) -> float:
-        began = now()
-        pykka.decide(index % 2 == 0)
-        return callback.at - began
+    return observe
 
-    def observing(events: list[Callable[[], None]]) -> Callable[[int], float]:
-        def observe(index: int) -> float:
-            event = events[0 if index % 3 else -1]
+
+def others(callback: Callback) -> tuple[dict[str, Any], Callable[[], None]]:
+    """Return how the rivals are measured, and what ends them."""
+    tight, queues = Tight(POLICY, callback), Queues(POLICY, callback)
+    direct, pykka = Direct(POLICY, callback), Pykka(POLICY, callback)
+    tasks = [*tight.start(), *queues.start()]
+
+    def awaiting(rival: Tight | Queues) -> Callable[[int], Awaitable[float]]:
+        async def measured(index: int) -> float:
             began = now()
-            event()
+            await rival.decide(index % 2 == 0)
             return callback.at - began
 
-        return observe
+        return measured
+
+    def calling(rival: Direct | Pykka) -> Callable[[int], float]:
+        def measured(index: int) -> float:
+            began = now()
+            rival.decide(index % 2 == 0)
+            return callback.at - began
+
+        return measured
+
+    def end() -> None:
+        pykka.stop()
+        for task in tasks:
+            task.cancel()
 
     cases: dict[str, Any] = {
-        "mdm: MDP, 12 states": ours_mdp,
-        "asyncio.Queue tasks": by_queues,
-        "pykka actors": by_pykka,
-        "direct call": by_call,
-        "mdm: dectiger": observing(heard),
+        "asyncio tasks, as tight as can be": awaiting(tight),
+        "asyncio.Queue tasks": awaiting(queues),
+        "pykka actors": calling(pykka),
+        "direct call": calling(direct),
     }
+    return cases, end
+
+
+async def compare(runtime: mdm.Runtime, rounds: int, repeats: int) -> list[dict[str, Any]]:
+    """Measure one ensemble of each kind and the rivals."""
+    callback = Callback()
+    ensemble, sensor, second = robot_with_two("mdp", callback)
+    await runtime.start(ensemble)
+    assert ensemble.predicates is not None
+    rivals, end = others(callback)
+    # sure enough of the tiger's place to open a door, or listen: the vectors of a short plan
+    short = mdm.policies.AlphaVectors([[-2.0, -2.0], [-50.0, 20.0], [20.0, -50.0]], [0, 4, 8], 9)
+    dectiger, heard = team(HERE / "data" / "dectiger.dpomdp", short, callback)
+    await runtime.start(dectiger)
+    cases = {**ours(sensor, second, ensemble.predicates.batch, callback), **rivals}
+    cases["mdm: dectiger"] = observing(heard, callback)
     grid = CORPUS / "models" / "madp" / "GridSmall.dpomdp"
     if grid.is_file():
         small, seen = team(grid, CORPUS / "values" / "GridSmall.dpomdp_0.9.vf", callback)
         await runtime.start(small)
-        cases["mdm: GridSmall"] = observing(seen[:1])
+        cases["mdm: GridSmall"] = observing(seen[:1], callback)
     else:
         print("GridSmall is skipped: the corpus of models is not beside this checkout")
     latencies = await measure(cases, rounds, repeats)
-    pykka.stop()
-    for task in tasks:
-        task.cancel()
+    end()
     base = quantiles(latencies["mdm: MDP, 12 states"])["median_us"]
     rows = [{"case": name, **quantiles(found)} for name, found in latencies.items()]
     return [{**row, "times mdm MDP": row["median_us"] / base} for row in rows]
@@ -190,7 +228,7 @@ async def crowd(runtime: mdm.Runtime, count: int, *, shared: bool) -> list[Calla
 
 
 async def scale(counts: list[int], rounds: int, repeats: int) -> list[dict[str, Any]]:
-    """Measure a decision among 1, 10, … ensembles: mean cost in a pass over all of them."""
+    """Measure a decision among 1, 10, … ensembles: mean processor time in a pass over all of them."""
     rows = []
     for shared in (False, True):
         async with mdm.Runtime(log=None) as runtime:
@@ -200,19 +238,19 @@ async def scale(counts: list[int], rounds: int, repeats: int) -> list[dict[str, 
                 for count, setters in sensors.items():
                     passes = max(2, repeats // count // 2 * 2)
                     gc.collect()
-                    began = now()
+                    began = time.process_time()
                     for index in range(passes):
                         value = index % 2 == 0
                         for setter in setters:
                             setter(value)
                     if turn:
-                        costs[count].append((now() - began) / (passes * count))
+                        costs[count].append((time.process_time() - began) / (passes * count))
         one = statistics.median(costs[1])
         rows += [
             {
                 "ensembles": count,
                 "predicates": "one manager for all" if shared else "a manager each",
-                "us_per_decision": statistics.median(found) * 1e6,
+                "processor us per decision": statistics.median(found) * 1e6,
                 "times one": statistics.median(found) / one,
             }
             for count, found in costs.items()
@@ -273,7 +311,7 @@ async def main() -> None:
     async with mdm.Runtime(log=None) as runtime:
         compared = await compare(runtime, rounds, repeats)
         saturated = await saturate(runtime, 1000 if given.quick else 100_000)
-    scaled = await scale([1, 10] if given.quick else [1, 10, 100, 1000], 1 if given.quick else 7, repeats * 2)
+    scaled = await scale([1, 10] if given.quick else [1, 10, 100, 300, 1000], 1 if given.quick else 7, repeats * 2)
     table("Stimulus to first line of the callback", compared)
     table("Many ensembles in one process", scaled)
     table("Saturation from another thread", saturated)

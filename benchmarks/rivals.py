@@ -1,4 +1,4 @@
-"""The same four layers as others would write them: asyncio queues, pykka actors, a direct call.
+"""The same four layers as others would write them: asyncio tasks, pykka actors, a direct call.
 
 Each is what a competent user would write for the one task at hand: sensors A and B, a predicate by formula, a state of
 three factors (3 x 2 x 2), a policy table, a callback.
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["Direct", "Pykka", "Queues"]
+__all__ = ["Direct", "Pykka", "Queues", "Tight"]
 
 
 PREDICATES: dict[str, Callable[[dict[str, bool]], bool]] = {"Neither": lambda p: not p["A"] and not p["B"]}
@@ -106,6 +106,70 @@ class Queues:
             await self.actions.get()
             self.callback()
             self.called.set()
+
+    async def decide(self, value: bool) -> None:
+        """Set sensor A and wait for the callback."""
+        self.called.clear()
+        self.sensed.put_nowait(("A", value))
+        await self.called.wait()
+
+
+class Tight:
+    """The same four tasks as tight as they can be: nothing is copied, and only what has changed is looked at."""
+
+    def __init__(self, policy: list[int], callback: Callable[[], object]) -> None:
+        self.policy, self.callback = policy, callback
+        self.sensed: asyncio.Queue[tuple[str, bool]] = asyncio.Queue()
+        self.updates: asyncio.Queue[tuple[float, str, bool]] = asyncio.Queue()
+        self.states: asyncio.Queue[tuple[float, int]] = asyncio.Queue()
+        self.actions: asyncio.Queue[tuple[float, int]] = asyncio.Queue()
+        self.called = asyncio.Event()
+
+    def start(self) -> list[asyncio.Task[None]]:
+        """Start the four tasks."""
+        return [asyncio.create_task(layer()) for layer in (self.predicates, self.state, self.control, self.action)]
+
+    async def predicates(self) -> None:
+        """Sensors to predicates."""
+        a = b = False
+        neither = True
+        get, put = self.sensed.get, self.updates.put_nowait
+        while True:
+            name, value = await get()
+            if name == "A" and value != a:
+                a = value
+            elif name == "B" and value != b:
+                b = value
+            else:
+                continue
+            now = time.monotonic()
+            put((now, name, value))
+            if neither != (not a and not b):
+                neither = not neither
+
+    async def state(self) -> None:
+        """Predicates to states."""
+        index, strides = 0, {"A": 2, "B": 1}
+        get, put = self.updates.get, self.states.put_nowait
+        while True:
+            stamp, name, value = await get()
+            index += strides[name] if value else -strides[name]
+            put((stamp, index))
+
+    async def control(self) -> None:
+        """States to actions."""
+        policy, get, put = self.policy, self.states.get, self.actions.put_nowait
+        while True:
+            stamp, index = await get()
+            put((stamp, policy[index]))
+
+    async def action(self) -> None:
+        """Actions to callbacks."""
+        get, callback, called = self.actions.get, self.callback, self.called.set
+        while True:
+            await get()
+            callback()
+            called()
 
     async def decide(self, value: bool) -> None:
         """Set sensor A and wait for the callback."""

@@ -50,6 +50,9 @@ def test_benchmark(tmp_path, name):
         assert {"mdm: MDP, 12 states", "asyncio.Queue tasks", "pykka actors", "direct call", "mdm: dectiger"} <= {
             row["case"] for row in results["latency"]
         }
+        assert {"mdm: the same, a batch of two sensors", "asyncio tasks, as tight as can be"} <= {
+            row["case"] for row in results["latency"]
+        }
         (saturation,) = results["saturation"]
         assert saturation["lost"] == 0
         assert saturation["stream took"] + saturation["stream dropped (counted)"] == saturation["states"] + 1

@@ -224,6 +224,22 @@ class Controller:
         self.information.update(self.last_action, state)  # type: ignore[arg-type]
         return self.decide()
 
+    def look_up(self, state: int) -> int:
+        """As `see`, for hot paths: the action alone, where it is an entry of a table and no reward is to be told.
+
+        Returns:
+            The action; -1, with nothing decided, where it takes more than that.
+        """
+        table, epoch = self._table, self.epoch
+        if table is None or self._rewards is not None or epoch >= self._last_epoch:
+            return -1
+        if state.__class__ is not int or not -1 < state < len(table):
+            return -1
+        self.information.current = state  # type: ignore[misc]
+        self.last_action = action = table[state]
+        self.epoch = epoch + 1
+        return action
+
     def believe(self, belief: npt.ArrayLike) -> None:
         """Replace the information state by a belief; the next decision is on it.
 

@@ -409,3 +409,29 @@ def test_numbers_of_numpy_are_digested_as_plain_ones(numbers):
     ]
     digests = {mdm.Controller(policy, mdm.problems.tiger()).digest() for policy in policies}
     assert digests == {mdm.Controller(AlphaVectors(vectors, [2, 1, 0], 3), mdm.problems.tiger()).digest()}
+
+
+@given(states=st.lists(st.integers(-2, 4), max_size=12), horizon=st.none() | st.integers(1, 4))
+def test_a_look_up_decides_as_see_or_not_at_all(states, horizon):
+    quick, plain = (Controller([1, 0, 2], horizon=horizon) for _ in range(2))
+    for state in states:
+        before = (quick.epoch, quick.last_action, quick.information.current)
+        action = quick.look_up(state)
+        if action < 0:
+            assert not 0 <= state < 3 or quick.epoch == horizon
+            assert (quick.epoch, quick.last_action, quick.information.current) == before
+            if 0 <= state < 3:
+                assert quick.see(state) == plain.see(state)
+        else:
+            step = plain.see(state)
+            assert (action, quick.epoch, quick.last_action) == (step.action, step.epoch + 1, plain.last_action)
+        assert quick.snapshot() == plain.snapshot()
+
+
+def test_a_look_up_leaves_to_others_what_is_no_entry_of_a_table():
+    table = Controller([1, 0])
+    assert (table.look_up(np.int64(1)), table.look_up(True), table.look_up(1)) == (-1, -1, 0)
+    model = mdm.models.MDP([np.eye(2)] * 2, np.ones((2, 2)), discount=0.9)
+    assert Controller([1, 0], model).look_up(0) == -1  # a reward is to be told
+    drawn = mdm.policies.StochasticPolicy([[0.5, 0.5], [0.5, 0.5]], seed=1)
+    assert Controller(drawn).look_up(0) == -1

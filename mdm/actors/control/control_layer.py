@@ -107,6 +107,8 @@ class ControlLayer(Layer):
 
     # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
     __slots__ = (
+        "_act_last",
+        "_acts",
         "_event_driven",
         "_held",
         "_last_epoch",
@@ -214,6 +216,8 @@ class ControlLayer(Layer):
         self.output.open(self)
         # What a handler of its own does last; whoever leads the layer has more to do behind it.
         self._tell = self.output.publish_last if self.lead is None else self.output.publish
+        self._act_last = self.output.act_last
+        self._acts = self._takes_states and self.lead is None and self.planner is None
         self.running = self._held = False
         self._ticker = None
         self._state = None
@@ -452,8 +456,9 @@ class ControlLayer(Layer):
             if self.guard is not None and (index is None or self._held):
                 self._on_state_aside(state)
             return
-        controller = self.controller
-        cause = "episode" if controller.epoch >= self._last_epoch else "state"
+        if self._acts and self._act_last(index, state.time):
+            return
+        cause = "episode" if self.controller.epoch >= self._last_epoch else "state"
         if self.planner is not None:
             self._decide(state.time, cause, state=index)
             return

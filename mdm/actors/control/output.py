@@ -155,6 +155,26 @@ class Output:
             self._publish_belief(time)
         self._emit_last(Action(time, step.epoch, action))
 
+    def act_last(self, state: int, time: int) -> bool:
+        """Decide on a state by a table, and publish the action, as the last thing that a handler does.
+
+        Returns:
+            Whether that was all there is to it; otherwise nothing was done.
+        """
+        if self._decisions.heard or not self._alone or self._deadline is not None:
+            return False
+        epoch = self._controller.epoch
+        action = self._controller.look_up(state)
+        if action < 0:
+            return False
+        # Hot path.
+        self._pending.append(self._now() - time)
+        if len(self._pending) >= FULL:
+            self._latencies.fold()
+        self.acted = action
+        self._emit_last(Action(time, epoch, action))
+        return True
+
     def _publish_belief(self, time: int) -> None:
         """Publish the belief, if one is tracked; of a belief by its support an array is made only for somebody."""
         current = self._controller.decided_by

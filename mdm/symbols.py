@@ -35,7 +35,7 @@ class Symbols:
 
     Attributes:
         policy: The policy, or the agent's part of it.
-        action_space, observation_space: The symbols; None if they are unknown.
+        state_space, action_space, observation_space: The symbols; None if they are unknown.
         takes: The input of the policy: ``state`` or ``observation``.
         num_states: S; None if it is unknown.
     """
@@ -44,7 +44,7 @@ class Symbols:
 
     def __init__(self, policy: Any, model: MDP | None, agent: int | str | None) -> None:
         self.policy = policy
-        self._states: Space | None = None if model is None else model.state_space
+        self.state_space: Space | None = None if model is None else model.state_space
         self.action_space: Space | None = None if model is None else model.action_space
         self.observation_space: Space | None = getattr(model, "observation_space", None)
         self._take_part(agent)
@@ -82,8 +82,8 @@ class Symbols:
         Raises:
             ModelError: If there is no such state.
         """
-        if self._states is not None:
-            return self._states.index(state)
+        if self.state_space is not None:
+            return self.state_space.index(state)
         count = self.num_states
         if isinstance(state, str):
             raise ModelError(f"without a model states have no names: give the index of {state!r}")

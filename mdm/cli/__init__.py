@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         verb_parser: argparse.ArgumentParser = module.add_parser(verbs)
         if verb != "team":  # whose own verbs have it
             verb_parser.add_argument(
-                "--debug", action="store_true", help="show the traceback of an error, and decisions in the log"
+                "--debug", action="store_true", help="show the traceback of an error, and more in the log"
             )
             verb_parser.set_defaults(format_usage=verb_parser.format_usage, command=verb)
     try:

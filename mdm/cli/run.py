@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import anyio
 
 from mdm.cli.attached import Attached
+from mdm.cli.decision import in_words
 from mdm.cli.usage import UsageError, count, seconds
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the ensembles; return the exit status."""
     from mdm.runtime import (  # noqa: PLC0415 - `mdm --help` needs no numpy
         DeadlockError,
+        Log,
         Runtime,
         run as run_program,
     )
@@ -72,7 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
     first = system.top[0]
 
     async def main() -> None:
-        async with Runtime(log=arguments.log, debug=arguments.debug) as runtime:
+        log = Log(arguments.log, debug=arguments.debug, decisions=in_words(system.ensembles.values()))
+        async with Runtime(log=log) as runtime:
 
             def tally(decision: Decision) -> None:
                 if decision.ensemble == first.path and decision.epoch >= 0:

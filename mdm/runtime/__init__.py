@@ -4,6 +4,7 @@ from mdm.runtime.actor import Actor
 from mdm.runtime.channel import Channel, Subscription
 from mdm.runtime.clock import Clock, Timer, WallClock
 from mdm.runtime.dispatcher import Dispatcher
+from mdm.runtime.log import Log
 from mdm.runtime.runner import run
 from mdm.runtime.runtime import Runtime, RuntimeStatistics
 from mdm.runtime.scheduler import Ticker
@@ -33,6 +34,7 @@ __all__ = [
     "DispatcherStatistics",
     "Histogram",
     "Latencies",
+    "Log",
     "LogStatistics",
     "LoopStatistics",
     "Overflow",

@@ -78,9 +78,10 @@ class Runtime:
     Args:
         clock: Whose time; where none is given, a `VirtualClock` inside a program that `mdm.run` runs in virtual time,
             else a `WallClock`.
-        log: ``"console"`` or ``"json"`` lines on standard error, a structlog logger of your own, or None for silence.
-            Lines are written on a thread of their own; where nobody reads them, some are lost and counted.
-        debug: Log decisions too, not life-cycle and faults alone.
+        log: ``"console"`` or ``"json"`` lines on standard error, a structlog logger of your own, a `Log`, or None for
+            silence. It tells faults, modes, and the lives of the actors at the top. Lines are written on a thread of
+            their own; where nobody reads them, some are lost and counted.
+        debug: Log decisions too, and the lives of all actors.
         watchdog: Seconds for which the event loop may stand still before a thread reports it, with the stack of what
             holds it, at once in the log and as a fault ``stall`` when the loop turns again; None for no watchdog. In
             virtual time there is none.
@@ -128,7 +129,7 @@ class Runtime:
         self.lives = self.channel("lives", StateChange)
         self.decisions = self.channel("decisions", Decision)
         self.modes = self.channel("modes", Mode)
-        self._log = None if log is None else Log(log, debug=debug)
+        self._log = log if log is None or isinstance(log, Log) else Log(log, debug=debug)
         virtual = isinstance(self.clock, VirtualClock)
         self._emergency = Emergency(lambda detail: self._alarm("emergency", detail), threads=not virtual)
         if emergency is not None:

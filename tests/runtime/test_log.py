@@ -8,8 +8,9 @@ import re
 import pytest
 from recorded import Fragile, tell
 
-from mdm import Error, Runtime
+from mdm import Actor, Error, Runtime
 from mdm.messages import Decision
+from mdm.runtime import Log
 from mdm.testing import run_virtual
 
 
@@ -53,6 +54,34 @@ def test_faults_lives_and_at_debug_level_decisions_are_told(debug):
     assert [level for level, _ in decisions] == ["debug"] * debug
     for _, fields in decisions:
         assert (fields["time"], fields["ensemble"], fields["action"]) == (1.5, "robot", "Go")
+
+
+class Nest(Actor):
+    def __init__(self, *children):
+        super().__init__("nest")
+        for child in children:
+            self.add(child)
+
+
+@pytest.mark.parametrize("debug", [False, True])
+def test_of_lives_below_the_top_debug_alone_tells(debug):
+    kept = Kept()
+
+    async def main(runtime):
+        await runtime.start(Nest(Actor("child")))
+
+    run_virtual(main, log=kept, debug=debug)
+    told = [(level, fields["actor"]) for level, event, fields in kept.lines if event == "running"]
+    assert told == [("debug", "nest/child")] * debug + [("info", "nest")]
+
+
+def test_decisions_are_told_in_the_words_that_are_given_for_them():
+    kept = Kept()
+    run_virtual(live, log=Log(kept, decisions=lambda decision: {"state": f"place {decision.state}"}))
+    ((level, fields),) = [(level, fields) for level, event, fields in kept.lines if event == "decision"]
+    assert level == "info"
+    assert list(fields) == ["time", "ensemble", "epoch", "cause", "state", "action", "reward"]
+    assert fields["state"] == "place 1"
 
 
 def test_json_is_a_record_a_line_on_standard_error(capsys):

@@ -34,9 +34,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     kinds = parser.add_subparsers(dest="team_verb", metavar="VERB", required=True)
     for name, module in VERBS.items():
         kind: argparse.ArgumentParser = importlib.import_module(module).add_parser(kinds, name)
-        kind.add_argument(
-            "--debug", action="store_true", help="show the traceback of an error, and decisions in the log"
-        )
+        kind.add_argument("--debug", action="store_true", help="show the traceback of an error, and more in the log")
         kind.set_defaults(format_usage=kind.format_usage, command=f"team {name}")
     return parser
 

@@ -6,8 +6,8 @@ import sys
 from typing import TYPE_CHECKING, Literal
 
 import msgspec
-import structlog
 
+from mdm.runtime.rendering import Rendering
 from mdm.runtime.writer import Stream, Writer
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Console:
             "output": Stream(sys.stdout, lambda: self._writer.given_up),
             "log": Stream(sys.stderr, lambda: self._writer.given_up),
         }
-        self._render = structlog.dev.ConsoleRenderer(colors=self._streams["log"].colours, pad_event_to=12)
+        self._render = Rendering(colours=self._streams["log"].colours)
 
     def open(self) -> None:
         """Begin to print."""
@@ -59,7 +59,7 @@ class Console:
         if self._json:
             self._put("log", msgspec.json.encode({"agent": agent, **record}).decode())
         else:
-            self.line(agent, "log", str(self._render(None, "", record)))
+            self.line(agent, "log", self._render(None, "", record))
 
     def tell(self, agent: str, event: str, text: str, **facts: object) -> None:
         """Say what becomes of an agent's process."""

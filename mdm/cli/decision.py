@@ -1,0 +1,53 @@
+"""What a decision is about, in the words of the model or of the wiring."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from mdm.actors import Ensemble, StateFactor
+    from mdm.messages import Decision
+    from mdm.models import Space
+
+__all__ = ["in_words"]
+
+
+def in_words(ensembles: Iterable[Ensemble]) -> Callable[[Decision], Mapping[str, object]]:
+    """Return a function that says of which state or observation a decision of these ensembles is.
+
+    A state or an observation without a name is told by its index.
+    """
+    by_name = {ensemble.name: ensemble for ensemble in ensembles}
+
+    def words(decision: Decision) -> dict[str, object]:
+        ensemble = by_name[decision.ensemble.rpartition("/")[2]]
+        symbols = ensemble.controller.symbols
+        state = _name(symbols.state_space, decision.state)
+        if isinstance(state, int) and ensemble.state is not None:
+            state = _wired(ensemble.state.factors, state)
+        told = {"state": state, "observation": _name(symbols.observation_space, decision.observation)}
+        return {name: word for name, word in told.items() if word is not None}
+
+    return words
+
+
+def _name(space: Space | None, given: int | tuple[int | None, ...] | None) -> object:
+    """Return the name of a symbol; of several factors what each is, but those that are not known."""
+    if given is None or space is None:
+        return given
+    places = space.unravel(given) if isinstance(given, int) else given
+    if len(places) == 1:
+        return None if places[0] is None else space.factors[0].names[places[0]]
+    parts = zip(space.factors, places, strict=True)
+    return ", ".join(f"{factor.name}={factor.names[place]}" for factor, place in parts if place is not None)
+
+
+def _wired(factors: Sequence[StateFactor], state: int) -> str:
+    """Return what tells each component of a state, the last factor the least significant."""
+    words: list[str] = []
+    for factor in reversed(factors):
+        state, value = divmod(state, factor.size)
+        words.append(str(factor.wires()[value].source))
+    return ", ".join(reversed(words))

@@ -29,7 +29,17 @@ def test_virtual_time_ends_in_order_when_nothing_is_left_to_do(tmp_path):
         "[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\nsafe_action = 'lazy_robot:safe'\n"
         "[ensembles.robot.states]\na = ['A']\n[ensembles.robot.actions]\nGo = 'lazy_robot:go'\n"
     )
-    command = [sys.executable, "-m", "mdm", "run", str(tmp_path / "robot.toml"), "--virtual", "--log", "json", "--debug"]
+    command = [
+        sys.executable,
+        "-m",
+        "mdm",
+        "run",
+        str(tmp_path / "robot.toml"),
+        "--virtual",
+        "--log",
+        "json",
+        "--debug",
+    ]
     first, second = (subprocess.run(command, capture_output=True, text=True, timeout=30) for _ in range(2))
     assert first.returncode == 0
     assert first.stdout == "go\nended\nsafe\n"

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
@@ -40,3 +43,37 @@ def test_without_numba_a_function_stays_as_it_is(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)  # importing it would fail
     assert not compilation.can_compile()
     assert compilation.compiled(twice) is twice
+
+
+@pytest.mark.skipif(find_spec("numba") is None, reason="numba is not installed")
+@pytest.mark.timeout(900)  # compilation takes most of a minute the first time, and kernels are kept for the next
+def test_no_kernel_leaves_its_arrays():
+    tests = Path(__file__).parents[1]
+    run = subprocess.run(
+        [sys.executable, str(tests / "kernels_program.py"), "40"],
+        capture_output=True,
+        text=True,
+        env={
+            **os.environ,
+            "MDM_COMPILE": "1",
+            "NUMBA_BOUNDSCHECK": "1",
+            # What is kept does not tell whether indices are checked: so a place of its own.
+            "NUMBA_CACHE_DIR": str(tests.parent / "build" / "bounds-checked"),
+            "PYTHONPATH": os.pathsep.join((str(tests.parent), str(tests))),
+        },
+    )
+    assert run.returncode == 0, run.stderr
+    called = {tuple(line.split()[:2]) for line in run.stdout.splitlines()}
+    assert called >= {
+        ("solvers.online.kernel", "grow"),
+        ("solvers.sarsop.search", "explore"),
+        ("solvers.informed_sweep", "informed_sweep"),
+        ("solvers.mdp.sweeps", "sweep"),
+        ("solvers.mdp.sweeps", "prioritised_sweeps"),
+        ("policies.alpha_kernels", "at_belief"),
+        ("policies.alpha_kernels", "at_support"),
+        ("beliefs.kernels", "move_normalised"),
+        ("beliefs.kernels", "move_likely"),
+        ("beliefs.kernels", "pull"),
+        ("beliefs.kernels", "push"),
+    }

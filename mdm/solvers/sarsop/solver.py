@@ -51,7 +51,7 @@ _ROUNDING = 4e-12
 """The bounds come no nearer than this share of the values: the slack for rounding."""
 _LEAST_VECTORS = 200
 _LEAST_NODES = 50_000
-_CONDENSATION = 0.5, 0.1
+_CONDENSATION = 1.0, 0.1
 """The seconds, and the part of the time so far, that a policy may take to be made small: the larger of them."""
 _FEWER = 5e-3
 """What a belief may lose for a vector less, as a share of the gap, before the rest is valued anew."""

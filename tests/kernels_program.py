@@ -1,0 +1,140 @@
+"""Runs every compiled kernel on odd models; for a process in which numba checks each index.
+
+Prints the kernels that were called.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import warnings
+from unittest.mock import patch
+
+import numpy as np
+from random_models import distributions
+
+from mdm import problems
+from mdm.beliefs import Support
+from mdm.beliefs.adaptive import AdaptiveFilter
+from mdm.beliefs.compressed import GroupedFilter
+from mdm.beliefs.dense import CompiledFoldedFilter, LikelyFilter
+from mdm.beliefs.support import CompiledSupportFilter
+from mdm.models import MDP, POMDP
+from mdm.models.dynamics import Dynamics
+from mdm.policies import AlphaVectors, alpha_vectors
+from mdm.solvers import Limits, bounds
+from mdm.solvers.mdp.policy_iteration import modified_policy_iteration
+from mdm.solvers.mdp.prioritised_sweeping import prioritised_sweeping
+from mdm.solvers.mdp.value_iteration import value_iteration
+from mdm.solvers.online.tree_search import TreeSearch
+from mdm.solvers.sarsop import sarsop
+
+MODULES = (
+    "solvers.online.kernel", "solvers.sarsop.search", "solvers.informed_sweep", "solvers.mdp.sweeps",
+    "policies.alpha_kernels", "beliefs.kernels",
+)  # fmt: skip
+
+
+def odd(seed: int) -> POMDP:
+    """Return a random model: of any sizes, with tiny weights, unreachable and absorbing states, and odd rewards."""
+    random = np.random.default_rng(seed)
+    states, actions, observations = (int(random.choice([1, 2, 3, 7])) for _ in range(3))
+    ways = distributions(random, actions, states, states)
+    told = distributions(random, actions, states, observations)
+    initial = distributions(random, states)
+    for array in (ways, told, initial):
+        kind = random.integers(4)
+        if kind == 0:  # products of these are 0
+            array[random.random(array.shape) < 0.5] *= 1e-200
+        elif kind == 1:  # denormal, and zeros
+            array[random.random(array.shape) < 0.3] = 5e-324
+            array[random.random(array.shape) < 0.3] = 0
+        array[:] = array + np.where(array.sum(axis=-1, keepdims=True) > 0, 0, 1)
+        array[:] = array / array.sum(axis=-1, keepdims=True)
+    if random.random() < 0.5:
+        ways[:, -1] = np.eye(states)[-1]
+    scale = random.choice([0.0, 1e-12, 1.0, 1e9, -1e12])
+    rewards = scale * random.normal(size=(states, actions))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return POMDP(
+            ways, told, rewards, discount=float(random.choice([0.1, 0.95, 0.999])), initial_belief=initial,
+            sparse=bool(random.random() < 0.5),
+        )  # fmt: skip
+
+
+def chain(size: int) -> POMDP:
+    """Return states that are left by steps so rare that beliefs in them are 0."""
+    initial = np.full(size, 1e-300)
+    initial[0] = 1
+    ways = np.full((size, size), 1e-30)
+    ways[0] = 0
+    np.fill_diagonal(ways, 1)
+    rewards = np.eye(size)[:, :1]
+    return POMDP([ways], np.full((1, size, 2), 0.5), rewards, discount=0.5, initial_belief=initial)
+
+
+def track(model: POMDP, seed: int) -> None:
+    """Step every compiled belief filter."""
+    dynamics = Dynamics(model)
+    filters = [CompiledFoldedFilter(dynamics.model), GroupedFilter(dynamics), CompiledSupportFilter(dynamics)]
+    filters.append(AdaptiveFilter(CompiledSupportFilter(dynamics), GroupedFilter(dynamics), 2, 2))
+    if not dynamics.model.event_observations:
+        filters.append(LikelyFilter(dynamics.model, fast=True))
+    for each in filters:
+        random = np.random.default_rng(seed)
+        (states,) = model.initial_belief.nonzero()
+        each.load(Support(states, model.initial_belief[states]))
+        for _ in range(6):
+            action = int(random.integers(dynamics.num_actions))
+            if not each.step(action, int(random.integers(dynamics.num_observations))) > 0:
+                each.predict(action)
+            each.dense()
+
+
+def solve(model: MDP, seed: int) -> None:
+    """Solve a model by everything that is compiled."""
+    flat = MDP(list(Dynamics(model).matrices), model.rewards, discount=model.discount, sparse=True)
+    with patch.object(Dynamics, "is_dense", False):
+        for solver in (value_iteration, prioritised_sweeping, modified_policy_iteration):
+            solver(flat, limits=Limits(gap=1e-6, iterations=20))
+    TreeSearch(model, expansions=20, seed=seed, particles=3).action(
+        model.initial_belief if isinstance(model, POMDP) else 0
+    )
+    if not isinstance(model, POMDP):
+        return
+    track(model, seed)
+    if not model.event_observations:
+        found = sarsop(model, limits=Limits(gap=0, iterations=60), whole=seed % 2 == 0)
+        if (vectors := getattr(found.policy, "vectors", None)) is not None:
+            policy = AlphaVectors(vectors, found.policy.actions)
+            belief = model.initial_belief
+            policy.action(belief)
+            (states,) = belief.nonzero()
+            policy.action(Support(states, belief[states]))
+
+
+def main(count: int) -> None:
+    """Run on so many random models, and on the named ones."""
+    warnings.simplefilter("ignore")
+    named = [
+        problems.tiger(), problems.aloha(3), problems.rock_sample(2, 2), problems.rock_sample(2, 2).revealed(),
+        problems.machine_maintenance(2), problems.patrol(2), problems.forest(), problems.river_swim(),
+        problems.grid_world(discount=0.9), chain(30),
+    ]  # fmt: skip
+    with patch.object(bounds, "_LARGE", 0), patch.object(alpha_vectors, "_LARGE", 0):
+        for seed, model in enumerate([*named, *map(odd, range(count))]):
+            try:
+                solve(model, seed)
+            except BaseException as error:
+                error.add_note(f"at model {seed}")
+                raise
+    for name in MODULES:
+        module = importlib.import_module(f"mdm.{name}")
+        for kernel, function in vars(module).items():
+            if getattr(function, "signatures", ()):  # those that only kernels call are compiled within them
+                sys.stdout.write(f"{name} {kernel}\n")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

@@ -18,7 +18,7 @@ from mdm.team.transport.access import Access
 from mdm.team.transport.keys import check_name
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
 __all__ = ["make_certificates"]
 
@@ -36,8 +36,8 @@ def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *
         days: How long they are valid.
 
     Raises:
-        Error: If ``cryptography`` is not installed, a file is there already or cannot be written, or the days are more
-            than a hundred years.
+        Error: If ``cryptography`` is not installed, a file is there already or cannot be written, two files would have
+            one name, or the days are more than a hundred years.
     """
     if not 1 <= days <= _MOST_DAYS:
         raise Error(f"certificates are valid for 1 to {_MOST_DAYS} days, not for {days}")
@@ -50,6 +50,7 @@ def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *
             "certificates need the package cryptography: pip install 'markov-decision-making[certificates]'"
         ) from None
     made = {check_name(agent, "an agent"): Access("", "", "") for agent in agents}
+    _check_files(made)
     place = Path(folder)
     now = dt.datetime.now(dt.UTC)
 
@@ -81,6 +82,16 @@ def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *
             _write(place / f"{agent}.key.pem", _key_pem(key), secret=True),
         )
     return made
+
+
+def _check_files(agents: Iterable[str]) -> None:
+    """Raise an error where two files would have one name, before any is written."""
+    whose = {"authority.pem": "the authority's certificate"}
+    for agent in agents:
+        for file, kind in ((f"{agent}.pem", "certificate"), (f"{agent}.key.pem", "key")):
+            if file in whose:
+                raise Error(f"no certificate for agent {agent!r}: {whose[file]} is {file}; give the agent another name")
+            whose[file] = f"the {kind} of agent {agent!r}"
 
 
 def _host(x509: Any, host: str) -> Any:

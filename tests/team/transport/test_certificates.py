@@ -41,6 +41,21 @@ def test_names_that_are_paths_are_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("agents", "told"),
+    [
+        (["left", "authority"], r"for agent 'authority': the authority's certificate is authority\.pem"),
+        (["a", "a.key"], r"for agent 'a\.key': the key of agent 'a' is a\.key\.pem"),
+        (["a.key", "a"], r"for agent 'a': the certificate of agent 'a\.key' is a\.key\.pem"),
+    ],
+)
+def test_names_whose_files_would_be_one_are_refused_before_anything_is_written(agents, told, tmp_path):
+    pytest.importorskip("cryptography")
+    with pytest.raises(Error, match=told):
+        make_certificates(tmp_path, {agent: [] for agent in agents})
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_folder_that_cannot_be_written_is_told(tmp_path):
     pytest.importorskip("cryptography")
     (tmp_path / "file").write_text("")

@@ -6,10 +6,10 @@ import asyncio
 
 from chaos.journal import Panic
 
-KINDS = ("plain", "quick", "long", "long", "stubborn", "deaf", "failing", "spiteful", "pooled", "future")
+KINDS = ("plain", "quick", "long", "long", "stubborn", "stubborn", "deaf", "failing", "spiteful", "pooled", "future")
 """Kinds of actions."""
 
-SAFE_KINDS = ("plain", "quick", "quick", "failing", "pooled")
+SAFE_KINDS = ("plain", "quick", "braking", "braking", "failing", "pooled")
 """Kinds of safe actions."""
 
 HEEDING = ("long", "stubborn", "spiteful")
@@ -78,6 +78,10 @@ class Actions:
 
     def _quick(self, enter, *, safe):
         return self._sleep(enter, 0.3, 0.0)
+
+    def _braking(self, enter, *, safe):
+        """Take longer than most pauses, and now and then longer than a safe action may."""
+        return self._sleep(enter, self._random.choice([0.8, 2.5]), 0.0)
 
     def _long(self, enter, *, safe):
         return self._sleep(enter, 50.0, 0.0)

@@ -124,6 +124,8 @@ class Scenario:
         for top in self.system.tops:
             await runtime.start(top)
         await self.script.go(draw.randint(8, 25), COMMANDS, draw.choice([0.0, 0.0, 0.15]))
+        if draw.random() < 0.4:
+            await self.script.hurry()
 
     async def _cancel(self, host):
         """Cancel the program, once or twice."""

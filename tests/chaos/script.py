@@ -12,7 +12,7 @@ from mdm.testing import crash
 STIMULI = ["set"] * 8 + ["unknown", "reset", "release", "late", "thread"]
 """What may still happen while a runtime stops."""
 
-COMMANDS = [*STIMULI, "stop", "start", "crash"]
+COMMANDS = [*STIMULI, "stop", "start", "crash", "endanger"]
 """What may happen before, in a turn."""
 
 HOST = ["stop it", "stop it", "start it", "start it", "break off its start", "exit"]
@@ -63,6 +63,15 @@ class Script:
                     self._turn.publish(chosen)
                 else:
                     self._disturb_in_a_turn(chosen)
+
+    async def hurry(self):
+        """Start all by hand, and endanger it from the top: much is then under way below when the end comes."""
+        draw, names = self._random, list(self._journal.robots)
+        tops = [top.name for top in self._system.tops]
+        for chosen, stimulus in ((names, "start"), (names, "set"), (draw.choice([tops, tops, names]), "endanger")):
+            for name in chosen:
+                self._turn.publish([(name, stimulus)])
+            await asyncio.sleep(draw.choice(PAUSES[:3]))
 
     # -- What the program does -----------------------------------------------------------------------------------
 
@@ -120,6 +129,8 @@ class Script:
                 text, manager = self._journal.text(), self._system.managers[name]
                 victims = [robot.control, robot.action, robot, robot.state or robot.observation or robot, manager]
                 crash(self._random.choice(victims), mdm.Error(text))
+            case "endanger":
+                robot.safety.endanger("mine", "somebody says so", self._journal.now())
             case command:
                 getattr(robot, command)()
 

@@ -63,6 +63,10 @@ def let_the_end_not_wait_for_what_is_below(patch):
     patch.setattr(Safety, "end", lambda self, kind, detail, ended: (self._ended.append(ended), self._end(kind, detail)))
 
 
+def let_a_safe_action_that_began_before_those_below_have_ended_be_the_last(patch):
+    patch.setattr(Safety, "_count_below", lambda self: 0)
+
+
 def swallow_a_failure(patch):
     patch.setattr(Actor, "fail", lambda self, error: None)
 
@@ -98,6 +102,7 @@ def do_not_wait_for_threads(patch):
         end_a_life_twice,
         forget_the_safe_action_at_the_end,
         let_the_end_not_wait_for_what_is_below,
+        let_a_safe_action_that_began_before_those_below_have_ended_be_the_last,
         swallow_a_failure,
         trust_a_retained_state_after_a_restart,
         trust_predicates_while_their_manager_is_down,

@@ -60,7 +60,7 @@ class Safety:
         self._latched = False
         self._ending = False
         self._owed = False
-        self._ended_below = 0
+        self._ended_below: int | None = None
         self._last = False
         self._over = False
         self._ended: list[Callable[[], None]] = []
@@ -282,8 +282,12 @@ class Safety:
     def _on_begin(self) -> None:
         self._ended_below = self._count_below()
 
+    @property
+    def _outlived(self) -> bool:
+        """Whether an action below has ended since the safe action last began; at its end, the last word is due anew."""
+        return self._ended_below is not None and self._count_below() > self._ended_below
+
     def _count_below(self) -> int:
-        """How many actions have ended below; where all have, that tells whether one has lived since another count."""
         return sum(safety._ensemble.action.num_ended for safety in self._family() if safety is not self)  # noqa: SLF001
 
     def _on_secured(self, failure: str | None) -> None:
@@ -295,7 +299,7 @@ class Safety:
         now = self._ensemble.runtime.clock.now()
         if failure is None:
             self._safe_at = self._ensemble.action.started
-        orders = self.modes.secured(failure, now, early=self._last and self._count_below() > self._ended_below)
+        orders = self.modes.secured(failure, now, early=self._last and self._outlived)
         if self._ending and not self._last and Order.SECURE in orders:
             self._owed = True  # tried once more, but not beside the safe actions of what has stopped below
             self._end_stopped()
@@ -387,8 +391,8 @@ class Safety:
 
     @property
     def unsafe(self) -> bool:
-        """Whether an action has begun since the safe action last ran."""
-        return self._has_safe_action and self._ensemble.action.started > self._safe_at
+        """Whether an action has begun since the safe action last ran, or has ended below since that began."""
+        return self._has_safe_action and (self._ensemble.action.started > self._safe_at or self._outlived)
 
     @property
     def was_left(self) -> bool:

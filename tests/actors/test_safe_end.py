@@ -220,6 +220,67 @@ def test_a_safe_action_that_began_after_one_below_but_before_its_end_runs_once_m
     ]
 
 
+@pytest.mark.parametrize("when", [1.5, 5.0])
+def test_what_was_told_to_stop_while_it_is_safe_has_the_last_word_over_what_is_made_safe_below(when):
+    log = Log()
+
+    async def main(runtime):
+        top, below, sensor = two_levels(
+            *(log, "Rest", "Below"), safe_action=log.slow("TOP", 2.0), safe_below=log.slow("BELOW", 3.0)
+        )
+        await runtime.start(top)
+        below.publish_state(0)
+        sensor.set(True)
+        await asyncio.sleep(1.5)  # top is safe since half a second
+        top.stop()
+        await asyncio.sleep(when - 1.5)
+        if when > 1.5:
+            assert top.mode == "stopped"
+            below.start()  # by hand
+            await asyncio.sleep(1)
+
+    run_virtual(main)
+    work = ["Work begins", "Work ends", "BELOW begins", "BELOW ends", "TOP begins", "TOP ends"] if when > 1.5 else []
+    assert log == ["Rest", "TOP begins", "TOP ends", *work]
+
+
+def test_what_is_told_to_stop_and_is_safe_when_the_end_comes_has_the_last_word():
+    log = Log()
+
+    async def main(runtime):
+        top, below, sensor = two_levels(
+            *(log, "Rest", "Below"), safe_action=log.slow("TOP", 3.0), safe_below=log.slow("BELOW", 3.0)
+        )
+        await runtime.start(top)
+        below.publish_state(0)
+        below.start()  # by hand
+        sensor.set(True)
+        await asyncio.sleep(1.5)  # top is safe since half a second
+        top.stop()
+
+    run_virtual(main)
+    assert log == [
+        *("Rest", "Work begins", "TOP begins", "Work ends", "TOP ends", "BELOW begins", "BELOW ends"),
+        *("TOP begins", "TOP ends"),
+    ]
+
+
+def test_what_has_never_acted_runs_no_safe_action_though_something_below_does():
+    log = Log()
+
+    async def main(runtime):
+        top, below, _ = two_levels(log, "Rest", "Below", safe_action=log.plain("TOP"), safe_below=log.plain("BELOW"))
+        await runtime.start(top)
+        below.publish_state(0)
+        below.start()  # by hand
+        await asyncio.sleep(1)
+        below.stop()
+        top.stop()
+
+    run_virtual(main)
+    assert log == ["Work begins", "Work ends", "BELOW"]
+
+
 def test_an_end_waits_for_both_tries_of_a_safe_action_that_has_run_beside_those_below():
     log, calls = Log(), []
 

@@ -24,11 +24,20 @@ class Run:
 
 
 class Ending:
-    """An end of the runtime, or of an ensemble: whose, when it began and was over, and who was deciding then."""
+    """An end of the runtime, or of an ensemble.
 
-    def __init__(self, names, began, deciding):
-        self.names, self.began, self.deciding = names, began, deciding
-        self.over = None
+    Attributes:
+        names: Whose it is.
+        asked: When it was asked for.
+        deciding: Who was deciding then.
+        began: When it began.
+        active: Who was deciding or safe then.
+        over: When it was over.
+    """
+
+    def __init__(self, names, asked, deciding):
+        self.names, self.asked, self.deciding = names, asked, deciding
+        self.began, self.active, self.over = None, set(), None
 
 
 class Journal:
@@ -155,3 +164,16 @@ class Journal:
         ending = Ending(names, self.order, {name for name in names if self.robots[name].mode == "deciding"})
         self.endings.append(ending)
         return ending
+
+    def begins(self, ending):
+        """Note that an end begins, which may be a little after it was asked for."""
+        if ending.began is None:
+            self.order += 1
+            ending.began = self.order
+            ending.active = {name for name in ending.names if self.robots[name].active}
+
+    def hear(self, change):
+        """Hear what becomes of an actor."""
+        for ending in self.endings:
+            if change.state == "stopping" and ending.over is None and change.actor in ending.names:
+                self.begins(ending)

@@ -118,11 +118,13 @@ class Oracles:
         for ending in journal.endings:
             over, last = journal.order if ending.over is None else ending.over, {}
             for name in ending.names:
-                runs = [run for run in journal.runs if run.robot == name and run.safe and run.entered > ending.began]
-                during = [run for run in runs if run.entered <= over]
-                if during:
-                    last[name] = during[-1]
-                elif name in ending.deciding and not runs and not self._went_on(name, ending.began):
+                runs = [run for run in journal.runs if run.robot == name and run.safe]
+                before = [run for run in runs if run.entered <= over]
+                acts = name in ending.active or (before and before[-1].entered > (ending.began or ending.asked))
+                if before and acts:
+                    last[name] = before[-1]
+                made_safe = any(run.entered > ending.asked for run in runs)
+                if name in ending.deciding and not made_safe and not self._went_on(name, ending.asked):
                     yield f"{name} was deciding, and did not run its safe action at the end"
             for name in ending.names:
                 runs = [run for run in journal.runs if run.robot == name and run.entered <= over]

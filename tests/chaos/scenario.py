@@ -39,7 +39,7 @@ class Witness(mdm.Actor):
         self._journal = journal
 
     def on_ending(self):
-        self._journal.ends(self._journal.robots)
+        self._journal.begins(self._journal.ends(self._journal.robots))
 
 
 class Scenario:
@@ -116,6 +116,7 @@ class Scenario:
         journal.faults = probe(runtime.faults)
         runtime.modes.subscribe(journal.modes.append)
         runtime.decisions.subscribe(lambda decision: journal.decisions.append((journal.now(), decision)))
+        runtime.lives.subscribe(journal.hear)
         self.script.open()
         for name in journal.robots:
             path = journal.path(name)

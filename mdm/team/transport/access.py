@@ -51,8 +51,14 @@ def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]
         agents: The names of all agents.
 
     Raises:
-        ConfigError: If a file is missing or is none, or others would refuse the certificate as this agent's.
+        ConfigError: If a file is missing or is none, others would refuse the certificate as this agent's, or an agent
+            has the operator's name.
     """
+    if OPERATOR in agents:
+        raise ConfigError(
+            f"with access no agent can be called {OPERATOR!r}: whoever asks the team shows a certificate of that name",
+            key="agents",
+        )
     for what, path in (("authority", access.authority), ("certificate", access.certificate), ("key", access.key)):
         try:
             Path(path).read_bytes()

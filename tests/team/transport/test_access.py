@@ -117,6 +117,11 @@ def refusal(shown, agent="a"):
     return str(refused.value)
 
 
+def test_no_agent_has_the_name_of_whoever_asks(files):
+    with pytest.raises(ConfigError, match="no agent can be called 'operator'"):
+        access_settings(files["a"], "team", "a", ["a", "operator"])
+
+
 def test_a_certificate_that_others_would_refuse_is_refused_at_once(files, tmp_path):
     others = make_certificates(tmp_path / "others", {"a": []})
     with two_days_ago():

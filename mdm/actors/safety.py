@@ -105,6 +105,7 @@ class Safety:
         self.modes = Modes(ensemble.runtime.clock.now(), held)
         self._told = ("stopped", ())
         self._latched = self._ending = self._owed = self._last = self._over = False
+        self._ended_below = None
         self._ended.clear()
         self._lost.clear()
         self._channel = ensemble.channel("mode", Mode, retain=True)

@@ -265,11 +265,20 @@ def test_what_is_told_to_stop_and_is_safe_when_the_end_comes_has_the_last_word()
     ]
 
 
-def test_what_has_never_acted_runs_no_safe_action_though_something_below_does():
+@pytest.mark.parametrize("before", [False, True])
+def test_what_has_not_acted_since_its_start_runs_no_safe_action_though_something_below_does(before):
     log = Log()
 
     async def main(runtime):
-        top, below, _ = two_levels(log, "Rest", "Below", safe_action=log.plain("TOP"), safe_below=log.plain("BELOW"))
+        top, below, sensor = two_levels(
+            *(log, "Rest", "Below"), safe_action=log.plain("TOP"), safe_below=log.plain("BELOW")
+        )
+        if before:
+            await runtime.start(top)
+            sensor.set(True)
+            await runtime.stop(top)
+            assert log == ["Rest", "TOP"]
+            log.clear()
         await runtime.start(top)
         below.publish_state(0)
         below.start()  # by hand

@@ -27,7 +27,7 @@ from mdm.solvers.mdp.policy_iteration import modified_policy_iteration
 from mdm.solvers.mdp.prioritised_sweeping import prioritised_sweeping
 from mdm.solvers.mdp.value_iteration import value_iteration
 from mdm.solvers.online.tree_search import TreeSearch
-from mdm.solvers.sarsop import sarsop
+from mdm.solvers.sarsop import sarsop, solver as sarsop_solver
 
 MODULES = (
     "solvers.online.kernel", "solvers.sarsop.search", "solvers.informed_sweep", "solvers.mdp.sweeps",
@@ -122,7 +122,8 @@ def main(count: int) -> None:
         problems.machine_maintenance(2), problems.patrol(2), problems.forest(), problems.river_swim(),
         problems.grid_world(discount=0.9), chain(30),
     ]  # fmt: skip
-    with patch.object(bounds, "_LARGE", 0), patch.object(alpha_vectors, "_LARGE", 0):
+    everything = patch.object(bounds, "_LARGE", 0), patch.object(alpha_vectors, "_LARGE", 0)
+    with everything[0], everything[1], patch.object(sarsop_solver, "_SMALL", 0):
         for seed, model in enumerate([*named, *map(odd, range(count))]):
             try:
                 solve(model, seed)

@@ -1,28 +1,69 @@
 """Compilation of kernels by numba (the extra ``mdm[fast]``); without numba they run as plain Python.
 
 numba is slow to import, so a module with kernels is imported only when one of them is chosen. Compiled code is cached
-on disk, beside the module or in the user's cache. ``MDM_COMPILE=0`` turns compilation off.
+on disk, beside the module or in the user's cache. ``MDM_COMPILE=0`` turns compilation off. To compile the first time
+takes many seconds, and so short work is done by the same functions as plain Python (`plain`).
 """
 
 from __future__ import annotations
 
 import os
+import warnings
 from functools import cache
-from importlib.util import find_spec
+from importlib.util import find_spec, module_from_spec
 from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from mdm.errors import ModelWarning
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from types import ModuleType
 
-__all__ = ["can_compile", "compiled"]
+__all__ = ["can_compile", "compiled", "may_compile", "plain"]
 
 _Function = TypeVar("_Function", bound="Callable[..., Any]")
 
 
+_uncompiled: list[str] = []
+"""The modules that are being imported as plain Python."""
+
+
+@cache
+def may_compile() -> bool:
+    """Whether numba is installed, and ``MDM_COMPILE`` is not 0; numba is not imported for it."""
+    return os.environ.get("MDM_COMPILE", "1") != "0" and find_spec("numba") is not None
+
+
 @cache
 def can_compile() -> bool:
-    """Whether kernels are compiled: numba is installed, and ``MDM_COMPILE`` is not 0."""
-    return os.environ.get("MDM_COMPILE", "1") != "0" and find_spec("numba") is not None
+    """Whether kernels are compiled: numba can be imported, and ``MDM_COMPILE`` is not 0."""
+    if not may_compile():
+        return False
+    try:
+        import numba  # noqa: F401, PLC0415 - see above
+    except Exception as error:  # what a broken library, or one that is too old, raises
+        text = f"numba is installed, but cannot be imported ({error}): the work goes on uncompiled, and slower"
+        warnings.warn(f"{text}; reinstall it, or set MDM_COMPILE=0", ModelWarning, stacklevel=2)
+        return False
+    return True
+
+
+@cache
+def plain(name: str) -> ModuleType:
+    """Return a module of kernels, by its name, with its functions as plain Python.
+
+    It is another module than the one that ``import`` gives, and shares nothing with it.
+    """
+    spec = find_spec(name)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    _uncompiled.append(name)
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        _uncompiled.pop()
+    return module
 
 
 def compiled(function: _Function) -> _Function:
@@ -31,7 +72,7 @@ def compiled(function: _Function) -> _Function:
     Each type of an argument is compiled by itself, and to numba a number in a caller's code is a type of its own. So
     kernels hand indices to each other as ``int(np.int64(...))``, of one width.
     """
-    if not can_compile():
+    if function.__module__ in _uncompiled or not can_compile():
         return function
     import numba  # noqa: PLC0415 - see above
 

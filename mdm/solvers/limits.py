@@ -7,6 +7,7 @@ import resource
 import signal
 import sys
 import threading
+from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Self
@@ -17,7 +18,7 @@ from mdm.errors import ConfigError, ModelError
 from mdm.solvers.solution import Progress, Reason, Solution
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from types import FrameType, TracebackType
 
 __all__ = ["Limits"]
@@ -101,6 +102,15 @@ class Limits:
     def remaining(self) -> float:
         """How many seconds it has left; below 0 where they are used up or it was interrupted."""
         return -1.0 if self._interrupted else self._time - self.seconds
+
+    @contextmanager
+    def uncounted(self) -> Iterator[None]:
+        """Let the time that passes within count for nothing, such as that of a compiler."""
+        began = self._clock()
+        try:
+            yield
+        finally:
+            self._began += self._clock() - began
 
     def part(self, share: float) -> Callable[[], bool]:
         """Return a function that tells whether there is time left of a share of what remains now."""

@@ -10,15 +10,18 @@ from pathlib import Path
 
 import pytest
 
+from mdm import ModelWarning
 from mdm.models import compilation
 
 
 @pytest.fixture(autouse=True)
 def forgotten():
     """Ask anew in each test: the answer is kept for a process."""
-    compilation.can_compile.cache_clear()
+    for known in (compilation.can_compile, compilation.may_compile):
+        known.cache_clear()
     yield
-    compilation.can_compile.cache_clear()
+    for known in (compilation.can_compile, compilation.may_compile):
+        known.cache_clear()
 
 
 def twice(number):
@@ -43,6 +46,23 @@ def test_without_numba_a_function_stays_as_it_is(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)  # importing it would fail
     assert not compilation.can_compile()
     assert compilation.compiled(twice) is twice
+
+
+def test_a_numba_that_cannot_be_imported_is_told_once_and_done_without(monkeypatch):
+    monkeypatch.delenv("MDM_COMPILE", raising=False)
+    monkeypatch.setattr(compilation, "find_spec", lambda name: object())
+    monkeypatch.setitem(sys.modules, "numba", None)  # as where it, or what it needs, is broken
+    with pytest.warns(ModelWarning, match=r"numba is installed, but cannot be imported .* reinstall it"):
+        assert not compilation.can_compile()
+    assert not compilation.can_compile()
+    assert compilation.compiled(twice) is twice
+
+
+def test_a_module_of_kernels_can_be_had_as_plain_python():
+    module = compilation.plain("mdm.solvers.sarsop.search")
+    assert not hasattr(module.explore, "py_func")
+    assert not hasattr(module.refresh, "py_func")
+    assert compilation.plain("mdm.solvers.sarsop.search") is module
 
 
 @pytest.mark.skipif(find_spec("numba") is None, reason="numba is not installed")

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Condensed", "Controller", "Vectors", "condensed"]
 
-_ROUNDS = 200
+_ROUNDS = 60
 _PUSHES = 6
 _CHUNK = 2_000_000
 """Numbers that are held at once for some nodes and what may follow them."""

@@ -16,13 +16,13 @@ from __future__ import annotations
 
 import warnings
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mdm.errors import ModelError, ModelWarning
 from mdm.models import POMDP
-from mdm.models.compilation import can_compile
+from mdm.models.compilation import can_compile, may_compile, plain
 from mdm.models.detection import check_no_false_negatives
 from mdm.models.dynamics import Dynamics
 from mdm.models.factored.mixed import MixedPOMDP
@@ -33,7 +33,6 @@ from mdm.solvers.sarsop.condensation import Vectors, condensed
 from mdm.solvers.sarsop.graph import LINKS, NODES, POINTS, VECTORS, grown, lacking, new_graph, new_scratch, room_for
 from mdm.solvers.sarsop.layout import layout_of
 from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, parts_of, prune_points, prune_vectors
-from mdm.solvers.sarsop.search import add_node, add_vector, explore, refresh
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -43,6 +42,7 @@ if TYPE_CHECKING:
 
 __all__ = ["sarsop"]
 
+_STEPS = "mdm.solvers.sarsop.search"
 _BINS = 50
 _DEPTH = 1000
 _SLACK = 1e-12
@@ -51,10 +51,14 @@ _ROUNDING = 4e-12
 """The bounds come no nearer than this share of the values: the slack for rounding."""
 _LEAST_VECTORS = 200
 _LEAST_NODES = 50_000
-_CONDENSATION = 1.0, 0.1
+_CONDENSATION = 0.5, 0.1
 """The seconds, and the part of the time so far, that a policy may take to be made small: the larger of them."""
-_FEWER = 5e-3
-"""What a belief may lose for a vector less, as a share of the gap, before the rest is valued anew."""
+_SHORT = 1.0
+"""The seconds that a small model has to be solved in by plain Python before compiled code is called for."""
+_SMALL = 5_000
+"""The entries of T and O up to which a model counts as small."""
+_FEWER = 5e-3, 5e-5, 0.0
+"""What a belief may lose for a vector less, as shares of the gap: each is tried where the one before loses too much."""
 
 
 def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -> Solution:
@@ -78,11 +82,12 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
         raise ModelError("SARSOP is for observations of states, P(o | a, s'); these are events: take perseus")
     if model.discount >= 1:
         raise ModelError("SARSOP needs a discount below 1: bounds without end never meet; give one (--discount)")
-    _warm_up()
+    _check_compiler()
     with Limits() if limits is None else limits as run:
         search = _Search(model, run)
         lower, upper = search.bounds()
         while not run.ends(lower, upper, iterations=search.backups, size=search.size):
+            search.compile(run)
             search.run(run)
             lower, upper = search.bounds()
             if run.gap < upper - lower <= search.rounding:
@@ -95,25 +100,42 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
 
 
 @cache
-def _warm_up() -> None:
-    """Compile the steps, or load them, before a solver's time begins."""
+def _check_compiler() -> None:
+    if not may_compile():
+        text = "SARSOP runs uncompiled, slower by far on all but small models: for numba, pip install"
+        warnings.warn(f"{text} 'markov-decision-making[fast]'", ModelWarning, stacklevel=4)
+
+
+@cache
+def _compiled() -> Any:
+    """Return the steps compiled, now, or loaded; without a compiler as they are."""
     if not can_compile():
-        text = "SARSOP runs uncompiled, a hundred times slower: for numba, pip install 'markov-decision-making[fast]'"
-        warnings.warn(text, ModelWarning, stacklevel=4)
+        return plain(_STEPS)
+    from mdm.solvers.sarsop import search  # noqa: PLC0415 - imports numba
+
     tiny = POMDP([np.eye(2)] * 2, [np.eye(2)] * 2, np.eye(2), discount=0.5)
     limits = Limits(gap=0.0)
-    search = _Search(tiny, limits)
-    search.bounds()
-    search.run(limits)
+    first = _Search(tiny, limits, search)
+    first.bounds()
+    first.run(limits)
+    return search
 
 
 class _Search:
     """The state of a run."""
 
-    def __init__(self, model: POMDP, limits: Limits) -> None:
+    def __init__(self, model: POMDP, limits: Limits, steps: Any = None) -> None:
         self._model = model
         dynamics = Dynamics(model)
         self._layout, self._order = layout_of(model, dynamics)
+        entries = len(self._layout.transitions.values) + len(self._layout.observations.values)
+        self._is_plain = steps is None and entries <= _SMALL
+        self._steps = steps
+        if self._is_plain:
+            self._steps = plain(_STEPS)
+        elif steps is None:
+            with limits.uncounted():
+                self._steps = _compiled()
         blind = blind_values(dynamics)[:, self._order]
         informed = informed_values(dynamics, limits)[self._order].T
         self._informed = np.ascontiguousarray(informed + _SLACK * np.abs(informed).max())
@@ -134,7 +156,7 @@ class _Search:
         for action, values in enumerate(blind):
             for block in range(num_blocks):
                 self._grow()
-                vector = add_vector(layout, self._graph, block, action)
+                vector = self._steps.add_vector(layout, self._graph, block, action)
                 # It goes on in every block that the action leads to.
                 self._link(vector, action * num_blocks + np.arange(num_blocks))
                 at = self._graph.first_value[vector]
@@ -152,9 +174,8 @@ class _Search:
             self._scratch.entry_weight[: len(places)] = belief[begin:end][places]
             share = float(belief[begin:end].sum())
             self._grow()
-            roots.append(
-                add_node(layout, self._graph, self._scratch, self._informed, int(block), 0, len(places), share)
-            )
+            entries = 0, len(places), share
+            roots.append(self._steps.add_node(layout, self._graph, self._scratch, self._informed, int(block), *entries))
             shares.append(share)
         self._roots, self._shares = np.array(roots), np.array(shares)
         values = self._informed.max(axis=0)
@@ -175,6 +196,13 @@ class _Search:
         at = self._graph.first_value[vector]
         return self._graph.values[at : at + width]
 
+    def compile(self, limits: Limits) -> None:
+        """Go on with compiled steps where the work turns out to be long."""
+        if self._is_plain and limits.seconds > _SHORT:
+            self._is_plain = False
+            with limits.uncounted():
+                self._steps = _compiled()
+
     def _grow(self, limits: Limits | None = None) -> bool:
         """Make room for another step, if the limits allow it."""
         lengths = lacking(self._graph, self._layout)
@@ -192,7 +220,7 @@ class _Search:
     def bounds(self) -> tuple[float, float]:
         """Return the bounds at the initial belief."""
         for root in self._roots:
-            refresh(self._graph, self._scratch, root)
+            self._steps.refresh(self._graph, self._scratch, root)
         return (
             float(self._shares @ self._graph.lower[self._roots]),
             float(self._shares @ self._graph.upper[self._roots]),
@@ -204,7 +232,7 @@ class _Search:
         self._prune(limits.gap)
         if not self._grow(limits):
             return
-        done = explore(
+        done = self._steps.explore(
             self._layout,
             self._graph,
             self._scratch,
@@ -262,17 +290,22 @@ class _Search:
         roots = np.searchsorted(active, graph.best[self._roots])
         least, part = _CONDENSATION
         end = limits.seconds + max(least, part * limits.seconds)
-        found = condensed(
-            self._layout,
-            vectors,
-            defaults,
-            start,
-            roots,
-            slack=_FEWER * max(upper - lower, 0.0),
-            goes_on=lambda: limits.seconds < end,
-        )
         enough = min(lower, upper - limits.gap) if limits.reason == "gap" else lower - self.rounding
-        return (found.vectors, found.lower) if found.lower >= enough else None
+        for share in _FEWER:
+            found = condensed(
+                self._layout,
+                vectors,
+                defaults,
+                start,
+                roots,
+                slack=share * max(upper - lower, 0.0),
+                goes_on=lambda: limits.seconds < end,
+            )
+            if found.lower >= enough:
+                return found.vectors, found.lower
+            if limits.seconds >= end:
+                break
+        return None
 
     def _vectors(self, which: npt.NDArray[np.intp]) -> Vectors:
         graph = self._graph

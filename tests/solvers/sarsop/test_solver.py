@@ -199,7 +199,7 @@ def test_states_whose_weight_underflows_are_not_reached(size):
 
 def test_without_compilation_the_numbers_are_the_same():
     program = (
-        "import sys, mdm; from mdm.solvers import solve\n"
+        "import sys, mdm; from mdm.solvers import solve; from mdm.solvers.sarsop import solver; solver._SMALL = 0\n"
         "found = solve(mdm.load_model(sys.argv[1]).with_discount(0.95), gap=1e-2, iterations=400)\n"
         "print(repr(found.lower), repr(found.upper), found.iterations)"
     )
@@ -217,3 +217,21 @@ def test_without_compilation_the_numbers_are_the_same():
     assert "markov-decision-making[fast]" in runs[0].stderr
     assert not runs[1].stderr
     assert [float(word) for word in outputs[0][:2]] == pytest.approx([float(word) for word in outputs[1][:2]], abs=1e-3)
+
+
+def test_a_small_model_is_solved_without_waiting_for_a_compiler():
+    program = (
+        "import sys, mdm; from mdm.solvers.sarsop import solver; solver._SHORT = 60\n"
+        "print(mdm.solve(sys.argv[1], gap=1e-2).reason, 'numba' in sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", program, str(TIGER)], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["gap", "False"]
+
+
+@pytest.mark.parametrize("small", [0, 10**9])
+def test_it_goes_on_where_steps_are_compiled(monkeypatch, small):
+    monkeypatch.setattr(solver, "_SMALL", small)
+    monkeypatch.setattr(solver, "_SHORT", 0.0)
+    found = sarsop(load_model(TIGER).with_discount(0.95), limits=Limits(gap=1e-3))
+    assert found.reason == "gap"
+    assert found.lower <= 19.37137 <= found.upper

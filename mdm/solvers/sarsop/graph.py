@@ -24,6 +24,7 @@ __all__ = [
     "WEIGHTS",
     "Graph",
     "Scratch",
+    "bytes_of",
     "grown",
     "new_graph",
 ]
@@ -217,6 +218,12 @@ def lacking(graph: Graph, layout: Layout) -> dict[str, int]:
     if 2 * (int(graph.counts[NODES]) + room[NODES]) > len(graph.table):
         result["table"] = 4 * (int(graph.counts[NODES]) + room[NODES])
     return result
+
+
+def bytes_of(graph: Graph, lengths: dict[str, int]) -> int:
+    """Return how many bytes the arrays take that `grown` makes."""
+    size: int = sum(length * getattr(graph, name)[:1].nbytes for name, length in lengths.items())
+    return size + int(lengths.get("block", 0) * graph.informed[:1].nbytes)
 
 
 def grown(graph: Graph, lengths: dict[str, int]) -> Graph:

@@ -30,7 +30,18 @@ from mdm.policies import AlphaVectors, MixedAlphaVectors
 from mdm.solvers.bounds import blind_values, informed_values
 from mdm.solvers.limits import Limits
 from mdm.solvers.sarsop.condensation import Vectors, condensed
-from mdm.solvers.sarsop.graph import LINKS, NODES, POINTS, VECTORS, grown, lacking, new_graph, new_scratch, room_for
+from mdm.solvers.sarsop.graph import (
+    LINKS,
+    NODES,
+    POINTS,
+    VECTORS,
+    bytes_of,
+    grown,
+    lacking,
+    new_graph,
+    new_scratch,
+    room_for,
+)
 from mdm.solvers.sarsop.layout import layout_of
 from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, parts_of, prune_points, prune_vectors
 
@@ -206,8 +217,7 @@ class _Search:
     def _grow(self, limits: Limits | None = None) -> bool:
         """Make room for another step, if the limits allow it."""
         lengths = lacking(self._graph, self._layout)
-        row = 8 * (1 + self._graph.informed.shape[1])
-        if lengths and limits is not None and not limits.allows(row * sum(lengths.values())):
+        if lengths and limits is not None and not limits.allows(bytes_of(self._graph, lengths)):
             return False
         self._graph = grown(self._graph, lengths)
         return True

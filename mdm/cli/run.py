@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from mdm.config import System
     from mdm.messages import Decision
+    from mdm.team.member import Member
 
 __all__ = ["add_arguments", "add_parser", "run"]
 
@@ -90,6 +91,11 @@ def run(arguments: argparse.Namespace) -> int:
                 attached.hold(runtime, sum(ensemble.patience for ensemble in system.top))
             with _releases(system, virtual=arguments.virtual):
                 await runtime.start(system)
+                if attached is None and (member := _only(system)) is not None:
+                    from mdm.team.member import Teammates  # noqa: PLC0415 - a robot alone needs no teams
+
+                    teammates = runtime.channel(f"{member.path}/teammates", Teammates, retain=True)
+                    teammates.subscribe(lambda _: runtime.shut_down() if member.link.refusal is not None else None)
                 with anyio.move_on_after(arguments.seconds):
                     await runtime.wait()
 
@@ -102,6 +108,13 @@ def run(arguments: argparse.Namespace) -> int:
         for failing in failings:
             print(f"mdm {arguments.command}: {failing}", file=sys.stderr)
     return 1 if failings else 0
+
+
+def _only(system: System) -> Member | None:
+    """Return what a system has to do, if that is nothing but to take part in a team."""
+    member = system.member
+    alone = member is not None and all(ensemble.name in member.ensembles for ensemble in system.top)
+    return member if alone else None
 
 
 @contextmanager

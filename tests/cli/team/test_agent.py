@@ -66,6 +66,21 @@ def test_an_agent_that_is_refused_has_failed(free, tmp_path):
     assert "took no part in team 'rooms': team's max_age is" in failed[0].splitlines()[-1]
 
 
+def test_an_agent_that_is_refused_ends_by_itself(free, tmp_path):
+    team = free()
+    other = tmp_path / "other.toml"
+    other.write_text(team.read_text().replace("[team]", "[team]\nmax_age = 7.5"))
+    run = ("-m", "mdm", "team", "run")
+    with python(*run, team, "--agent", "a", "--log", "json") as first:
+        while json.loads(first.stderr.readline()).get("event") != "running":
+            pass
+        with python(*run, other, "--agent", "b") as second:
+            _, told = second.communicate(timeout=60)
+        assert first.poll() is None
+    assert second.returncode == 1
+    assert "took no part in team 'rooms': team's max_age is" in told.splitlines()[-1]
+
+
 def test_it_ends_with_its_input(free):
     import subprocess
     import sys

@@ -242,18 +242,19 @@ class _Search:
         self._prune(limits.gap)
         if not self._grow(limits):
             return
-        done = self._steps.explore(
-            self._layout,
-            self._graph,
-            self._scratch,
-            self._informed,
-            self._roots,
-            self._shares,
-            self._room,
-            self._scale,
-            limits.gap,
-            self._budget,
-        )
+        with np.errstate(all="ignore"):  # compiled steps tell nothing either of what overflows
+            done = self._steps.explore(
+                self._layout,
+                self._graph,
+                self._scratch,
+                self._informed,
+                self._roots,
+                self._shares,
+                self._room,
+                self._scale,
+                limits.gap,
+                self._budget,
+            )
         self.backups += done if done >= 0 else -1 - done
         if done >= 0:
             share = 0.05 / max(limits.seconds - began, 1e-4)

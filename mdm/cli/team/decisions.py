@@ -68,7 +68,8 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
         help="compare files of decisions",
         description=(
             "Read the files that --decisions has made, and say whether all agents have decided the same, and what was "
-            "the longest time without a decision of any of them. The exit status is 1 if a step differs."
+            "the longest time without a decision of any of them. The exit status is 1 if a step differs. Agents of a "
+            "communicating team decide by themselves, and so their steps may."
         ),
         epilog="example: mdm team decisions decided/",
     )

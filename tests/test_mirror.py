@@ -41,6 +41,7 @@ ACROSS = {
     "actors/test_failed_actions.py": "the action layer: actions that fail, or do not end",
     "actors/test_hierarchy.py": "ensembles above and below each other",
     "actors/test_lost_input.py": "safety: input that is lost",
+    "actors/test_last_word.py": "safety: the order of safe actions at an end",
     "actors/test_safe_end.py": "safety: the end of ensembles",
     "actors/test_safe_order.py": "safety: ensembles above and below each other",
     "actors/test_way_back.py": "safety: what follows a safe mode",

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 import mdm
+from mdm import problems
 from mdm.models import MDP, Factor, Space
 from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.team.commits import Committed
+from mdm.team.team import Team
+from mdm.team.transport.network import Network
 
 
 class Robot:
@@ -132,3 +135,18 @@ def history(robot, *, since=0):
     return [
         (c.term, c.step, c.input, c.missing, c.command, c.action, c.digest) for c in robot.commits if c.step > since
     ]
+
+
+def tigers(**options):
+    return Team("tigers", ["left", "right"], **options)
+
+
+async def two(runtime, build=None, **options):
+    """Return the two robots of such a team, running; without ``build`` they listen for tigers."""
+    network = Network(runtime.clock, team="tigers")
+    return await started(runtime, tigers(**options), network, build or over_beliefs(problems.dec_tiger()))
+
+
+def three(seed=3):
+    """Three fire fighters, who hear flames where they are."""
+    return problems.fire_fighting(2, 3, 2)

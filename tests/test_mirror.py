@@ -53,6 +53,7 @@ ACROSS = {
     "problems/test_figures.py": "the problems against what others computed",
     "simulation/test_maiss.py": "a hierarchy of robots, from a file to its decisions",
     "team/test_bad_input.py": "running teams over real sessions, and what must not harm them",
+    "team/test_membership.py": "members of replicated teams that come and go",
     "team/test_leftovers.py": "members that come and go, over real sessions",
     "team/test_processes.py": "members in processes of their own, over real sessions",
     "team/test_planted.py": "that random schedules find faults that are planted in the agreement",

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         config,
         formats,
         logic,
+        maps,
         messages,
         models,
         policies,
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from mdm.beliefs import BeliefTracker
     from mdm.config import System, load_system
     from mdm.controller import Controller, Step
-    from mdm.errors import ConfigError, Error, FormatError, ModelError, ModelWarning
+    from mdm.errors import ConfigError, Error, FormatError, MapError, ModelError, ModelWarning
     from mdm.formats import load_model, load_policy, load_rewards, save_model, save_policy
     from mdm.logic import Formula, P, parse
     from mdm.runtime import (
@@ -87,6 +88,7 @@ __all__ = [
     "FixedRate",
     "FormatError",
     "Formula",
+    "MapError",
     "ModelError",
     "ModelWarning",
     "ObservationFactor",
@@ -118,6 +120,7 @@ __all__ = [
     "load_rewards",
     "load_system",
     "logic",
+    "maps",
     "messages",
     "models",
     "parse",
@@ -136,7 +139,7 @@ __all__ = [
 ]
 
 _PACKAGES = (
-    *("beliefs", "models", "policies", "problems", "simulation", "solvers", "team", "testing"),
+    *("beliefs", "maps", "models", "policies", "problems", "simulation", "solvers", "team", "testing"),
     *("actors", "config", "formats", "logic", "messages", "runtime"),
 )
 _HOMES = {
@@ -148,7 +151,7 @@ _HOMES = {
     "beliefs": ("BeliefTracker",),
     "controller": ("Controller", "Step"),
     "config": ("System", "load_system"),
-    "errors": ("ConfigError", "Error", "FormatError", "ModelError", "ModelWarning"),
+    "errors": ("ConfigError", "Error", "FormatError", "MapError", "ModelError", "ModelWarning"),
     "formats": ("load_model", "load_policy", "load_rewards", "save_model", "save_policy"),
     "logic": ("Formula", "P", "parse"),
     "runtime": (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["ConfigError", "Error", "FormatError", "ModelError", "ModelWarning"]
+__all__ = ["ConfigError", "Error", "FormatError", "MapError", "ModelError", "ModelWarning"]
 
 
 class Error(Exception):
@@ -45,6 +45,10 @@ class FormatError(Error):
 
 class ModelError(Error):
     """A model, policy or belief is invalid."""
+
+
+class MapError(Error):
+    """A map, its labels or its graph is invalid, or they do not fit each other."""
 
 
 class ModelWarning(UserWarning):

@@ -1,0 +1,52 @@
+"""The occupancy grid: which cells of a floor are free, and which are not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage
+
+from mdm.errors import MapError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mdm.maps.frame import Frame
+    from mdm.models.matrices import Vector
+
+__all__ = ["Grid"]
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The occupancy grid of a floor. What is neither free nor occupied is unknown.
+
+    Args:
+        frame: Where its cells lie.
+        free: For each cell whether it is free.
+        occupied: For each cell whether it is occupied.
+
+    Raises:
+        MapError: If a raster has another shape than the frame, or a cell is both.
+    """
+
+    frame: Frame
+    free: NDArray[np.bool_]
+    occupied: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        for what, raster in (("free", self.free), ("occupied", self.occupied)):
+            if raster.shape != self.frame.shape:
+                raise MapError(
+                    f"the raster of what is {what} has the shape {raster.shape}, its frame {self.frame.shape}"
+                )
+        if np.any(self.free & self.occupied):
+            raise MapError("a cell is both free and occupied")
+
+    def clearance(self) -> Vector:
+        """Return for each cell the distance of its centre to the nearest centre of one that is not free, in metres."""
+        inside = np.pad(self.free, 1)  # beyond the raster nothing is known to be free
+        distances: Vector = ndimage.distance_transform_edt(inside)[1:-1, 1:-1] * self.frame.resolution
+        return distances

@@ -1,0 +1,35 @@
+"""Occupancy grids, against plain distances."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from mdm.errors import MapError
+from mdm.maps import Frame, Grid
+
+
+@given(st.integers(1, 7), st.integers(1, 7), st.randoms(use_true_random=False))
+def test_clearance_is_the_distance_to_the_nearest_cell_that_is_not_free(rows, columns, random):
+    free = np.array([[random.random() < 0.8 for _ in range(columns)] for _ in range(rows)])
+    clearance = Grid(Frame(rows, columns, 0.5), free, np.zeros_like(free)).clearance()
+    blocked = [
+        (r, c)
+        for r in range(-1, rows + 1)
+        for c in range(-1, columns + 1)
+        if not (0 <= r < rows and 0 <= c < columns and free[r, c])
+    ]
+    for r in range(rows):
+        for c in range(columns):
+            assert clearance[r, c] == pytest.approx(0.5 * min(math.dist((r, c), other) for other in blocked))
+
+
+def test_rasters_that_do_not_fit_are_refused():
+    free = np.ones((2, 3), dtype=bool)
+    with pytest.raises(MapError, match="what is free has the shape"):
+        Grid(Frame(3, 2, 1.0), free, ~free)
+    with pytest.raises(MapError, match="both free and occupied"):
+        Grid(Frame(2, 3, 1.0), free, free)

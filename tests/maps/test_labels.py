@@ -1,0 +1,50 @@
+"""Labels, against plain distances and a drawing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from mdm.errors import MapError
+from mdm.maps import Frame, Labels
+
+
+@given(st.integers(1, 6), st.integers(1, 6), st.integers(0, 3), st.randoms(use_true_random=False))
+def test_depth_is_the_distance_to_the_nearest_cell_of_another_place(rows, columns, places, random):
+    raster = np.array([[random.randint(0, places) for _ in range(columns)] for _ in range(rows)], dtype=np.uint16)
+    labels = Labels(Frame(rows, columns, 0.25), raster, tuple("abc"[:places]))
+    cells = [(r, c) for r in range(rows) for c in range(columns)]
+    for cell in cells:
+        others = [other for other in cells if raster[other] not in {0, raster[cell]}]
+        want = min((0.25 * math.dist(cell, other) for other in others), default=math.inf) if raster[cell] else 0.0
+        assert labels.depth[cell] == pytest.approx(want)
+
+
+def test_colours_become_places_and_others_are_counted():
+    colours = np.array([[7, 7, 0], [9, 3, 0]], dtype=np.uint32)
+    labels = Labels.from_colours(Frame(2, 3, 1.0), colours, {"kitchen": 9, "hall": 7})
+    assert labels.names == ("kitchen", "hall")
+    assert labels.raster.tolist() == [[2, 2, 0], [1, 0, 0]]
+    assert labels.unnamed == {0: 2, 3: 1}
+    assert labels.name(0.5, 0.5) == "kitchen"
+    assert labels.name(1.5, 1.5) == "hall"
+    assert labels.name(2.5, 1.5) is None
+    assert labels.name(5, 5) is None
+    assert labels.cells("hall").tolist() == [[True, True, False], [False, False, False]]
+    with pytest.raises(MapError, match="no place 'hal'; there are kitchen, hall"):
+        labels.cells("hal")
+
+
+def test_what_is_ambiguous_is_refused():
+    frame, raster = Frame(1, 2, 1.0), np.array([[1, 2]], dtype=np.uint16)
+    with pytest.raises(MapError, match="'a' and 'b' have the same colour, 0x0000ff"):
+        Labels.from_colours(frame, raster, {"a": 255, "b": 255})
+    with pytest.raises(MapError, match="two places are called 'a'"):
+        Labels(frame, raster, ("a", "a"))
+    with pytest.raises(MapError, match="1 names, and a label 2"):
+        Labels(frame, raster, ("a",))
+    with pytest.raises(MapError, match="shape"):
+        Labels(Frame(2, 1, 1.0), raster, ("a", "b"))

@@ -1,5 +1,6 @@
 """Markov models as plain data: named spaces, MDPs and POMDPs, flat or factored."""
 
+from mdm.models.durations import Durations, in_time
 from mdm.models.factored import (
     FactoredMDP,
     FactoredPOMDP,
@@ -17,6 +18,7 @@ from mdm.models.space import Factor, Space
 __all__ = [
     "MDP",
     "POMDP",
+    "Durations",
     "Factor",
     "FactoredMDP",
     "FactoredPOMDP",
@@ -27,4 +29,5 @@ __all__ = [
     "Table",
     "Tree",
     "TwoSliceNetwork",
+    "in_time",
 ]

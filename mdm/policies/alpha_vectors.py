@@ -141,6 +141,10 @@ class AlphaVectors(BeliefPolicy):
         """Return its decisions for a batch of episodes."""
         return BeliefBatch(self, model) if isinstance(model, POMDP) else None
 
+    def for_first_states(self, count: int) -> AlphaVectors:
+        """Return its vectors for the first so many states."""
+        return AlphaVectors(self.vectors[:, :count], self.actions, self.num_actions)
+
     def packed(self) -> Packed:
         """Return its sizes and arrays."""
         return {"actions": self.num_actions}, {"vectors": self.vectors, "actions": whole(self.actions)}

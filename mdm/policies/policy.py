@@ -149,6 +149,14 @@ class Kind:
         """Return its sizes by name."""
         return {"states": self.num_states, "actions": self.num_actions}
 
+    def for_first_states(self, count: int) -> Policy:
+        """Return the same policy for the first so many states, where no other state follows.
+
+        Raises:
+            ModelError: If a policy of its kind cannot be cut, which is the default.
+        """
+        raise ModelError(f"a {type(self).__name__} cannot be cut to {count} states: take another solver")
+
     def packed(self) -> Packed | None:
         """Return its sizes and arrays; None if files cannot hold its kind."""
         return None

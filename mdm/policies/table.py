@@ -220,6 +220,10 @@ class QTable(_Table):
         """Return the expected value of the states."""
         return float(belief @ self.values.max(axis=1))
 
+    def for_first_states(self, count: int) -> QTable:
+        """Return its rows for the first so many states."""
+        return QTable(self.values[:count])
+
     def packed(self) -> Packed:
         """Return its sizes and arrays."""
         return {}, {"values": self.values}

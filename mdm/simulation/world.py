@@ -9,14 +9,16 @@ from mdm.errors import ConfigError
 from mdm.messages import Action, Belief, Fault, Observation, State
 from mdm.models import POMDP, MixedPOMDP
 from mdm.runtime import Actor
+from mdm.simulation.lengths import Lengths
 from mdm.simulation.sampler import Sampler
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mdm.actors import StateLayer
-    from mdm.models import MDP
+    from mdm.models import MDP, Durations
     from mdm.models.matrices import Vector
+    from mdm.runtime.clock import Timer
 
 __all__ = ["World"]
 
@@ -42,11 +44,15 @@ class World(Actor):
         seed: The seed of the samples.
         period: Seconds from an action to its outcome; 0 for the same turn. A fixed-rate ensemble sees outcomes at its
             ticks, whatever the period.
+        durations: How long actions take, in place of a period; the model's discount is then that of a second. An action
+            that another one replaces before it is over has no outcome, and the other one begins in the same state.
         steps: Decisions per episode; by default the ensemble's horizon. An episode also ends with the policy's plan.
         finished: Called with each episode's discounted return.
 
     Raises:
-        ConfigError: If there is no model, or it does not fit the ensemble.
+        ConfigError: If there is no model, it does not fit the ensemble, or durations are given beside a period or for
+            an ensemble with a fixed rate.
+        ModelError: If the durations are for other numbers of states or actions.
 
     Example::
 
@@ -76,7 +82,8 @@ class World(Actor):
         model: MDP | None = None,
         *,
         seed: int | None = None,
-        period: float = 1.0,
+        period: float | None = None,
+        durations: Durations | None = None,
         steps: int | None = None,
         finished: Callable[[float], object] | None = None,
         name: str = "world",
@@ -102,13 +109,18 @@ class World(Actor):
             self._belief_at_start = given.belief_at_start
         self._false_negative = None if ensemble.controller.takes == "state" else given.false_negative
         self._waits = not isinstance(ensemble.control.drive, FixedRate)
-        self._period = 0.0 if isinstance(ensemble.control.drive, FixedRate) else period
+        self._period = 0.0 if not self._waits else 1.0 if period is None else period
+        if durations is not None and (period is not None or not self._waits):
+            raise ConfigError("durations are for ensembles that decide on events, and take the place of a period")
+        self._lengths = None if durations is None else Lengths(given, durations, seed)
         self._sampler = Sampler(given, seed)
         self._finished = finished
         self._rewards: list[list[float]] = given.rewards.tolist()
         self._return = 0.0
         self._weight = 1.0
         self._step = 0
+        self._began = 0
+        self._unfinished: Timer | None = None
         self.moves = 0
         """Time steps in the present episode."""
 
@@ -118,7 +130,8 @@ class World(Actor):
         self._states = channel(f"{path}/state", State, retain=True)
         self._observations = channel(f"{path}/observation", Observation)
         self._initial_beliefs = channel(f"{path}/initial_belief", Belief, retain=True)
-        self.subscribe(channel(f"{path}/action", Action), self._on_action)
+        begin = self._on_action if self._lengths is None else self._on_lasting_action
+        self.subscribe(channel(f"{path}/action", Action), begin)
         self._begin_episode()
         if self.ensemble.controller.takes == "state":
             self._show_state(changed=True)
@@ -128,6 +141,7 @@ class World(Actor):
         self._return = 0.0
         self._weight = 1.0
         self._step = 0
+        self._began = self.runtime.clock.now()
         self.moves = 0
         if self._belief_at_start is not None:
             self._initial_beliefs.publish(Belief(self.runtime.clock.now(), self._belief_at_start(self.state)))
@@ -150,6 +164,45 @@ class World(Actor):
             self._tell_no_observation(action.index)
             self._end_episode()
             self._later(self.ensemble.reset)
+
+    def _on_lasting_action(self, action: Action) -> None:
+        if self._unfinished is not None:
+            self._unfinished.cancel()
+        self._pay(action.index)
+        self._step += 1
+        state, last = self.state, self._step == self.steps or self.ensemble.controller.over
+        if last:
+            self._end_episode()
+        self._go_on(state, action.index, self._show_beginning if last else lambda: self._finish(action.index))
+
+    def _go_on(self, state: int, action: int, then: Callable[[], object]) -> None:
+        assert self._lengths is not None
+        self._unfinished = self.call_later(self._lengths.draw(state, action), then)
+
+    def _pay(self, action: int) -> None:
+        seconds = (self.runtime.clock.now() - self._began) / 1e9
+        self._return += self.model.discount**seconds * self._rewards[self.state][action]
+        self.moves += 1
+
+    def _show_beginning(self) -> None:
+        self._began = self.runtime.clock.now()
+        self._show(observation=0, changed=True)
+
+    def _finish(self, action: int) -> None:
+        """Move on when an action is over; where nothing is observed of that, it goes on."""
+        before, self.state = self.state, self._sampler.next_state(self.state, action)
+        observation: int | None = 0
+        if isinstance(self.model, POMDP):
+            observation = self._sampler.observation(action, before, self.state)
+        if observation is not None and observation != self._false_negative:
+            self._show(observation, changed=self.state != before)
+        elif self.moves < self._step + _LONGEST:
+            self._pay(action)
+            self._go_on(self.state, action, lambda: self._finish(action))
+        else:
+            self._tell_no_observation(action)
+            self._end_episode()
+            self.ensemble.reset()
 
     def _end_episode(self) -> None:
         if self._finished is not None:

@@ -6,16 +6,18 @@ import importlib
 import inspect
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from mdm.errors import ConfigError
 from mdm.loading import model_of
-from mdm.models import POMDP
+from mdm.models import POMDP, in_time
 from mdm.solvers.limits import Limits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mdm.loading import GivenModel
-    from mdm.models import MDP
+    from mdm.models import MDP, Durations
     from mdm.solvers.solution import Progress, Solution
 
 __all__ = ["SOLVERS", "default_solver", "options_of", "solve"]
@@ -51,6 +53,7 @@ def solve(
     model: GivenModel,
     solver: str | None = None,
     *,
+    durations: Durations | None = None,
     gap: float = 1e-3,
     time: float | None = None,
     iterations: int | None = None,
@@ -69,6 +72,8 @@ def solve(
     Args:
         model: The model, or the path of its file.
         solver: One of `SOLVERS`; by default what suits the model.
+        durations: How long actions take; the model's discount is then that of a second, and its actions are decided
+            when the one before is over. By default all take one time step.
         gap: Stop when the bounds at the initial belief are no further apart.
         time: Stop after so many seconds.
         iterations: Stop after so many sweeps, trials or rounds.
@@ -94,7 +99,10 @@ def solve(
             which = f"its options are {', '.join(known)}" if known else "it has no options but the limits"
             raise ConfigError(f"{name} takes no {option!r}: {which}", key=option)
     limits = Limits(gap=gap, time=time, iterations=iterations, memory=memory, progress=progress)
-    return _function(name)(model, limits=limits, **options)
+    if durations is None:
+        return _function(name)(model, limits=limits, **options)
+    solution = _function(name)(in_time(model, durations), limits=limits, **options)
+    return msgspec.structs.replace(solution, policy=solution.policy.for_first_states(len(model.state_space)))
 
 
 def _function(solver: str) -> Callable[..., Solution]:

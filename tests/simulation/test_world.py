@@ -7,13 +7,19 @@ import pytest
 from random_models import random_mdp
 
 from mdm import (
+    ConfigError,
     Ensemble,
+    FixedRate,
+    ModelError,
     PredicateManager,
     StateFactor,
     World,
+    problems,
     simulate,
+    solve,
 )
-from mdm.models import MDP, POMDP, Factor, Space
+from mdm.messages import State
+from mdm.models import MDP, POMDP, Durations, Factor, Space
 from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.testing import capture_decisions, run_virtual
 
@@ -78,3 +84,74 @@ def test_an_episode_in_which_nothing_is_observed_any_more_ends_with_a_fault():
     assert {fault.kind for fault in faults} == {"no_observation"}
     assert "no observation in 10000 time steps, in state" in faults[0].detail
     assert [decision.cause for decision in decisions] == ["start", "reset", "reset", "reset"]
+
+
+def lasting(seed, *, episodes, policy=None, model=None, durations=None, steps=40):
+    """Return the discounted returns of some episodes in a world whose actions last."""
+    returns = []
+
+    async def main(runtime):
+        actions = dict.fromkeys(range(len(model.action_space)), int)
+        robot = Ensemble("robot", policy=policy, model=model, actions=actions, horizon=steps)
+        await runtime.start(World(robot, durations=durations, seed=seed, finished=returns.append))
+        await runtime.start(robot)
+        while len(returns) < episodes:
+            await runtime.clock.sleep(1000.0)
+
+    run_virtual(main)
+    return np.array(returns[:episodes])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_returns_of_lasting_actions_are_those_that_were_solved_for(seed):
+    (model, _), rng = random_mdp(seed, states=4), np.random.default_rng(seed)
+    durations = Durations(rng.uniform(0.2, 3.0, size=(4, len(model.action_space))), rng.integers(1, 5, size=(4, 1)))
+    solution = solve(model, durations=durations, gap=1e-9)
+    returns = lasting(seed, episodes=1000, policy=solution.policy, model=model, durations=durations)
+    error = returns.std() / len(returns) ** 0.5
+    assert abs(returns.mean() - solution.upper) < 4 * error
+
+
+def test_returns_of_lasting_actions_without_sight_lie_within_their_bounds():
+    model = problems.tiger(discount=0.9)
+    durations = Durations([[0.5, 4.0, 4.0]] * 2, [[1, 2, 2]] * 2)
+    solution = solve(model, durations=durations, gap=1e-3)
+    returns = lasting(1, episodes=1000, policy=solution.policy, model=model, durations=durations, steps=60)
+    error = returns.std() / len(returns) ** 0.5
+    assert solution.lower - 4 * error < returns.mean() < solution.upper + 4 * error
+
+
+def test_an_action_that_is_replaced_before_it_is_over_has_no_outcome():
+    model = MDP([[[0, 1], [0, 1]], [[0, 1], [0, 1]]], [[1, 0], [0, 0]], discount=0.5, initial_belief=[1, 0])
+    decided = []
+
+    async def main(runtime):
+        robot = Ensemble("robot", policy=DeterministicPolicy([0, 1]), model=model, actions=dict.fromkeys((0, 1), int))
+        world = World(robot, durations=Durations(1000.0, 400), seed=1)
+        await runtime.start(world)
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(robot)
+            await runtime.clock.sleep(500.0)
+            runtime.channel("robot/state", State, retain=True).publish(State(runtime.clock.now(), 0, (0,)))
+            await runtime.clock.sleep(800.0)
+            assert world.state == 0
+            await runtime.clock.sleep(500.0)
+            assert world.state == 1
+            decided.extend(decision.action for decision in decisions)
+
+    run_virtual(main)
+    assert decided[:3] == [0, 0, 1]
+
+
+def test_durations_take_the_place_of_a_period():
+    model = problems.forest()
+    robot = Ensemble("robot", policy=DeterministicPolicy([0, 0, 1]), model=model, actions={0: int, 1: int})
+    with pytest.raises(ConfigError, match="take the place of a period"):
+        World(robot, durations=Durations(1.0), period=2.0)
+    ticking = Ensemble(
+        "robot", policy=DeterministicPolicy([0, 0, 1]), model=model, actions={0: int, 1: int}, drive=FixedRate(1.0)
+    )
+    with pytest.raises(ConfigError, match="decide on events"):
+        World(ticking, durations=Durations(1.0))
+    with pytest.raises(ModelError, match="3 states and 2 actions"):
+        World(robot, durations=Durations([1.0] * 7))

@@ -14,10 +14,11 @@ import numpy as np
 from random_models import distributions
 
 from mdm import problems
-from mdm.beliefs import Support
+from mdm.beliefs import Support, compact
 from mdm.beliefs.adaptive import AdaptiveFilter
+from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.compressed import GroupedFilter
-from mdm.beliefs.dense import CompiledFoldedFilter, LikelyFilter
+from mdm.beliefs.dense import LikelyFilter
 from mdm.beliefs.support import CompiledSupportFilter
 from mdm.models import MDP, POMDP
 from mdm.models.dynamics import Dynamics
@@ -77,7 +78,9 @@ def chain(size: int) -> POMDP:
 def track(model: POMDP, seed: int) -> None:
     """Step every compiled belief filter."""
     dynamics = Dynamics(model)
-    filters = [CompiledFoldedFilter(dynamics.model), GroupedFilter(dynamics), CompiledSupportFilter(dynamics)]
+    filters = [CompactFilter(dynamics.model), GroupedFilter(dynamics), CompiledSupportFilter(dynamics)]
+    with patch.object(compact, "_SPARSE", 2):
+        filters.append(CompactFilter(dynamics.model))
     filters.append(AdaptiveFilter(CompiledSupportFilter(dynamics), GroupedFilter(dynamics), 2, 2))
     if not dynamics.model.event_observations:
         filters.append(LikelyFilter(dynamics.model, fast=True))

@@ -20,6 +20,7 @@ UNTESTED_ALONE = {
     "problems/agents.py": "a line that the problems of teams share",
     "policies/constant_policy.py": "with the random policy, which makes the same promises",
     "beliefs/dense.py": "with every other filter, against one computation: test_filter",
+    "beliefs/compact.py": "with every other filter, against one computation: test_filter",
     "beliefs/compressed.py": "with every other filter, against one computation: test_filter",
     "beliefs/support.py": "with every other filter, against one computation: test_filter",
     "beliefs/kernels.py": "the loops of filters, which test_filter compares compiled and not",

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.beliefs.adaptive import AdaptiveFilter
+from mdm.beliefs.compact import LINE, CompactFilter
 from mdm.beliefs.compressed import CompressedFilter, GroupedFilter, held_numbers
-from mdm.beliefs.dense import CompiledFoldedFilter, FoldedFilter, LikelyFilter
+from mdm.beliefs.dense import FoldedFilter, LikelyFilter
 from mdm.beliefs.network import NetworkFilter
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
 from mdm.models.compilation import can_compile
@@ -51,11 +52,15 @@ def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:
         return NetworkFilter(model.network)
     model = model.flatten()
     actions, size = range(len(model.action_space)), len(model.state_space)
-    fits = len(actions) * len(model.observation_space) * size**2 <= _FOLDED
+    pairs = len(actions) * len(model.observation_space)
+    by_joints = model.event_observations or not all_detected
+    fits = pairs * size**2 <= _FOLDED
     filled = size <= _SMALL or _filled(model) >= _DENSE
+    if fast and filled and not by_joints and (pairs + len(actions) * size) * (size + LINE) <= _FOLDED:
+        return CompactFilter(model)
     if fits and (filled or not all_detected):
-        return (CompiledFoldedFilter if fast else FoldedFilter)(model)
-    if filled and all_detected and not model.event_observations:
+        return (CompactFilter if fast else FoldedFilter)(model)
+    if filled and not by_joints:
         return LikelyFilter(model, fast=fast)
     dynamics = Dynamics(model)
     wide = GroupedFilter if fast else CompressedFilter

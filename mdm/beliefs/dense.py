@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.models.pomdp import POMDP
 
-__all__ = ["CompiledFoldedFilter", "FoldedFilter", "LikelyFilter"]
+__all__ = ["FoldedFilter", "LikelyFilter", "folded"]
 
 _KEPT = 4_000_000
 """The largest total size of the matrices that are kept for sets of observations."""
@@ -105,15 +105,8 @@ class FoldedFilter(_DenseFilter):
 
     def __init__(self, model: POMDP) -> None:
         super().__init__(model)
-
-        def fold(action: int, observation: int) -> Vector:
-            joint = dense(model.joint_matrix(action, observation))
-            if model.false_negative is not None and observation != model.false_negative:
-                joint = model.resolvent(action).values(joint)
-            return np.ascontiguousarray(joint)
-
         actions, observations = range(len(model.action_space)), range(len(model.observation_space))
-        self._folded = [[fold(action, observation) for observation in observations] for action in actions]
+        self._folded = [[folded(model, action, observation) for observation in observations] for action in actions]
         self._ones = np.ones(len(model.state_space))
         self._sums: dict[tuple[int, ...], Vector] = {}
 
@@ -140,51 +133,6 @@ class FoldedFilter(_DenseFilter):
             folded = self._folded[action]
             found = self._sums[key] = np.sum([folded[observation] for observation in observations], axis=0)
         return found
-
-
-class CompiledFoldedFilter(FoldedFilter):
-    """The same by numba: half the time for a few states, and states outside the support cost nothing.
-
-    Its belief is always normalised: in a compiled loop that is cheaper than a check on access.
-    """
-
-    def __init__(self, model: POMDP) -> None:
-        from mdm.beliefs.kernels import move_normalised  # noqa: PLC0415 - numba is slow to import
-
-        super().__init__(model)
-        self._move = move_normalised
-        for _ in range(2):  # compiled now, not at the first step: for a writeable and for a read-only belief
-            self._move(self._folded[0][0], self._before, self._after)
-            self.dense()
-
-    def step(self, action: int, observation: int) -> float:
-        """Update by an action and an observation; return P(observation | belief, action)."""
-        # Hot path: of .4 µs for two states numba's call takes .25.
-        before, after = self._before, self._after
-        total = self._move(self._folded[action][observation], before, after)
-        if not total > 0:
-            return 0.0
-        self._before = after
-        self._after = before
-        if self._handed_out:
-            self._after = np.empty(self._size)
-            self._handed_out = False
-        return total
-
-    def step_any(self, action: int, observations: Sequence[int]) -> float:
-        """Update by an action and a set of possible observations; return their probability."""
-        total = self._move(self._sum(action, observations), self._before, self._after)
-        if not total > 0:
-            return 0.0
-        self._swap()
-        return total
-
-    def _take(self, total: float) -> float:
-        """Accept the next belief, given its sum, and normalise it."""
-        probability = super()._take(total)
-        if self._total != 1:
-            self._normalise()
-        return probability
 
 
 class LikelyFilter(_DenseFilter):
@@ -222,3 +170,11 @@ class LikelyFilter(_DenseFilter):
         self._before.dot(self._transitions[action], after)
         after *= likelihood
         return self._take(float(after.sum()))
+
+
+def folded(model: POMDP, action: int, observation: int) -> Vector:
+    """Return P(s', o | s, a) of an action and an observation, including the false negatives before it: S x S'."""
+    joint = dense(model.joint_matrix(action, observation))
+    if model.false_negative is not None and observation != model.false_negative:
+        joint = model.resolvent(action).values(joint)
+    return np.ascontiguousarray(joint)

@@ -14,7 +14,7 @@ from mdm.models.compilation import compiled
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector
 
-__all__ = ["arrange", "move", "move_likely", "move_normalised", "pull", "push"]
+__all__ = ["arrange", "move", "move_dense", "move_likely", "move_sparse", "normalise", "pull", "push"]
 
 
 @compiled
@@ -47,12 +47,74 @@ def move(matrix: Vector, before: Vector, after: Vector) -> float:
 
 
 @compiled
-def move_normalised(matrix: Vector, before: Vector, after: Vector) -> float:
-    """As `move`, with the result normalised, unless its sum is 0."""
-    total = move(matrix, before, after)
-    if total > 0.0:
-        for t in range(after.size):
-            after[t] /= total
+def move_dense(room: Vector, place: int, row: int) -> float:
+    """Multiply a belief by a matrix and a likelihood, and normalise it, unless its sum is 0.
+
+    Args:
+        room: An array of rows of one width, S or more: the belief, what is not yet normalised, and then likelihoods
+            and matrices. What is beyond S is 0.
+        place: The first row of the matrix.
+        row: The row of the likelihood.
+
+    Returns:
+        The sum.
+    """
+    width = np.uint64(room.shape[1])
+    first = np.uint64(place)
+    for t in range(width):
+        room[1, t] = 0.0
+    for s in range(width):
+        weight = room[0, s]
+        if weight != 0.0:
+            # A row at a time: what the processor fetches ahead is worth more than to write the result less often.
+            for t in range(width):
+                room[1, t] += weight * room[first + s, t]
+    return normalise(room, row)
+
+
+@compiled
+def move_sparse(room: Vector, place: int, row: int) -> float:
+    """As `move_dense`, with a matrix that has pairs of column and entry, row by row.
+
+    Before these are, for each row and for the end, how far from its begin they are. These and the columns are unsigned
+    integers.
+    """
+    width = np.uint64(room.shape[1])
+    flat = room.reshape(room.size)
+    whole = flat.view(np.uint64)
+    start = np.uint64(place) * width
+    one = np.uint64(1)
+    for t in range(width):
+        room[1, t] = 0.0
+    for s in range(width):
+        weight = room[0, s]
+        if weight != 0.0:
+            at, end = start + whole[start + s], start + whole[start + s + one]
+            while at < end:
+                room[1, whole[at]] += weight * flat[at + one]
+                at += np.uint64(2)
+    return normalise(room, row)
+
+
+@compiled
+def normalise(room: Vector, row: int) -> float:
+    """Multiply the second row by a likelihood; write it, normalised, to the first, unless its sum is 0."""
+    width = np.uint64(room.shape[1])
+    likelihood = np.uint64(row)
+    for t in range(width):
+        room[1, t] *= room[likelihood, t]
+    # Four sums, of which none waits for another.
+    first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
+    for t in range(np.uint64(0), width, np.uint64(4)):
+        first += room[1, t]
+        second += room[1, t + np.uint64(1)]
+        third += room[1, t + np.uint64(2)]
+        fourth += room[1, t + np.uint64(3)]
+    total = (first + second) + (third + fourth)
+    if not total > 0.0:
+        return 0.0
+    for t in range(width):
+        room[0, t] = room[1, t] / total
     return total
 
 

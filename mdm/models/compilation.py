@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import ModuleType
 
-__all__ = ["can_compile", "compiled", "may_compile", "plain"]
+__all__ = ["can_compile", "compiled", "direct", "may_compile", "plain"]
 
 _Function = TypeVar("_Function", bound="Callable[..., Any]")
 
@@ -77,3 +77,19 @@ def compiled(function: _Function) -> _Function:
     import numba  # noqa: PLC0415 - see above
 
     return cast("_Function", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+def direct(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
+    """Return a compiled function for arguments of the types of these, compiled now; a plain one unchanged.
+
+    A call does not look at types, which takes half the time of a short one. Whoever calls it with other types gets
+    wrong numbers or worse: so keep it with the arrays that it is for.
+    """
+    compile_ = getattr(function, "compile", None)
+    if compile_ is None:
+        return function
+    import numba  # noqa: PLC0415 - see above
+
+    typeof: Any = numba.typeof
+    entry: Callable[..., Any] = compile_(tuple(map(typeof, arguments)))
+    return entry

@@ -8,8 +8,9 @@ import pytest
 from mdm.beliefs import BeliefTracker, choice as belief_choice
 from mdm.beliefs.adaptive import AdaptiveFilter
 from mdm.beliefs.choice import chosen_filter
+from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.compressed import CompressedFilter
-from mdm.beliefs.dense import CompiledFoldedFilter, FoldedFilter, LikelyFilter
+from mdm.beliefs.dense import FoldedFilter, LikelyFilter
 from mdm.models import POMDP
 from mdm.models.compilation import can_compile
 
@@ -30,8 +31,8 @@ def dense_model(size, filled):
 @pytest.mark.parametrize(
     ("size", "filled", "folded", "plain", "compiled"),
     [
-        (20, 0.1, 4_000_000, FoldedFilter, CompiledFoldedFilter),
-        (150, 0.5, 4_000_000, FoldedFilter, CompiledFoldedFilter),
+        (20, 0.1, 4_000_000, FoldedFilter, CompactFilter),
+        (150, 0.5, 4_000_000, FoldedFilter, CompactFilter),
         (150, 0.5, 0, LikelyFilter, LikelyFilter),
         (150, 0.01, 4_000_000, CompressedFilter, AdaptiveFilter),
     ],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 import figures
 import numpy as np
 import pytest
@@ -9,14 +11,22 @@ from belief_steps import assert_step, corridor, loaded, needs_numba
 from hypothesis import assume, given, settings, strategies as st
 from random_models import dense, flat_models
 
-from mdm.beliefs import choice as belief_choice
+from mdm.beliefs import choice as belief_choice, compact
 from mdm.beliefs.adaptive import AdaptiveFilter
 from mdm.beliefs.choice import chosen_filter
+from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.compressed import CompressedFilter, GroupedFilter
-from mdm.beliefs.dense import CompiledFoldedFilter, FoldedFilter, LikelyFilter
+from mdm.beliefs.dense import FoldedFilter, LikelyFilter
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
 from mdm.models import POMDP
 from mdm.models.dynamics import Dynamics
+
+
+def sparse(model):
+    """Return a compact filter that leaves out all zeros."""
+    with patch.object(compact, "_SPARSE", 2):
+        return CompactFilter(model)
+
 
 FILTERS = {
     "folded": FoldedFilter,
@@ -26,7 +36,8 @@ FILTERS = {
     "adaptive": lambda model: AdaptiveFilter(SupportFilter(Dynamics(model)), CompressedFilter(Dynamics(model)), 2, 2),
 }
 COMPILED = {
-    "compiled folded": CompiledFoldedFilter,
+    "compact": CompactFilter,
+    "sparse compact": sparse,
     "compiled likely": lambda model: LikelyFilter(model, fast=True),
     "grouped": lambda model: GroupedFilter(Dynamics(model)),
     "compiled support": lambda model: CompiledSupportFilter(Dynamics(model)),
@@ -35,7 +46,7 @@ COMPILED = {
     ),
 }
 MISSING = {"folded": FoldedFilter, "compressed": CompressedFilter}
-MISSING_COMPILED = {"compiled folded": CompiledFoldedFilter, "grouped": GroupedFilter}
+MISSING_COMPILED = {"compact": CompactFilter, "sparse compact": sparse, "grouped": GroupedFilter}
 
 
 def params(*groups):
@@ -97,7 +108,7 @@ def test_false_negatives_are_solved_for(name, make, model, data):
             leads = leads | (rows @ leads > 0)
         rows[~leads] = 0
     model = model.with_false_negatives(symbol)
-    filter_ = make(model if name.endswith("folded") else Dynamics(model))
+    filter_ = make(model if name.endswith(("folded", "compact")) else Dynamics(model))
     belief = model.initial_belief
     loaded(filter_, belief)
     for _ in range(data.draw(st.integers(1, 4))):
@@ -132,7 +143,7 @@ def test_stays_normalised_and_finite(name, make):
         discount=0.9,
     )
     filter_ = loaded(make(model), model.initial_belief)
-    steps = 1_000_000 if name.startswith("compiled f") else 3_000
+    steps = 1_000_000 if name == "compact" else 3_000
     step = filter_.step
     pattern = list(zip(random.integers(2, size=997).tolist(), random.integers(3, size=997).tolist(), strict=True))
     for index in range(steps):

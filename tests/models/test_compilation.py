@@ -8,6 +8,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mdm import ModelWarning
@@ -92,8 +93,22 @@ def test_no_kernel_leaves_its_arrays():
         ("solvers.mdp.sweeps", "prioritised_sweeps"),
         ("policies.alpha_kernels", "at_belief"),
         ("policies.alpha_kernels", "at_support"),
-        ("beliefs.kernels", "move_normalised"),
+        ("beliefs.kernels", "move_dense"),
+        ("beliefs.kernels", "move_sparse"),
         ("beliefs.kernels", "move_likely"),
         ("beliefs.kernels", "pull"),
         ("beliefs.kernels", "push"),
     }
+
+
+@pytest.mark.skipif(not compilation.can_compile(), reason="numba is not there, or MDM_COMPILE is 0")
+def test_a_direct_call_is_the_same_call():
+    from mdm.beliefs.kernels import move
+
+    arrays = np.eye(2), np.array([0.25, 0.5]), np.empty(2)
+    assert compilation.direct(move, *arrays)(*arrays) == 0.75
+    assert arrays[2].tolist() == [0.25, 0.5]
+
+
+def test_a_direct_call_of_what_is_not_compiled_is_the_function():
+    assert compilation.direct(max, 1, 2) is max

@@ -1,0 +1,194 @@
+"""Drafts of labels: rooms from an occupancy grid and one goal in each.
+
+Two stages. First the free cells are divided at narrow passages: each cell belongs to the peak of clearance that leads
+up from it (a watershed), and peaks that rise by less than `_RISE` above the saddle between them are one. Then regions
+are joined through the widest passage first, but never two that both hold a goal. A region that holds several has no
+passage between them, and where it is divided is a convention: what is in sight of a goal belongs to the nearest such
+goal, the rest to what is next to it.
+
+The first stage is a watershed of the distance to walls (S. Beucher and C. Lantuejoul, *Use of watersheds in contour
+detection*, 1979) whose small dynamics are suppressed (M. Grimaud, *A new measure of contrast: the dynamics*, 1992); the
+second is a minimum spanning forest rooted in the goals (F. Meyer, *Minimum spanning forests for morphological
+segmentation*, 1994).
+
+It costs a few passes over the cells: .2 s for 160,000 of them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage
+
+from mdm.errors import MapError
+from mdm.maps.grid import Grid
+from mdm.maps.labels import Labels
+from mdm.maps.paths import Paths
+from mdm.maps.sight import seen_from
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from mdm.maps.graph import Graph
+    from mdm.models.matrices import Vector
+
+    Mask = NDArray[np.bool_]
+    Regions = NDArray[np.intp]
+
+__all__ = ["draft"]
+
+_RISE = 0.1
+"""Metres that a peak of clearance rises above a passage, or is none."""
+_SPECK = 0.15
+"""Square metres of furniture and noise that divide no room."""
+
+
+def draft(grid: Grid, graph: Graph) -> Labels:
+    """Divide the free cells of a grid into the places of a graph, as a draft to be corrected by hand.
+
+    Args:
+        grid: The floor.
+        graph: The places; their goals say where they are.
+
+    Raises:
+        MapError: If a goal lies outside, in a wall, or in the same cell as another one.
+    """
+    open_cells = _without_specks(grid)
+    paths = Paths(grid.frame, open_cells)
+    seeds = [_seed(paths, name, graph.node(name).goal.x, graph.node(name).goal.y) for name in graph.names]
+    for index, seed in enumerate(seeds):
+        if seed in seeds[:index]:
+            raise MapError(f"the goals of {graph.names[seeds.index(seed)]!r} and {graph.names[index]!r} are one cell")
+    clearance = Grid(grid.frame, open_cells, grid.occupied & ~open_cells).clearance()
+    regions = _joined(_peaks(clearance, open_cells), clearance, open_cells, seeds)
+    raster = np.zeros(grid.frame.shape, dtype=np.uint16)
+    for region in np.unique(regions[tuple(np.transpose(seeds))]):
+        inside = [index for index, seed in enumerate(seeds) if regions[seed] == region]
+        cells = (regions == region) & open_cells
+        shares = _divided(Paths(grid.frame, cells), [seeds[index] for index in inside])
+        raster[cells] = np.array([*inside, -1])[shares[cells]] + 1
+    raster[~grid.free] = 0
+    return Labels(grid.frame, raster, graph.names)
+
+
+def _seed(paths: Paths, name: str, x: float, y: float) -> tuple[int, int]:
+    try:
+        return paths.cell(x, y)
+    except MapError as error:
+        raise MapError(f"the goal of {name!r}: {error}") from None
+
+
+def _without_specks(grid: Grid) -> Mask:
+    """Return the cells that are free but for specks."""
+    found, count = ndimage.label(~grid.free, structure=np.ones((3, 3)))
+    sizes = np.bincount(found.ravel(), minlength=count + 1) * grid.frame.resolution**2
+    speck = sizes < _SPECK
+    speck[0] = False
+    open_cells: Mask = grid.free | speck[found]
+    return open_cells
+
+
+def _divided(paths: Paths, seeds: Sequence[tuple[int, int]]) -> Regions:
+    """Return for each cell of a region the index of its goal, -1 where none can be reached."""
+    shares = np.full(paths.frame.shape, 0 if len(seeds) == 1 else -1)
+    if len(seeds) == 1:
+        return shares
+    nearest = np.full(paths.frame.shape, np.inf)
+    rows, columns = np.indices(paths.frame.shape)
+    for index, seed in enumerate(seeds):
+        distance = np.where(seen_from(paths.open, seed), np.hypot(rows - seed[0], columns - seed[1]), np.inf)
+        shares[distance < nearest] = index
+        nearest = np.minimum(nearest, distance)
+    for index, seed in enumerate(seeds):
+        parts, _ = ndimage.label(shares == index)
+        shares[(shares == index) & (parts != parts[seed])] = -1  # an island, seen through a gap
+    given = np.argwhere(shares >= 0)
+    _, source = paths.distances([(int(row), int(column)) for row, column in given])
+    rest = paths.open & (shares < 0) & (source >= 0)
+    shares[rest] = shares[tuple(given[source[rest]].T)]
+    return shares
+
+
+def _peaks(clearance: Vector, open_cells: Mask) -> Regions:
+    """Return for each cell the index of the peak that the steepest way up from it leads to."""
+    count = clearance.size
+    rank = np.empty(count, dtype=np.intp)
+    rank[np.argsort(clearance, axis=None, kind="stable")] = np.arange(count)
+    ranks = np.where(open_cells, rank.reshape(clearance.shape), -1)
+    best, up = ranks.copy(), np.arange(count).reshape(clearance.shape)
+    cells = up.copy()
+    for here, there in _neighbours(clearance.shape):
+        for one, other in ((here, there), (there, here)):
+            higher = ranks[other] > best[one]
+            best[one] = np.where(higher, ranks[other], best[one])
+            up[one] = np.where(higher, cells[other], up[one])
+    flat = up.ravel()
+    while (flat[flat] != flat).any():
+        flat = flat[flat]
+    return flat.reshape(clearance.shape)
+
+
+def _neighbours(shape: tuple[int, ...]) -> list[tuple[tuple[slice, slice], tuple[slice, slice]]]:
+    """Return the pairs of cells that share a side, as slices: above and below, left and right."""
+    rows, columns = shape
+    whole_rows, whole_columns = slice(0, rows), slice(0, columns)
+    return [
+        ((slice(0, rows - 1), whole_columns), (slice(1, rows), whole_columns)),
+        ((whole_rows, slice(0, columns - 1)), (whole_rows, slice(1, columns))),
+    ]
+
+
+def _joined(regions: Regions, clearance: Vector, open_cells: Mask, seeds: Sequence[tuple[int, int]]) -> Regions:
+    """Return regions joined as the module says, each by the index of one of its cells."""
+    ones, others, widths = [], [], []
+    for here, there in _neighbours(clearance.shape):
+        border = open_cells[here] & open_cells[there] & (regions[here] != regions[there])
+        ones.append(np.minimum(regions[here][border], regions[there][border]))
+        others.append(np.maximum(regions[here][border], regions[there][border]))
+        widths.append(np.minimum(clearance[here][border], clearance[there][border]))
+    one, other, width = np.concatenate(ones), np.concatenate(others), np.concatenate(widths)
+    order = np.lexsort((other, one, -width))
+    passages = list(zip(one[order].tolist(), other[order].tolist(), width[order].tolist(), strict=True))
+    forest = _Forest(np.unique(regions[open_cells]).tolist(), clearance.ravel())
+    for left, right, saddle in passages:
+        forest.join_if_low(left, right, saddle)
+    for seed in seeds:
+        forest.seeded.add(forest.root(int(regions[seed])))
+    for left, right, _ in passages:
+        forest.join_if_unseeded(left, right)
+    roots = np.arange(clearance.size)
+    for region in forest.parents:
+        roots[region] = forest.root(region)
+    return roots[regions]
+
+
+class _Forest:
+    """Regions that are joined: each tree is one."""
+
+    def __init__(self, regions: list[int], clearance: Vector) -> None:
+        self.parents = {region: region for region in regions}
+        self.peaks = {region: float(clearance[region]) for region in regions}
+        self.seeded: set[int] = set()
+
+    def root(self, region: int) -> int:
+        while (above := self.parents[region]) != region:
+            self.parents[region] = self.parents[above]
+            region = above
+        return region
+
+    def join_if_low(self, one: int, other: int, saddle: float) -> None:
+        """Join two where the lower peak hardly rises above the passage between them."""
+        low, high = sorted((self.root(one), self.root(other)), key=lambda root: (self.peaks[root], root))
+        if low != high and self.peaks[low] - saddle < _RISE:
+            self.parents[low] = high
+
+    def join_if_unseeded(self, one: int, other: int) -> None:
+        """Join two unless both hold a goal."""
+        one, other = self.root(one), self.root(other)
+        if one != other and not (one in self.seeded and other in self.seeded):
+            if one in self.seeded:
+                one, other = other, one
+            self.parents[one] = other

@@ -1,0 +1,98 @@
+"""Paths over the free cells of a grid: how far it is from everywhere to some place."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.errors import MapError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from mdm.maps.frame import Frame
+    from mdm.models.matrices import Vector
+
+__all__ = ["Paths"]
+
+_STEPS = ((0, 1, 1.0), (1, 0, 1.0), (1, 1, math.sqrt(2)), (1, -1, math.sqrt(2)))
+
+
+class Paths:
+    """The shortest ways over cells, to the eight neighbours of each, diagonally only where both cells beside are open.
+
+    Distances are those of a chain of cells: at most 8 % longer than the straight ones.
+
+    Args:
+        frame: Where the cells lie.
+        open_cells: The cells that may be driven over, such as `Grid.free`, or those of some clearance.
+    """
+
+    def __init__(self, frame: Frame, open_cells: NDArray[np.bool_]) -> None:
+        self.frame = frame
+        self.open = open_cells
+        self._index = np.full(frame.shape, -1)
+        self._index[open_cells] = np.arange(np.count_nonzero(open_cells))
+
+    @cached_property
+    def _graph(self) -> Any:
+        from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
+
+        rows, columns = self.frame.shape
+        ones: list[NDArray[np.intp]] = []
+        others: list[NDArray[np.intp]] = []
+        costs: list[Vector] = []
+        for down, right, cost in _STEPS:
+            left = max(0, -right)
+            here = (slice(0, rows - down), slice(left, columns - max(0, right)))
+            there = (slice(down, rows), slice(left + right, columns - max(0, right) + right))
+            both = self.open[here] & self.open[there]
+            if down and right:
+                beside = (slice(0, rows - down), there[1]), (slice(down, rows), here[1])
+                both &= self.open[beside[0]] & self.open[beside[1]]
+            ones.append(self._index[here][both])
+            others.append(self._index[there][both])
+            costs.append(np.full(len(ones[-1]), cost * self.frame.resolution))
+        one, other, cost_of = np.concatenate(ones), np.concatenate(others), np.concatenate(costs)
+        count = int(self._index.max()) + 1
+        entries = np.concatenate([one, other]), np.concatenate([other, one])
+        return csr_array((np.concatenate([cost_of, cost_of]), entries), shape=(count, count))
+
+    def cell(self, x: float, y: float) -> tuple[int, int]:
+        """Return the cell that a point lies in.
+
+        Raises:
+            MapError: If it lies outside, or in a cell that is not open.
+        """
+        cell = self.frame.cell(x, y)
+        if cell is None:
+            raise MapError(f"the point {x:g}, {y:g} lies outside the map")
+        if not self.open[cell]:
+            raise MapError(f"the point {x:g}, {y:g} lies in a wall, or where nothing is known")
+        return cell
+
+    def distances(self, cells: Sequence[tuple[int, int]]) -> tuple[Vector, NDArray[np.intp]]:
+        """Return for each cell the metres to the nearest of some cells, and the index of that one.
+
+        Where there is no way the distance is infinite and the index -1.
+        """
+        from scipy.sparse.csgraph import dijkstra  # noqa: PLC0415 - slow to import
+
+        sources = [int(self._index[cell]) for cell in cells]
+        if -1 in sources:
+            raise MapError(f"cell {cells[sources.index(-1)]} is not open")
+        near, _, origin = dijkstra(
+            self._graph, directed=False, indices=sources, min_only=True, return_predecessors=True
+        )
+        distances = np.full(self.frame.shape, math.inf)
+        nearest = np.full(self.frame.shape, -1)
+        place = np.full(int(self._index.max()) + 1, -1)
+        place[sources] = np.arange(len(sources))
+        distances[self.open] = near
+        nearest[self.open] = np.where(origin >= 0, place[np.maximum(origin, 0)], -1)
+        return distances, nearest

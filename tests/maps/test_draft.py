@@ -1,0 +1,63 @@
+"""Drafts, against floors that were drawn room by room."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from maps.floors import FURNITURE, corridors, flat, offices, touching
+
+from mdm.errors import MapError
+from mdm.maps import Frame, Graph, Grid, Node, Pose
+from mdm.maps.draft import draft
+
+
+@pytest.mark.parametrize("drawn", [offices, corridors, flat])
+def test_rooms_are_found_from_any_points_in_them(drawn):
+    random = np.random.default_rng(7)
+    floors = [drawn(), drawn(furniture=FURNITURE[drawn], specks=40)]
+    right = []
+    for turn in range(50):
+        floor = floors[turn % 2]
+        labels = draft(floor.grid, floor.graph(floor.random_points(random)))
+        assert touching(labels) == floor.neighbours()
+        free = floor.labels.raster > 0
+        right.append(np.mean(labels.raster[free] == floor.labels.raster[free]))
+    assert np.mean(right) >= 0.97
+
+
+def test_what_is_not_free_or_cannot_be_reached_belongs_to_no_place():
+    free = np.zeros((40, 60), dtype=bool)
+    free[5:35, 5:25] = free[5:35, 40:55] = True
+    frame = Frame(40, 60, 0.1)
+    labels = draft(Grid(frame, free, ~free), Graph((Node("here", Pose(1.0, 2.0)),), ()))
+    assert (labels.raster[:, :30] > 0).tolist() == free[:, :30].tolist()
+    assert not labels.raster[:, 30:].any()
+
+
+@pytest.mark.parametrize(
+    ("goal", "message"),
+    [
+        (Pose(100, 0), "the goal of 'there': the point 100, 0 lies outside the map"),
+        (Pose(0.05, 0.05), "the goal of 'there': the point 0.05, 0.05 lies in a wall, or where nothing is known"),
+        (Pose(1.02, 1.02), "the goals of 'here' and 'there' are one cell"),
+    ],
+)
+def test_a_goal_that_stands_for_no_room_is_refused(goal, message):
+    free = np.zeros((20, 20), dtype=bool)
+    free[2:18, 2:18] = True
+    graph = Graph((Node("here", Pose(1.05, 1.05)), Node("there", goal)), ())
+    with pytest.raises(MapError, match=message):
+        draft(Grid(Frame(20, 20, 0.1, yaw=0.0), free, ~free), graph)
+
+
+def test_a_turned_map_gives_the_same_rooms():
+    floor = flat()
+    straight, turned = floor.frame, Frame(*floor.frame.shape, floor.frame.resolution, 3.0, 1.0, math.pi / 2)
+    nodes = []
+    for node in floor.graph().nodes:
+        row, column = straight.cell(node.goal.x, node.goal.y)
+        nodes.append(Node(node.name, Pose(*turned.centre(row, column))))
+    labels = draft(Grid(turned, floor.grid.free, floor.grid.occupied), Graph(tuple(nodes), ()))
+    assert labels.raster.tolist() == draft(floor.grid, floor.graph()).raster.tolist()

@@ -1,0 +1,65 @@
+"""Paths, against a plain search."""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from mdm.errors import MapError
+from mdm.maps import Frame
+from mdm.maps.paths import Paths
+
+
+def plain(free, starts):
+    """Return metres to the nearest start by Dijkstra's search, cell by cell."""
+    rows, columns = free.shape
+    best, queue = dict.fromkeys(starts, 0.0), [(0.0, start) for start in starts]
+    while queue:
+        far, (row, column) = heapq.heappop(queue)
+        if far > best[row, column]:
+            continue
+        for down in (-1, 0, 1):
+            for right in (-1, 0, 1):
+                there = row + down, column + right
+                if not (0 <= there[0] < rows and 0 <= there[1] < columns and free[there]):
+                    continue
+                if not (free[row, there[1]] and free[there[0], column]):
+                    continue
+                further = far + 0.5 * math.hypot(down, right)
+                if further < best.get(there, math.inf) - 1e-12:
+                    best[there] = further
+                    heapq.heappush(queue, (further, there))
+    return best
+
+
+@given(st.integers(1, 8), st.integers(1, 8), st.integers(1, 3), st.randoms(use_true_random=False))
+def test_distances_are_those_of_a_plain_search(rows, columns, count, random):
+    free = np.array([[random.random() < 0.75 for _ in range(columns)] for _ in range(rows)])
+    free[0, 0] = True
+    cells = [tuple(map(int, cell)) for cell in np.argwhere(free)]
+    starts = list(dict.fromkeys(random.choice(cells) for _ in range(count)))
+    distances, nearest = Paths(Frame(rows, columns, 0.5), free).distances(starts)
+    want = plain(free, starts)
+    alone = [plain(free, [start]) for start in starts]
+    for cell in np.ndindex(free.shape):
+        assert distances[cell] == pytest.approx(want.get(cell, math.inf))
+        if cell in want:
+            assert alone[nearest[cell]][cell] == pytest.approx(want[cell])
+        else:
+            assert nearest[cell] == -1
+
+
+def test_points_outside_and_in_walls_are_told():
+    free = np.array([[True, False]])
+    paths = Paths(Frame(1, 2, 1.0), free)
+    assert paths.cell(0.5, 0.5) == (0, 0)
+    with pytest.raises(MapError, match="the point 2.5, 0 lies outside the map"):
+        paths.cell(2.5, 0)
+    with pytest.raises(MapError, match="the point 1.5, 0.5 lies in a wall"):
+        paths.cell(1.5, 0.5)
+    with pytest.raises(MapError, match=r"cell \(0, 1\) is not open"):
+        paths.distances([(0, 1)])

@@ -37,6 +37,7 @@ ACROSS = {
     "chaos/test_processes.py": "robots as real processes that get signals",
     "chaos/test_planted.py": "that the scenarios find faults that are planted",
     "cli/test_commands.py": "what all verbs have in common",
+    "cli/test_wrong_input.py": "wrong input, for all verbs",
     "config/test_mutations.py": "mutated files, all of them",
     "actors/control/test_controller_run.py": "control layers that run the nodes of a plan",
     "actors/test_failed_actions.py": "the action layer: actions that fail, or do not end",

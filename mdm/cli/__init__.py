@@ -1,4 +1,7 @@
-"""The `mdm` command: one module per sub-command, each with ``add_parser`` and ``run``."""
+"""The `mdm` command: one module per sub-command, each with ``add_parser`` and ``run``.
+
+Exit statuses are those that its help tells: 0, 1 for what failed, 2 for wrong usage, 128 and more for a signal.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,13 @@ import warnings
 from typing import TYPE_CHECKING
 
 import mdm
-from mdm.cli.usage import UsageError
+from mdm.cli.usage import UsageError, complete
 from mdm.errors import Error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["VERBS", "main"]
+__all__ = ["GROUPS", "VERBS", "main"]
 
 VERBS = (
     "run",
@@ -33,34 +36,59 @@ VERBS = (
     "compare",
     "plot",
 )
+GROUPS = ("team", "plot")
+"""Verbs with verbs of their own."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a sub-command; return 0 (success), 1 (failure) or 2 (wrong usage)."""
+    """Run a sub-command; return 0 (success), 1 (failure), 2 (wrong usage), or 130 (Ctrl-C)."""
+    try:
+        return _main(arguments)
+    except KeyboardInterrupt:
+        return 130
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     parser = argparse.ArgumentParser(
         prog="mdm",
         description=(
-            "Put MDP and POMDP policies to work: run, trace and simulate decision processes; check, show and convert "
+            "Put MDP and POMDP policies to work: run, trace and simulate decision processes;\ncheck, show and convert "
             "models and policies."
         ),
-        epilog="example: mdm run examples/patrol/patrol.toml",
+        epilog=(
+            "example: mdm run examples/patrol/patrol.toml\n\n"
+            "exit status: 0 what was asked is done; 1 it failed, as a sentence on standard error says; 2 wrong usage;\n"
+            "130 ended by Ctrl-C, 143 by SIGTERM: what was printed or written then is the result so far"
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"mdm {mdm.__version__}")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB")
     for verb in VERBS:
         module = importlib.import_module(f"mdm.cli.{verb}")
         verb_parser: argparse.ArgumentParser = module.add_parser(verbs)
-        if verb != "team":  # whose own verbs have it
-            verb_parser.add_argument(
-                "--debug", action="store_true", help="show the traceback of an error, and more in the log"
-            )
-            verb_parser.set_defaults(format_usage=verb_parser.format_usage, command=verb)
+        if verb not in GROUPS:  # whose own verbs have it
+            complete(verb_parser, verb)
     try:
-        parsed = parser.parse_args(arguments)
+        parsed, unknown = parser.parse_known_args(arguments)
+        if parsed.verb is None and not unknown:
+            parser.print_help()
+            _flush()
+            return 0
     except SystemExit as stop:
         _flush()
         return stop.code if isinstance(stop.code, int) else 2
+    if parsed.verb is None:
+        parsed.command, parsed.format_usage = "", parser.format_usage
+    if unknown:
+        return _refuse(parsed, f"there is no argument {' or '.join(unknown)}")
     return _run(parsed)
+
+
+def _refuse(parsed: argparse.Namespace, why: object) -> int:
+    """Say what is wrong with the usage; return its status."""
+    print(f"{parsed.format_usage()}{f'mdm {parsed.command}'.rstrip()}: error: {why}", file=sys.stderr)
+    return 2
 
 
 def _run(parsed: argparse.Namespace) -> int:
@@ -73,14 +101,11 @@ def _run(parsed: argparse.Namespace) -> int:
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, where errors are reported
             return status
-    except KeyboardInterrupt:
-        return 130
     except BrokenPipeError:
         _flush()
         return 1
     except UsageError as error:
-        print(f"{parsed.format_usage()}mdm {parsed.command}: error: {error}", file=sys.stderr)
-        return 2
+        return _refuse(parsed, error)
     except Exception as error:
         if parsed.debug:
             raise

@@ -7,6 +7,8 @@ import sys
 import warnings
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.usage import UsageError, add_import
+
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
@@ -32,8 +34,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
             "Check a file: an ensemble's TOML file, a model or a policy. All problems are listed at once, those of one "
             "kind by the first few and their number; notes list what is allowed but odd: states that cannot be reached "
             "or left, observations that never occur, actions that change nothing. Functions that a TOML file names are "
-            "looked for in the source of their modules, which are not run, unless --import is given; those of a team's "
-            "file are imported, as `mdm team check` does."
+            "looked for in the source of their modules, which are not run, unless --import is given."
         ),
         epilog="example: mdm check examples/patrol/patrol.toml",
     )
@@ -42,12 +43,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--normalize", action="store_true", help="take distributions that do not sum to 1 for notes, not problems"
     )
-    parser.add_argument(
-        "--import",
-        dest="imports",
-        action="store_true",
-        help="import the functions of a TOML file, which runs its modules",
-    )
+    add_import(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object, with every problem")
     return parser
 
@@ -105,22 +101,29 @@ def grouped(problems: list[str]) -> list[str]:
 def _examine(arguments: argparse.Namespace) -> Findings:
     """Return a file's kind of content, its problems, and notes on oddities."""
     from mdm.cli.document import Document  # noqa: PLC0415
+    from mdm.cli.inputs import load_ensembles  # noqa: PLC0415
     from mdm.cli.team.check import examine  # noqa: PLC0415
-    from mdm.cli.usage import UsageError  # noqa: PLC0415
-    from mdm.config import load_system, load_team, look_over  # noqa: PLC0415
+    from mdm.config import load_team  # noqa: PLC0415
     from mdm.errors import ConfigError, FormatError  # noqa: PLC0415
     from mdm.formats import load_model, load_policy  # noqa: PLC0415
     from mdm.formats.source import suffixes  # noqa: PLC0415
 
     file, model = arguments.file, arguments.model
+    is_toml = suffixes(file) == ".toml"
+    if arguments.imports and not is_toml:
+        raise UsageError("--import is for TOML files")
+    if is_toml and (model is not None or arguments.normalize):
+        raise UsageError("--model is for policies and --normalize for models; this is a TOML file")
     try:
-        if suffixes(file) == ".toml":
+        if is_toml:
             team = load_team(file)
             if team is not None:
-                return examine(file, team)
-            system = load_system(file) if arguments.imports else look_over(file)
+                return examine(file, team, imports=arguments.imports)
+            system = load_ensembles(file, imports=arguments.imports)
             return "ensembles", [], [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
         if _holds_policy(file):
+            if arguments.normalize:
+                raise UsageError("--normalize is for models; this file holds a policy")
             policy = load_policy(file, None if model is None else load_model(model))
             return Document(policy).kind, [], _policy_notes(policy)
     except ConfigError as error:

@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.usage import add_discount
+
 if TYPE_CHECKING:
     import argparse
 
@@ -30,7 +32,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "target", metavar="OUT", help="the file to write, another than IN; one that is there is replaced"
     )
-    parser.add_argument("--discount", metavar="G", type=float, help="a discount in place of the model's")
+    add_discount(parser, "a discount in place of the model's")
     parser.add_argument("--normalize", action="store_true", help="make distributions sum to 1 however far they are off")
     parser.add_argument("--model", metavar="M", help="the model that a policy is for, whose names .npz keeps")
     return parser

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from mdm.cli.inputs import load_ensembles
 from mdm.cli.wiring import definitions, wiring
-from mdm.config import System, load_system
+from mdm.config import System
 from mdm.errors import FormatError
 from mdm.formats import load_model, load_policy
 from mdm.formats.archive.model import holds_model
@@ -49,15 +50,19 @@ class Document:
         return describe_model(content) if isinstance(content, MDP) else describe_policy(content)
 
 
-def load(path: str) -> Document:
+def load(path: str, *, imports: bool = False) -> Document:
     """Load a file of any kind.
+
+    Args:
+        path: The file.
+        imports: Whether the functions of a TOML file are imported.
 
     Raises:
         ConfigError: If it is a TOML file with problems; lists all of them.
         FormatError: If it is a malformed model or policy.
     """
     if suffixes(path) == ".toml":
-        return Document(load_system(path))
+        return Document(load_ensembles(path, imports=imports))
     known = is_policy(path)
     if known is not None:
         return Document(load_policy(path) if known else load_model(path))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import add_false_negative, count, seed
+from mdm.cli.usage import add_discount, add_false_negative, count, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode (no limit)")
     parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
-    parser.add_argument("--discount", metavar="G", type=float, help="overrides the model's")
+    add_discount(parser)
     add_false_negative(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object")
 

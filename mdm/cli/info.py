@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.usage import UsageError, add_import
+
 if TYPE_CHECKING:
     import argparse
 
@@ -19,11 +21,13 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         help="describe the content of a file",
         description=(
             "Print the sizes and names of a model or policy, or the tree of a TOML file's ensembles and which "
-            "predicate, event or function stands for each symbol."
+            "predicate, event or function stands for each symbol. Modules of functions are not run, unless --import "
+            "is given."
         ),
         epilog="example: mdm info examples/patrol/rooms.pomdpx --json",
     )
     parser.add_argument("file", metavar="FILE", help="a model, a policy or a TOML file")
+    add_import(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
 
@@ -36,10 +40,13 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.config import System, load_team  # noqa: PLC0415
     from mdm.formats.source import suffixes  # noqa: PLC0415
 
-    team = load_team(arguments.file) if suffixes(arguments.file) == ".toml" else None
+    is_toml = suffixes(arguments.file) == ".toml"
+    if arguments.imports and not is_toml:
+        raise UsageError("--import is for TOML files")
+    team = load_team(arguments.file) if is_toml else None
     if team is not None:
         return _tell_team(arguments, team)
-    document = load(arguments.file)
+    document = load(arguments.file, imports=arguments.imports)
     if arguments.json:
         print(as_json(document.facts()))
     elif isinstance(document.content, System):
@@ -55,11 +62,12 @@ def run(arguments: argparse.Namespace) -> int:
 def _tell_team(arguments: argparse.Namespace, team: Team) -> int:
     """Describe a team's file: the team, and what each agent runs of it."""
     from mdm.cli.document import Document  # noqa: PLC0415
+    from mdm.cli.inputs import load_ensembles  # noqa: PLC0415
     from mdm.cli.report import as_json  # noqa: PLC0415
     from mdm.cli.wiring import lines  # noqa: PLC0415
-    from mdm.config import load_system  # noqa: PLC0415
 
-    systems = {agent.name: load_system(arguments.file, agent=agent.name) for agent in team.agents}
+    names, imports = [agent.name for agent in team.agents], arguments.imports
+    systems = {name: load_ensembles(arguments.file, name, imports=imports) for name in names}
     facts: dict[str, Any] = {
         "kind": "team",
         "name": team.name,

@@ -1,9 +1,10 @@
-"""Loading of a model and a policy for it, shared by the sub-commands that solve, evaluate and simulate."""
+"""Loading of ensembles, of a model, and of a policy for it, as several sub-commands do it."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from mdm.config import load_system, look_over
 from mdm.formats import load_model, load_policy
 from mdm.models import POMDP
 from mdm.models.factored.mixed import MixedPOMDP
@@ -12,15 +13,27 @@ from mdm.policies import mismatch
 if TYPE_CHECKING:
     import argparse
 
+    from mdm.config import System
     from mdm.models import MDP
 
-__all__ = ["load", "load_for", "revealed", "visibility", "with_false_negatives"]
+__all__ = ["load", "load_ensembles", "load_for", "revealed", "visibility", "with_false_negatives"]
 
 
 def load(path: str, discount: float | None) -> MDP:
     """Load a model, with another discount if one is given."""
     model = load_model(path)
     return model if discount is None else model.with_discount(discount)
+
+
+def load_ensembles(path: str, agent: str | None = None, *, imports: bool) -> System:
+    """Load a TOML file, of a team's file the part of an agent, in order to look at it.
+
+    Args:
+        path: The file.
+        agent: The agent.
+        imports: Import its functions, which runs their modules; otherwise they are looked for in the source.
+    """
+    return load_system(path, agent=agent) if imports else look_over(path, agent=agent)
 
 
 def revealed(model: MDP) -> MDP:

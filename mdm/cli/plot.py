@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, add_false_negative, count, seed
+from mdm.cli.usage import UsageError, add_discount, add_false_negative, complete, count, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -66,14 +66,14 @@ def _kind(kinds: Any, name: str, summary: str, description: str, example: str) -
         name, help=summary, description=description, epilog=f"example: {example}"
     )
     parser.add_argument("-o", "--output", metavar="PNG", required=True, help="the picture's file")
-    parser.set_defaults(format_usage=parser.format_usage)
+    complete(parser, "plot")
     return parser
 
 
 def _add_inputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL", help="a model")
     parser.add_argument("policy", metavar="POLICY", help="a policy for it")
-    parser.add_argument("--discount", metavar="G", type=float, help="overrides the model's")
+    add_discount(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

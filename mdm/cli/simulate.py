@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import add_false_negative, count, seed
+from mdm.cli.usage import UsageError, add_discount, add_false_negative, count, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -30,7 +30,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
     parser.add_argument("--episodes", metavar="N", type=count, default=100, help="how many episodes (100)")
     parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
-    parser.add_argument("--discount", metavar="G", type=float, help="overrides the model's")
+    add_discount(parser)
     add_false_negative(parser)
     parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode")
     parser.add_argument("--json", action="store_true", help="one JSON object")
@@ -40,13 +40,9 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate; return the exit status."""
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.errors import Error  # noqa: PLC0415
     from mdm.simulation import simulate  # noqa: PLC0415
 
-    if (arguments.file is None) == (arguments.model is None or arguments.policy is None):
-        raise Error("give a TOML file, or both --model and --policy")
-    if arguments.file is not None and (arguments.discount is not None or arguments.false_negative is not None):
-        raise Error("--discount and --false-negative are for --model; a TOML file has its own")
+    _check_usage(arguments)
     options = _from_file(arguments) if arguments.file is not None else _from_model(arguments)
     result = simulate(**options, episodes=arguments.episodes, seed=arguments.seed)
     if arguments.json:
@@ -58,6 +54,19 @@ def run(arguments: argparse.Namespace) -> int:
             f"{result.episodes} episodes of {result.steps} decisions"
         )
     return 0
+
+
+def _check_usage(arguments: argparse.Namespace) -> None:
+    if arguments.file is None and (arguments.model is None or arguments.policy is None):
+        raise UsageError("give a TOML file, or both --model and --policy")
+    if arguments.file is None and arguments.ensemble is not None:
+        raise UsageError("--ensemble is for a TOML file")
+    if arguments.file is None:
+        return
+    if arguments.model is not None or arguments.policy is not None:
+        raise UsageError("--model and --policy stand in place of a TOML file: give either")
+    if arguments.discount is not None or arguments.false_negative is not None:
+        raise UsageError("--discount and --false-negative are for --model; a TOML file has its own")
 
 
 def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, add_false_negative, count, limit, seed
+from mdm.cli.usage import UsageError, add_discount, add_false_negative, count, limit, seed
 
 if TYPE_CHECKING:
-    import argparse
-
     from mdm.models import MDP
     from mdm.solvers import Solution
 
@@ -40,14 +39,16 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         help="the policy's file; its suffix chooses the format: .npz keeps any policy, .vf, .alpha and .policy alpha "
         "vectors, .policy tables, .pg controllers",
     )
-    parser.add_argument("--solver", metavar="NAME", help="by default chosen for the model; 'help' lists them")
+    parser.add_argument(
+        "--solver", metavar="NAME", action=_Solver, help="by default chosen for the model; 'help' lists them"
+    )
     parser.add_argument(
         "--gap", metavar="G", type=limit, default=1e-3, help="stop when the bounds are this close (0.001)"
     )
     parser.add_argument("--time", metavar="S", type=limit, help="stop after S seconds")
     parser.add_argument("--memory", metavar="MB", type=limit, help="stop at this much memory (80 %% of the machine's)")
     parser.add_argument("--iterations", metavar="N", type=count, help="stop after N sweeps, trials or rounds")
-    parser.add_argument("--discount", metavar="G", type=float, help="overrides the model's")
+    add_discount(parser)
     parser.add_argument("--horizon", metavar="H", type=count, help="decisions, for solvers of finite horizons")
     add_false_negative(parser)
     parser.add_argument("--seed", metavar="S", type=seed, help="for randomised solvers")
@@ -59,6 +60,22 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     return parser
 
 
+class _Solver(argparse.Action):
+    """Takes the name of a solver, or lists them."""
+
+    def __call__(self, parser: argparse.ArgumentParser, arguments: argparse.Namespace, name: Any, *_: object) -> None:
+        from mdm.solvers import SOLVERS  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+        if name == "help":
+            for solver, entry in SOLVERS.items():
+                print(f"{solver:28}for {entry[2]}s")
+            print("\ndocs/solving.md says which suits which model")
+            parser.exit()
+        if name not in SOLVERS:
+            parser.error(f"there is no solver {name!r}; there are {', '.join(SOLVERS)}")
+        setattr(arguments, self.dest, name)
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Solve the model; return the exit status."""
     from mdm.cli.inputs import load, revealed, visibility, with_false_negatives  # noqa: PLC0415
@@ -67,11 +84,9 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
     from mdm.formats.target import check_place, write_text  # noqa: PLC0415
     from mdm.policies import mismatch  # noqa: PLC0415
-    from mdm.solvers import SOLVERS, solve  # noqa: PLC0415
+    from mdm.solvers import solve  # noqa: PLC0415
     from mdm.solvers.solve import default_solver  # noqa: PLC0415
 
-    if arguments.solver is not None and arguments.solver not in SOLVERS:
-        raise UsageError(f"there is no solver {arguments.solver!r}; there are {', '.join(SOLVERS)}")
     for target in (arguments.output, arguments.history):
         if target is not None:
             check_place(target, arguments.model)

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, add_false_negative, count, seed
+from mdm.cli.usage import UsageError, add_discount, add_false_negative, count, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -50,7 +50,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--model", metavar="M", help="a model, in place of a TOML file")
     parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
     parser.add_argument("--drive", metavar="event|RATE", help="decide on events (default), or RATE times a second")
-    parser.add_argument("--discount", metavar="G", type=float, help="overrides the model's")
+    add_discount(parser)
     add_false_negative(parser)
     parser.add_argument("--horizon", metavar="H", type=count, help="decisions in an episode")
     parser.add_argument(
@@ -113,6 +113,9 @@ def _system(arguments: argparse.Namespace) -> System:
         return load_system(Path(arguments.file), callbacks=False)
     if arguments.policy is None:
         raise UsageError("give a TOML file, or --policy and, where it needs one, --model")
+    for name in ("discount", "false_negative"):
+        if arguments.model is None and getattr(arguments, name) is not None:
+            raise UsageError(f"--{name.replace('_', '-')} is for --model")
     model = None if arguments.model is None else load_model(arguments.model)
     if model is not None and arguments.discount is not None:
         model = model.with_discount(arguments.discount)

@@ -6,11 +6,42 @@ import argparse
 
 from mdm.errors import Error
 
-__all__ = ["UsageError", "add_false_negative", "count", "limit", "seconds", "seed"]
+__all__ = [
+    "UsageError",
+    "add_discount",
+    "add_false_negative",
+    "add_import",
+    "complete",
+    "count",
+    "limit",
+    "seconds",
+    "seed",
+]
 
 
 class UsageError(Error):
     """The arguments are inconsistent; the command prints its usage and exits with 2."""
+
+
+def complete(parser: argparse.ArgumentParser, command: str) -> None:
+    """Add to a parser what every verb has: ``--debug``, the words that name it in errors, and its usage."""
+    parser.add_argument("--debug", action="store_true", help="show the traceback of an error, and more in the log")
+    parser.set_defaults(format_usage=parser.format_usage, command=command)
+
+
+def add_discount(parser: argparse.ArgumentParser, help: str = "overrides the model's") -> None:  # noqa: A002
+    """Add the option ``--discount``."""
+    parser.add_argument("--discount", metavar="G", type=_discount, help=help)
+
+
+def _discount(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0 < number <= 1:
+        raise argparse.ArgumentTypeError(f"a number above 0 and at most 1 was expected, not {text!r}")
+    return number
 
 
 def add_false_negative(parser: argparse.ArgumentParser) -> None:
@@ -19,6 +50,16 @@ def add_false_negative(parser: argparse.ArgumentParser) -> None:
         "--false-negative",
         metavar="O",
         help="the observation, by name or index, that is a false negative: an event that nobody detected",
+    )
+
+
+def add_import(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--import``."""
+    parser.add_argument(
+        "--import",
+        dest="imports",
+        action="store_true",
+        help="import the functions of a TOML file, which runs its modules",
     )
 
 

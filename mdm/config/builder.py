@@ -58,13 +58,17 @@ def load_system(
     return _Builder(Path(path), callbacks=callbacks).system(agent, transport=transport, decisions=decisions)
 
 
-def look_over(path: str | Path) -> System:
-    """Build the system that a TOML file describes, to check it: functions are looked for, and not imported.
+def look_over(path: str | Path, *, agent: str | None = None) -> System:
+    """Build the system that a TOML file describes, to look at it: functions are looked for, and not imported.
+
+    Args:
+        path: The file.
+        agent: Of a team's file, which agent's system.
 
     Raises:
         ConfigError: With all problems, one per line and each in its ``problems``.
     """
-    return _Builder(Path(path), callbacks=False, look=True).system(None)
+    return _Builder(Path(path), callbacks=False, look=True).system(agent)
 
 
 def load_team(path: str | Path) -> Team | None:
@@ -164,6 +168,9 @@ class _Builder:
         return given
 
     def _read(self) -> dict[str, Any]:
+        if self._path.exists() and not self._path.is_file() and not self._path.is_dir():
+            self._problems.add("this is a pipe or a device, not a file: save its content to a file first", None)
+            self._problems.raise_all()
         try:
             return tomllib.loads(self._path.read_text(encoding="utf-8"))
         except FileNotFoundError:

@@ -26,7 +26,8 @@ class Functions:
         folder: The file's folder, whose modules take precedence.
         problems: Where problems are noted.
         callbacks: Whether functions are imported; otherwise each is one that does nothing.
-        look: Whether functions that are not imported are looked for in the source of their modules.
+        look: Whether functions that are not imported are looked for in the source of their modules; each is then one
+            of that name.
     """
 
     def __init__(self, folder: Path, problems: Problems, *, callbacks: bool, look: bool = False) -> None:
@@ -42,6 +43,7 @@ class Functions:
                 return find_function(reference, self._folder)
             if self._look:
                 look_for(reference, self._folder)
+                return _named(reference)
             return nothing
         return None
 
@@ -85,6 +87,16 @@ def _refuse_shadowed(name: str, folder: Path) -> None:
     if any(path.exists() for path in beside) and (origin is None or Path(origin).resolve() not in beside):
         place = "Python itself" if origin is None else origin
         raise ConfigError(f"another module {name!r} is already loaded, from {place}: rename the one beside the file")
+
+
+def _named(reference: str) -> Callable[[], None]:
+    """Return a function that does nothing, of a name and module."""
+
+    def stand_in() -> None: ...
+
+    stand_in.__module__, _, stand_in.__qualname__ = reference.partition(":")
+    stand_in.__name__ = stand_in.__qualname__.rpartition(".")[2]
+    return stand_in
 
 
 def nothing() -> None:

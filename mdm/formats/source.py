@@ -13,7 +13,7 @@ from typing import NoReturn
 
 from mdm.errors import FormatError
 
-__all__ = ["Source", "Words", "number", "suffixes"]
+__all__ = ["Source", "Words", "content", "number", "suffixes"]
 
 _COMMENT = re.compile(r"#[^\n]*")
 _LARGEST = 500_000_000
@@ -100,7 +100,7 @@ def _join_signs(words: list[str]) -> list[str]:
 
 
 def _read(path: Path) -> str:
-    data = _bytes(path)
+    data = content(path)
     if data[:2] == b"\x1f\x8b":
         data = _decompressed(data, path)
     elif path.suffix == ".gz":
@@ -117,7 +117,12 @@ def _read(path: Path) -> str:
     return text
 
 
-def _bytes(path: Path) -> bytes:
+def content(path: Path) -> bytes:
+    """Return the bytes of a file.
+
+    Raises:
+        FormatError: If they cannot be read, or it is a pipe or a device, which would be waited on.
+    """
     if path.exists() and not path.is_file() and not path.is_dir():
         raise FormatError("this is a pipe or a device, not a file: save its content to a file first", file=path)
     try:

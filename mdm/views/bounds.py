@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from mdm.errors import FormatError
+from mdm.formats.source import content
 from mdm.views.canvas import pyplot
 
 __all__ = ["bounds_figure"]
@@ -60,7 +61,7 @@ def bounds_figure(paths: list[str]) -> Any:
 
 def _read(path: Path) -> _Run:
     try:
-        run = msgspec.json.decode(path.read_bytes(), type=_Run)
+        run = msgspec.json.decode(content(path), type=_Run)
     except msgspec.MsgspecError as error:
         raise FormatError(f"a history written by mdm solve --history was expected: {error}", file=path) from None
     if not run.history:

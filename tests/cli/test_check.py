@@ -144,6 +144,18 @@ open-left = "checked_robot:listen"
     assert "this was run" in mdm("check", "--import", path)[2]
 
 
+def test_options_that_mean_nothing_are_refused(mdm):
+    for arguments in (
+        (EXAMPLES / "tiger.toml", "--model", TIGER),
+        (EXAMPLES / "tiger.toml", "--normalize"),
+        (TIGER, "--import"),
+        (POLICIES / "tiger.alpha", "--normalize"),
+    ):
+        status, output, errors = mdm("check", *arguments)
+        assert (status, output) == (2, [])
+        assert arguments[1] in errors.splitlines()[-1]
+
+
 def test_check_tells_of_many_mistakes_of_one_kind_by_their_number(mdm, tmp_path):
     path = tmp_path / "m.mdp"
     lines = [f"R: go : nowhere{index} : * 1" for index in range(400)]

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from places import EXAMPLES, TIGER, TIGER_VECTORS
 
+from mdm import FormatError
+
 TRACED = ["--model", str(TIGER), "--policy", str(TIGER_VECTORS)]
 VERBS = ("run", "check", "info", "show", "convert", "trace", "simulate", "solve", "evaluate", "compare", "plot")
 
@@ -23,13 +25,48 @@ def test_every_verb_has_help_with_an_example(mdm, verb):
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["fly"], ["run"], ["info", "--nope", "x"], ["run", "x.toml", "--epochs", "0"]]
+    "arguments",
+    [
+        ["fly"],
+        ["run"],
+        ["team"],
+        ["plot"],
+        ["--nope"],
+        ["info", "--nope", "x"],
+        ["run", "x.toml", "--epochs", "0"],
+        ["simulate"],
+        ["trace"],
+        ["solve", "x.pomdp", "--discount", "2"],
+        ["solve", "x.pomdp", "--gap", "-1"],
+        ["solve", "x.pomdp", "--solver", "magic"],
+        ["convert", "x.pomdp", "y.pomdp", "--discount", "0"],
+        ["plot", "bounds", "x.json", "-o", "x.png", "--nope"],
+    ],
 )
 def test_wrong_usage_is_2(mdm, arguments):
     status, output, errors = mdm(*arguments)
     assert status == 2
     assert not output
     assert "usage:" in errors
+
+
+def test_without_arguments_there_is_help(mdm):
+    assert mdm() == mdm("--help")
+    status, output, errors = mdm()
+    assert (status, errors) == (0, "")
+    assert output[0].startswith("usage: mdm ")
+    assert any(line.startswith("exit status: 0 ") for line in output)
+
+
+def test_an_unknown_argument_is_told_with_its_verb(mdm):
+    _, _, errors = mdm("plot", "bounds", "x.json", "-o", "x.png", "--nope")
+    assert errors.startswith("usage: mdm plot bounds ")
+    assert errors.endswith("mdm plot: error: there is no argument --nope\n")
+
+
+def test_pictures_take_debug(mdm, tmp_path):
+    with pytest.raises(FormatError, match="no such file"):
+        mdm("plot", "bounds", tmp_path / "x.json", "-o", tmp_path / "x.png", "--debug")
 
 
 def test_version(mdm):

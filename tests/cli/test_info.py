@@ -47,7 +47,10 @@ def test_a_team_is_told_agent_by_agent(mdm, facts):
     assert (status, errors) == (0, "")
     assert ["name", "offboard"] in [line.split() for line in output]
     at = output.index("base at tcp/127.0.0.1:7471")
-    assert any("doors:Robot.listen" in line for line in output[:at])
-    assert not any("doors:Robot.listen" in line for line in output[at:])
+    assert any("doors:robot.listen" in line for line in output[:at])
+    assert not any("doors:robot.listen" in line for line in output[at:])
+    imported = mdm("info", "--import", path)[1]
+    assert any("doors:Robot.listen" in line for line in imported[:at])
+    assert not any("doors:Robot.listen" in line for line in imported[at:])
     told = facts("info", path)
     assert (told["kind"], told["steps"], list(told["agents"])) == ("team", "every 0.5 s", ["robot", "base"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import pytest
 from places import DATA, EXAMPLES
 
 TIGER = ["--model", str(EXAMPLES / "tiger.pomdp"), "--policy", str(EXAMPLES / "tiger.vf")]
@@ -19,7 +20,7 @@ def test_simulate(mdm):
     assert mdm("simulate", EXAMPLES / "patrol" / "patrol.toml", "--ensemble", "patrol", "--episodes", "5")[0] == 0
     assert "no ensemble 'x'" in mdm("simulate", EXAMPLES / "tiger.toml", "--ensemble", "x")[2]
     assert mdm("simulate", *TIGER, "--steps", "0")[0] == 2
-    assert mdm("simulate")[0] == 1
+    assert mdm("simulate")[0] == 2
 
 
 def test_simulate_of_events_with_false_negatives(mdm):
@@ -34,5 +35,21 @@ def test_simulate_of_events_with_false_negatives(mdm):
     assert status == 0
     assert json.loads(output[0])["mean"] < 0
     status, _, errors = mdm("simulate", EXAMPLES / "tiger.toml", "--discount", "0.5")
-    assert status == 1
+    assert status == 2
     assert "a TOML file has its own" in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "give a TOML file, or both"),
+        (TIGER[:2], "give a TOML file, or both"),
+        ([EXAMPLES / "tiger.toml", *TIGER[:2]], "give either"),
+        ([EXAMPLES / "tiger.toml", *TIGER], "give either"),
+        ([*TIGER, "--ensemble", "tiger"], "--ensemble is for a TOML file"),
+    ],
+)
+def test_wrong_usage(mdm, arguments, words):
+    status, output, errors = mdm("simulate", *arguments)
+    assert (status, output) == (2, [])
+    assert words in errors.splitlines()[-1]

@@ -118,6 +118,7 @@ def test_false_negatives_choose_a_solver_that_plans_for_them(mdm, tmp_path):
         (["--solver", "sarsop", "--horizon", "3"], "has no option --horizon"),
         (["--iterations", "0"], "1 or more"),
         (["--gap", "-1"], "--gap: a number of 0 or more"),
+        (["--discount", "2"], "--discount: a number above 0 and at most 1"),
         (["--memory", "nan"], "--memory: a number of 0 or more"),
         (["--solver", "perseus", "--seed", "-1"], "--seed: a whole number of 0 or more"),
         (["--solver", "jesp"], "--horizon"),
@@ -135,7 +136,6 @@ def test_wrong_usage(mdm, arguments, words):
     [
         (["--solver", "value-iteration"], "solves MDPs"),
         (["--discount", "1"], "discount"),
-        (["--discount", "2"], "at most 1"),
     ],
 )
 def test_what_cannot_be_solved_is_told_in_a_sentence(mdm, arguments, words):
@@ -152,6 +152,13 @@ def test_a_policy_in_place_of_a_model_is_told(mdm, tmp_path):
     for name in (TIGER.with_suffix(".vf"), path):
         assert mdm("solve", name) == (1, [], f"mdm solve: {name}: the file holds a policy; a model was expected\n")
     assert mdm("convert", path, tmp_path / "tiger.npz")[1] == [f"{tmp_path / 'tiger.npz'}: a policy (alpha vectors)"]
+
+
+@pytest.mark.parametrize("arguments", [[], [TIGER]])
+def test_help_lists_the_solvers(mdm, arguments):
+    status, output, errors = mdm("solve", *arguments, "--solver", "help")
+    assert (status, errors) == (0, "")
+    assert [line.split()[0] for line in output[: len(SOLVERS)]] == [*SOLVERS]
 
 
 def test_an_mdp_with_and_without_a_horizon(mdm, tmp_path):

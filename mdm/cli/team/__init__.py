@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.usage import complete
+
 if TYPE_CHECKING:
     import argparse
 
@@ -34,8 +36,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     kinds = parser.add_subparsers(dest="team_verb", metavar="VERB", required=True)
     for name, module in VERBS.items():
         kind: argparse.ArgumentParser = importlib.import_module(module).add_parser(kinds, name)
-        kind.add_argument("--debug", action="store_true", help="show the traceback of an error, and more in the log")
-        kind.set_defaults(format_usage=kind.format_usage, command=f"team {name}")
+        complete(kind, f"team {name}")
     return parser
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.usage import add_import
+
 if TYPE_CHECKING:
     import argparse
 
@@ -18,10 +20,14 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
         name,
         help="list everything that keeps an agent from running",
-        description="List everything that `mdm team run` would refuse, at every agent, without running anything.",
+        description=(
+            "List everything that `mdm team run` would refuse, at every agent. Functions are looked for in the source "
+            "of their modules, which are not run, unless --import is given."
+        ),
         epilog="example: mdm team check examples/team/meeting.toml",
     )
     parser.add_argument("file", metavar="FILE", help="the TOML file")
+    add_import(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
 
@@ -34,19 +40,26 @@ def run(arguments: argparse.Namespace) -> int:
 
     def examined() -> Findings:
         try:
-            return examine(arguments.file, team_of(arguments.file))
+            return examine(arguments.file, team_of(arguments.file), imports=arguments.imports)
         except ConfigError as error:
             return None, [str(problem) for problem in error.problems], []
 
     return report(arguments.file, examined, json=arguments.json, command="mdm team check")
 
 
-def examine(file: str, team: Team) -> Findings:
-    """Return what a team's file holds in words, its problems, and notes on oddities."""
+def examine(file: str, team: Team, *, imports: bool) -> Findings:
+    """Return what a team's file holds in words, its problems, and notes on oddities.
+
+    Args:
+        file: The file.
+        team: Its team.
+        imports: Whether functions are imported.
+    """
+    from mdm.cli.inputs import load_ensembles  # noqa: PLC0415
     from mdm.cli.team.file import check_zenoh, systems_of  # noqa: PLC0415
     from mdm.errors import Error  # noqa: PLC0415
 
-    systems, problems = systems_of(file, team, callbacks=True)
+    systems, problems = systems_of(team, lambda agent: load_ensembles(file, agent, imports=imports))
     notes = dict.fromkeys(
         note for system in systems.values() for ensemble in system.ensembles.values() for note in ensemble.notes()
     )

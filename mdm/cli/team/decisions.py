@@ -105,6 +105,8 @@ def read(paths: Iterable[str | Path]) -> list[Line]:
 
 
 def _lines(file: Path) -> list[Line]:
+    if file.exists() and not file.is_file():
+        raise Error(f"{file}: this is a pipe or a device, not a file")
     try:
         *whole, _ = file.read_bytes().split(b"\n")  # the last line is empty, or was broken off by a crash
     except OSError as error:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from mdm.cli.usage import UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mdm.config import System
     from mdm.team import Team
 
@@ -44,27 +46,20 @@ def check_zenoh() -> None:
         ) from None
 
 
-def systems_of(file: str, team: Team, *, callbacks: bool) -> tuple[dict[str, System], list[str]]:
+def systems_of(team: Team, load: Callable[[str], System]) -> tuple[dict[str, System], list[str]]:
     """Return the system of each agent that can be built, and the problems of all, each told once.
 
     Args:
-        file: The file.
-        team: Its team.
-        callbacks: Whether functions are imported, and certificates read.
+        team: The team.
+        load: Loads an agent's system.
     """
-    from mdm.config import load_system  # noqa: PLC0415
     from mdm.errors import ConfigError  # noqa: PLC0415
-    from mdm.runtime import VirtualClock  # noqa: PLC0415
-    from mdm.team import Network  # noqa: PLC0415
-
-    nobody = Network(VirtualClock(), team=team.name)
 
     systems: dict[str, System] = {}
     at: dict[str, list[str]] = {}
     for agent in team.names:
         try:
-            transport = None if callbacks else nobody.transport(agent)
-            systems[agent] = load_system(file, agent=agent, callbacks=callbacks, transport=transport)
+            systems[agent] = load(agent)
         except ConfigError as error:
             for problem in error.problems:
                 at.setdefault(str(problem), []).append(agent)
@@ -79,9 +74,17 @@ def sound_systems_of(file: str, team: Team) -> dict[str, System]:
     Raises:
         ConfigError: With all problems of the file.
     """
+    from mdm.config import load_system  # noqa: PLC0415
     from mdm.errors import ConfigError  # noqa: PLC0415
+    from mdm.runtime import VirtualClock  # noqa: PLC0415
+    from mdm.team import Network  # noqa: PLC0415
 
-    systems, problems = systems_of(file, team, callbacks=False)
+    nobody = Network(VirtualClock(), team=team.name)
+
+    def load(agent: str) -> System:
+        return load_system(file, agent=agent, callbacks=False, transport=nobody.transport(agent))
+
+    systems, problems = systems_of(team, load)
     if problems:
         raise ConfigError("\n".join(problems))
     return systems

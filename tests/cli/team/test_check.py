@@ -27,6 +27,18 @@ def test_problems_are_told_with_the_agents_that_have_them(mdm, free):
     assert last == f"mdm team check: {team}: 2 problems found"
 
 
+@pytest.mark.parametrize("verb", [("team", "check"), ("check",), ("info",)])
+def test_no_module_is_run_without_being_asked(mdm, free, verb):
+    team = free()
+    code = team.parent / "team_code.py"
+    code.write_text(code.read_text() + "\nraise SystemExit('this was run')\n")
+    status, _, errors = mdm(*verb, team)
+    assert (status, errors) == (0, "")
+    status, _, errors = mdm(*verb, "--import", team)
+    assert status == 1
+    assert "this was run" in errors
+
+
 def test_problems_of_the_team_itself(mdm, free):
     team = free(('name = "rooms"', 'name = "ro/oms"'))
     status, _, errors = mdm("team", "check", team)

@@ -27,6 +27,8 @@ __all__ = [
     "Mode",
     "ModeName",
     "Observation",
+    "ParticleUpdate",
+    "PoseUpdate",
     "PredicateMap",
     "PredicateUpdate",
     "Question",
@@ -53,6 +55,28 @@ class SensorUpdate(Message, frozen=True, gc=False):
 
     predicates: tuple[tuple[str, bool | None], ...]
     events: tuple[str, ...] = ()
+
+
+class PoseUpdate(Message, frozen=True, gc=False):
+    """Where a robot is, in the frame of its map: metres, and radians anticlockwise from the x axis.
+
+    ``time`` is when it was there.
+    """
+
+    x: float
+    y: float
+    yaw: float = 0.0
+
+
+class ParticleUpdate(Message, frozen=True, gc=False):
+    """Where a robot may be: the particles of a filter, in metres in the frame of its map, and their weights.
+
+    Without weights all particles count the same.
+    """
+
+    x: npt.NDArray[np.float64]
+    y: npt.NDArray[np.float64]
+    weights: npt.NDArray[np.float64] | None = None
 
 
 class PredicateUpdate(Message, frozen=True, gc=False):

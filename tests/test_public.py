@@ -14,6 +14,7 @@ import mdm.beliefs
 import mdm.config
 import mdm.formats
 import mdm.logic
+import mdm.maps
 import mdm.messages
 import mdm.models
 import mdm.policies
@@ -24,7 +25,7 @@ import mdm.team
 import mdm.testing
 
 PACKAGES = [mdm, mdm.actors, mdm.beliefs, mdm.config, mdm.formats, mdm.logic, mdm.messages, mdm.models, mdm.policies]
-PACKAGES += [mdm.runtime, mdm.simulation, mdm.solvers, mdm.team, mdm.testing]
+PACKAGES += [mdm.maps, mdm.runtime, mdm.simulation, mdm.solvers, mdm.team, mdm.testing]
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)
@@ -98,6 +99,23 @@ print(sorted(name for name in sys.modules if name.startswith(("mdm.team.agreemen
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == ["['mdm.team']", "[]"]
+
+
+def test_maps_load_no_actors_and_no_pictures():
+    program = """
+import sys
+import mdm.maps
+print(sorted(name for name in sys.modules if name.startswith(("mdm.actors", "mdm.runtime", "PIL", "yaml"))))
+mdm.maps.Places
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_what_maps_have_not_is_refused():
+    with pytest.raises(AttributeError, match=r"module 'mdm\.maps' has no attribute 'Nonsense'"):
+        _ = mdm.maps.Nonsense
+    assert dir(mdm.maps) == mdm.maps.__all__
 
 
 def test_what_teams_have_not_is_refused():

@@ -1,4 +1,12 @@
-"""Maps: where the cells of a floor are free, which place each belongs to, and how the places hang together."""
+"""Maps: where the cells of a floor are free, which place each belongs to, and how the places hang together.
+
+With `Places` a robot's poses are predicates and events. What takes actors is loaded when it is first asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from mdm.maps.draft import draft
 from mdm.maps.frame import Frame
@@ -7,4 +15,23 @@ from mdm.maps.grid import Grid
 from mdm.maps.labels import Labels
 from mdm.maps.map import Map
 
-__all__ = ["Edge", "Frame", "Graph", "Grid", "Labels", "Map", "Node", "Pose", "draft"]
+if TYPE_CHECKING:
+    from mdm.maps.places import Places
+
+__all__ = ["Edge", "Frame", "Graph", "Grid", "Labels", "Map", "Node", "Places", "Pose", "draft"]
+
+_HOMES = {"Places": "places"}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name that takes actors when it is first asked for."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'mdm.maps' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"mdm.maps.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return list(__all__)

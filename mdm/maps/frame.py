@@ -57,7 +57,8 @@ class Frame:
         return self.rows, self.columns
 
     @cached_property
-    def _turn(self) -> tuple[float, float]:
+    def turn(self) -> tuple[float, float]:
+        """The cosine and the sine of the yaw."""
         # Right angles exactly: the cosine of a quarter turn is no 6e-17.
         quarters = self.yaw / (math.pi / 2)
         if abs(quarters - round(quarters)) < 1e-12:
@@ -66,7 +67,7 @@ class Frame:
 
     def cell(self, x: float, y: float) -> tuple[int, int] | None:
         """Return the row and the column that a point lies in; None outside, and for what is not finite."""
-        cosine, sine = self._turn
+        cosine, sine = self.turn
         along = (cosine * (x - self.x) + sine * (y - self.y)) / self.resolution
         up = (cosine * (y - self.y) - sine * (x - self.x)) / self.resolution
         if 0 <= along < self.columns and 0 <= up < self.rows:
@@ -75,14 +76,14 @@ class Frame:
 
     def centre(self, row: float, column: float) -> tuple[float, float]:
         """Return the centre of a cell, in metres."""
-        cosine, sine = self._turn
+        cosine, sine = self.turn
         along = (column + 0.5) * self.resolution
         up = (self.rows - row - 0.5) * self.resolution
         return self.x + cosine * along - sine * up, self.y + sine * along + cosine * up
 
     def centres(self) -> tuple[Vector, Vector]:
         """Return the x and the y of all cells' centres, each with the shape of the raster."""
-        cosine, sine = self._turn
+        cosine, sine = self.turn
         along = (np.arange(self.columns) + 0.5) * self.resolution
         up = (self.rows - np.arange(self.rows)[:, None] - 0.5) * self.resolution
         return self.x + cosine * along - sine * up, self.y + sine * along + cosine * up

@@ -9,7 +9,7 @@ from mdm.errors import ConfigError, Error
 from mdm.logic import Network, similar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from mdm.logic import Formula
 
@@ -28,7 +28,7 @@ class Declarations:
         max_age: Nanoseconds after which a sensor's value becomes unknown.
     """
 
-    __slots__ = ("_formulas", "_kinds", "_parts", "_sensors", "_used", "held_for", "max_age")
+    __slots__ = ("_ages", "_formulas", "_kinds", "_parts", "_sensors", "_used", "held_for", "max_age")
 
     def __init__(self) -> None:
         self._parts: dict[str, Callable[[Network], None]] = {}
@@ -38,6 +38,7 @@ class Declarations:
         self._used: set[str] = set()
         self.held_for: dict[str, int] = {}
         self.max_age: dict[str, int] = {}
+        self._ages: dict[str, float] = {}
 
     def add(
         self, name: str, kind: Kind, part: Callable[[Network], None], *formulas: Formula, sensed: bool = False
@@ -107,6 +108,10 @@ class Declarations:
         """Whether a name is an event that code raises."""
         return self._kinds.get(name) == "event" and not self._formulas[name]
 
+    def age(self, names: Iterable[str], seconds: float) -> None:
+        """Take it that whoever sets these predicates lets them become unknown after so many seconds."""
+        self._ages.update(dict.fromkeys(names, seconds))
+
     def use(self, *names: str) -> None:
         """Ask for names that are known by their form, so that the network has them; call this before the start."""
         self._used.update(names)
@@ -133,7 +138,8 @@ class Declarations:
         if formulas:
             held = f", held for {self.held_for[name] / 1e9:g} s" if name in self.held_for else ""
             return f"{formulas[0]}{held}"
-        aged = f", unknown after {self.max_age[name] / 1e9:g} s" if name in self.max_age else ""
+        seconds = self.max_age[name] / 1e9 if name in self.max_age else self._ages.get(name)
+        aged = "" if seconds is None else f", unknown after {seconds:g} s"
         return f"{'raised' if kind == 'event' else 'set'} by code{aged}"
 
     def inputs_of(self, name: str) -> set[str]:
@@ -150,7 +156,7 @@ class Declarations:
     @property
     def aged(self) -> frozenset[str]:
         """The predicates that become unknown when they are not refreshed."""
-        return frozenset(self.max_age)
+        return frozenset(self.max_age) | self._ages.keys()
 
     def network(self, told: Mapping[str, bool | None]) -> Network:
         """Return the network of what is declared; other agents' predicates begin as they were told."""

@@ -1,0 +1,289 @@
+"""Places: from the poses of a robot to predicates and events about where it is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from mdm.actors.predicates.declarations import ACTION_END
+from mdm.choice import check_choice
+from mdm.errors import ConfigError, Error, MapError
+from mdm.maps.graph import Pose
+from mdm.maps.lookup import border_distance, lookup
+from mdm.maps.map import Map
+from mdm.messages import PoseUpdate
+from mdm.number import is_number
+from mdm.runtime import Actor
+from mdm.runtime.clock import check_seconds
+
+if TYPE_CHECKING:
+    from mdm.actors import PredicateManager
+    from mdm.maps.labels import Labels
+    from mdm.runtime import Supervision, Timer
+
+__all__ = ["Places"]
+
+_QUIET = round(10e9)
+
+
+class Places(Actor):
+    """Tells predicates where a robot is, from its poses on `see`, or on the channel ``places/pose``.
+
+    Of each place ``Kitchen`` of the map there are, in the predicate manager:
+
+    - the predicate ``Kitchen``: the robot is in it. One is true and all others are false, or all are unknown;
+    - the events ``Kitchen.entered`` and ``Kitchen.left``: when that changes. The first place known is entered, too;
+    - where there is a graph, the predicate ``Kitchen.at_goal``: the robot is within the tolerance of the place's goal;
+      and the event ``Kitchen.arrived``: when it comes there.
+
+    A border has a margin: the robot is in another place only where that is at least so far inside it. A cell of no
+    place is of the last one, for at most the ``max_age``. A goal is left at the tolerance and the margin. Without a
+    pose for as long as the ``max_age``, and at a pose that is not finite, all is unknown; the first pose after that
+    counts wherever it is. What has changed is one update of the predicate manager; a pose that changes nothing costs
+    it none.
+
+    Args:
+        floor: The map; or its labels alone, without goals.
+        predicates: The predicate manager, where all is declared; started with this actor unless it already runs.
+        margin: In metres; three standard deviations of the poses' error are right.
+        max_age: In seconds.
+        tolerance: How near to a goal counts as there, in metres, where the graph does not say.
+        prefix: What all names begin with, as ``IsIn`` in ``IsInKitchen`` and ``IsInKitchen.entered``.
+        outside: What counts in cells of no place after the ``max_age``: the place is ``unknown``, or ``keep`` the last
+            one until another is entered, as for zones that are islands.
+        name: Its name among actors.
+        supervision: What its failure means.
+
+    Raises:
+        ConfigError: If a name is taken, or stands for something else in formulas.
+        MapError: If a place has no cell as deep as the margin: it could not be entered.
+
+    Attributes:
+        floor: The map, or the labels.
+        labels: Which place each cell belongs to.
+        predicates: The predicate manager.
+        prefix: What all names begin with.
+        late: How many poses were older than the last one, or than the ``max_age``.
+    """
+
+    def __init__(
+        self,
+        floor: Map | Labels,
+        predicates: PredicateManager,
+        *,
+        margin: float = 0.3,
+        max_age: float = 0.5,
+        tolerance: float = 0.3,
+        prefix: str = "",
+        outside: Literal["unknown", "keep"] = "unknown",
+        name: str = "places",
+        supervision: Supervision = "escalate",
+    ) -> None:
+        super().__init__(name, supervision=supervision)
+        for what, metres in (("margin", margin), ("tolerance", tolerance)):
+            if not is_number(metres) or not 0 <= metres < float("inf"):
+                raise ConfigError(f"{what} is a number of metres, 0 or more, not {metres!r}", key=what)
+        check_seconds(max_age, "max_age", key="max_age")
+        check_choice(outside, ("unknown", "keep"), "outside", key="outside")
+        self.floor = floor
+        self.labels = floor.labels if isinstance(floor, Map) else floor
+        self.predicates = predicates
+        self.prefix = prefix
+        self.late = 0
+        self._keeps = outside == "keep"
+        self._max_age = round(max_age * 1e9)
+        _check_depths(self.labels, margin)
+        self._look_up = lookup(self.labels, margin)
+        nodes = floor.graph.nodes if isinstance(floor, Map) else ()
+        self._goals = tuple(
+            (node.goal.x, node.goal.y, near**2, (near + margin) ** 2)
+            for node in nodes
+            for near in [tolerance if node.tolerance is None else node.tolerance]
+        )
+        self._rooms = tuple(prefix + name for name in self.labels.names)
+        self._goal_names = tuple(prefix + node.name for node in nodes)
+        self._declare(max_age)
+        self._forget()
+
+    def _declare(self, max_age: float) -> None:
+        goals = tuple(f"{name}.at_goal" for name in self._goal_names)
+        for name in self._rooms:
+            if "/" in name or ACTION_END.fullmatch(name):
+                stands = "another agent's predicate" if "/" in name else "the end of an action"
+                raise ConfigError(f"the place {name!r} reads as {stands}: give it another name", key=name)
+        for name in (*self._rooms, *goals):
+            self.predicates.sensor(name)
+        self.predicates.declared.age((*self._rooms, *goals), max_age)
+        for name in self._rooms:
+            self.predicates.event(f"{name}.entered")
+            self.predicates.event(f"{name}.left")
+        for name in self._goal_names:
+            self.predicates.event(f"{name}.arrived")
+
+    def _forget(self) -> None:
+        self._room = 0  # the label of the place that predicates are told; 0 where that is unknown
+        self._last = 0  # the last one that was known
+        self._located = False  # whether there is a pose that counts
+        self._at: frozenset[int] = frozenset()  # the goals where it is
+        self._last_at: frozenset[int] = frozenset()
+        # When there was a pose, one that told a place, and one that was not finite.
+        self._seen = self._placed = self._bad = -(1 << 62)
+        self._told: dict[str, bool | None] = {}
+        self._witness: tuple[str, bool] | None = None  # a predicate that is as told, unless the manager began anew
+        self._timer: Timer | None = None
+
+    # -- What users call -----------------------------------------------------------------------------------------
+
+    def see(self, pose: Pose, stamp: float | None = None) -> None:
+        """Take it that the robot is at a pose, in the frame of the map. From any thread.
+
+        Args:
+            pose: Where it is.
+            stamp: When it was there, in seconds of the runtime's clock; by default now.
+
+        Raises:
+            Error: If this has not started, or the stamp is no time.
+        """
+        now = self.runtime.clock.now()
+        if stamp is not None:
+            if not is_number(stamp):
+                raise Error(f"a stamp is a time in seconds of the runtime's clock, not {stamp!r}")
+            now = min(now, round(stamp * 1e9))
+        self.channel("pose", PoseUpdate).publish(PoseUpdate(now, float(pose.x), float(pose.y), float(pose.yaw)))
+
+    @property
+    def place(self) -> str | None:
+        """The name of the place where the robot is, without the prefix; None where that is unknown."""
+        return self.labels.names[self._room - 1] if self._room else None
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Listen; all is unknown until a pose comes."""
+        self._forget()
+        self.share(self.predicates)
+        poses = self.channel("pose", PoseUpdate)
+        poses.supersedes = lambda _: "pose"  # of those that wait in another thread the newest counts
+        self.subscribe(poses, self._on_pose)
+
+    def on_failing(self, error: BaseException) -> None:  # noqa: ARG002 - as of any actor
+        """Let all be unknown at once."""
+        self._lose()
+
+    def on_stop(self) -> None:
+        """Let all be unknown, unless all ends."""
+        if not self.runtime.ending:
+            self._lose()
+
+    # -- Poses ---------------------------------------------------------------------------------------------------
+
+    def _on_pose(self, pose: PoseUpdate) -> None:
+        now = self.runtime.clock.now()
+        if not Pose(pose.x, pose.y, pose.yaw).is_finite:
+            self._on_bad_pose(pose, now)
+            return
+        time = min(pose.time, now)
+        if time < self._seen or now - time >= self._max_age:
+            self.late += 1
+            return
+        self._seen = time
+        code = self._look_up(pose.x, pose.y)
+        label, room = code >> 1, self._room
+        if code & 1 or (label and not room):
+            room = label
+        if label or (self._keeps and room):  # in the margin of another place it is in the last one all the same
+            self._placed = time
+        at = self._goals_at(pose.x, pose.y) if self._goals else self._at
+        if room != self._room or at != self._at or not self._located:
+            self._room, self._at, self._located = room, at, True
+            self._tell()
+        elif self._witness is not None and self.predicates.value(self._witness[0]) is not self._witness[1]:
+            self._told.clear()  # the predicate manager has started anew
+            self._tell()
+        if self._timer is None:
+            self._wait()
+
+    def _goals_at(self, x: float, y: float) -> frozenset[int]:
+        """Return the goals where the robot is: within the tolerance, and the margin where it was there before."""
+        before = self._at
+        return frozenset(
+            index
+            for index, (goal_x, goal_y, near, far) in enumerate(self._goals)
+            if (x - goal_x) ** 2 + (y - goal_y) ** 2 <= (far if index in before else near)
+        )
+
+    def _on_bad_pose(self, pose: PoseUpdate, now: int) -> None:
+        self._lose()
+        if now - self._bad >= _QUIET:
+            where = f"x = {pose.x}, y = {pose.y}, yaw = {pose.yaw}"
+            self.report("pose", f"a pose is not finite ({where}): places are unknown until one is")
+        self._bad = now
+
+    # -- Telling -------------------------------------------------------------------------------------------------
+
+    def _lose(self) -> None:
+        """Let all be unknown."""
+        self._room, self._at, self._located = 0, frozenset(), False
+        if self._told:
+            self._tell()
+
+    def _tell(self) -> None:
+        """Tell the predicate manager what has changed, as one update."""
+        values: dict[str, bool | None] = {
+            name: label == self._room if self._room else None for label, name in enumerate(self._rooms, 1)
+        }
+        for index, name in enumerate(self._goal_names):
+            values[f"{name}.at_goal"] = index in self._at if self._located else None
+        told = self._told
+        changes = tuple((name, value) for name, value in values.items() if told.get(name, told) is not value)
+        self._told = values
+        self._witness = next(((name, value) for name, value in values.items() if value is not None), None)
+        with self.predicates.batch():
+            if changes:
+                self.predicates.take(changes)
+            if events := self._events():
+                self.predicates.occur(*events)
+
+    def _events(self) -> list[str]:
+        events = []
+        if self._room and self._room != self._last:
+            if self._last:
+                events.append(f"{self._rooms[self._last - 1]}.left")
+            events.append(f"{self._rooms[self._room - 1]}.entered")
+            self._last = self._room
+        if self._located:
+            events += [f"{self._goal_names[index]}.arrived" for index in sorted(self._at - self._last_at)]
+            self._last_at = self._at
+        return events
+
+    def _wait(self) -> None:
+        """Wait until what is known is too old; the timer is moved on lazily, not at each pose."""
+        if self._room or self._located:
+            since = self._placed if self._room else self._seen
+            self._timer = self.call_at(since + self._max_age, self._look)
+
+    def _look(self) -> None:
+        now, seconds = self.runtime.clock.now(), f"{self._max_age / 1e9:g} s"
+        if self._located and now >= self._seen + self._max_age:
+            self.report("stale", f"there was no pose for {seconds}: places are unknown")
+            self._lose()
+        elif self._room and now >= self._placed + self._max_age:
+            self.report("stale", f"the robot has been outside of all places for {seconds}: its place is unknown")
+            self._room = 0
+            self._tell()
+        self._timer = None
+        self._wait()
+
+
+def _check_depths(labels: Labels, margin: float) -> None:
+    """Refuse places that no pose could enter."""
+    distances = border_distance(labels)
+    for name in labels.names:
+        cells = labels.cells(name)
+        deepest = float(distances[cells].max(initial=0.0))
+        if not cells.any():
+            raise MapError(f"the place {name!r} has no cells: label some, or leave it out")
+        if deepest < margin - 1e-9:
+            raise MapError(
+                f"the place {name!r} could not be entered: its deepest cell is {deepest:.3g} m from other places, and "
+                f"the margin is {margin:g} m; give a smaller margin, or let the place be larger"
+            )

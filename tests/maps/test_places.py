@@ -1,0 +1,455 @@
+"""Places: rooms with hysteresis, goals, unknown, and one update a change; in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from rows_of_rooms import row_of_rooms
+
+import mdm
+from mdm.errors import ConfigError, Error, MapError
+from mdm.maps import Frame, Graph, Labels, Map, Node, Places, Pose
+from mdm.messages import PoseUpdate
+from mdm.testing import crash, probe, run_virtual
+
+TWO = row_of_rooms("Hall", "Kitchen")
+
+
+class Watched:
+    """Places that run, with all that they tell."""
+
+    def __init__(self, floor=TWO, **options):
+        self.predicates = mdm.PredicateManager()
+        self.places = Places(floor, self.predicates, **options)
+
+    async def start(self, runtime):
+        await runtime.start(self.places)
+        self.sensed = probe(self.predicates.sensed)
+        self.raised = probe(self.predicates.events)
+        self.faults = probe(runtime.faults)
+        return self
+
+    def see(self, x, y=2.0, **options):
+        self.places.see(Pose(x, y), **options)
+
+    @property
+    def values(self):
+        return {name: value for name, value in self.predicates.values().items() if "." not in name}
+
+    @property
+    def events(self):
+        return [event for update in self.raised for event in update.events]
+
+
+def watch(script, *arguments, **options):
+    async def main(runtime):
+        return await script(await Watched(*arguments, **options).start(runtime))
+
+    return run_virtual(main)
+
+
+def test_a_robot_is_in_one_room_and_in_no_other():
+    async def script(watched):
+        assert watched.values == {"Hall": None, "Kitchen": None}
+        assert watched.places.place is None
+        watched.see(1)
+        assert watched.values == {"Hall": True, "Kitchen": False}
+        watched.see(7)
+        assert watched.values == {"Hall": False, "Kitchen": True}
+        assert watched.places.place == "Kitchen"
+        assert watched.events == ["Hall.entered", "Hall.left", "Kitchen.entered"]
+
+    watch(script)
+
+
+def test_what_a_pose_changes_is_one_update_and_what_it_does_not_change_is_none():
+    async def script(watched):
+        watched.see(1)
+        watched.see(1.1)
+        watched.see(3.9)
+        watched.see(6.0)
+        assert [len(update.predicates) for update in watched.sensed] == [4, 3]
+        assert watched.sensed[1].events == ("Hall.left", "Kitchen.entered", "Kitchen.arrived")
+        assert watched.sensed[1].predicates == (("Hall", False), ("Kitchen", True), ("Kitchen.at_goal", True))
+
+    watch(script)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_robot_parked_on_a_border_changes_room_at_most_five_times_a_minute(seed):
+    async def script(watched):
+        random = np.random.default_rng(seed)
+        for _ in range(600):
+            watched.see(4.0 + random.normal(scale=0.1))
+            await asyncio.sleep(0.1)
+        return len([event for event in watched.events if event.endswith(".left")])
+
+    assert watch(script) <= 5
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_robot_through_a_door_changes_room_once(seed):
+    async def script(watched):
+        random = np.random.default_rng(seed)
+        for x in np.arange(2.5, 5.5, 0.03):  # 0.3 m/s at 10 Hz
+            watched.see(x + random.normal(scale=0.1))
+            await asyncio.sleep(0.1)
+        assert [event for event in watched.events if event.endswith((".left", ".entered"))] == [
+            "Hall.entered",
+            "Hall.left",
+            "Kitchen.entered",
+        ]
+
+    watch(script)
+
+
+def test_a_first_pose_counts_wherever_it_is():
+    async def script(watched):
+        watched.see(4.01)
+        assert watched.values == {"Hall": False, "Kitchen": True}
+
+    watch(script)
+
+
+def test_rooms_are_unknown_half_a_second_after_the_poses_stop_and_known_again_with_the_next():
+    async def script(watched):
+        for _ in range(10):
+            watched.see(1)
+            await asyncio.sleep(0.1)  # the last pose was at 0.9 s
+        await asyncio.sleep(0.399)
+        assert watched.values == {"Hall": True, "Kitchen": False}
+        await asyncio.sleep(0.002)
+        assert watched.values == {"Hall": None, "Kitchen": None}
+        assert [fault.kind for fault in watched.faults] == ["stale"]
+        assert "there was no pose for 0.5 s" in watched.faults[0].detail
+        watched.see(4.01)  # in the margin
+        assert watched.values == {"Hall": False, "Kitchen": True}
+        assert watched.events == ["Hall.entered", "Hall.left", "Kitchen.entered"]
+
+    watch(script)
+
+
+def test_the_age_of_a_pose_is_that_of_its_stamp():
+    async def script(watched):
+        clock = watched.places.runtime.clock
+        await asyncio.sleep(10)
+        watched.see(1, stamp=clock.time() - 0.3)
+        await asyncio.sleep(0.19)
+        assert watched.values["Hall"] is True
+        await asyncio.sleep(0.02)
+        assert watched.values["Hall"] is None
+        watched.see(1, stamp=clock.time() - 0.5)
+        assert watched.values["Hall"] is None
+        watched.see(1, stamp=clock.time() + 100)  # another's clock: no pose is from the future
+        watched.see(7, stamp=clock.time() - 0.1)  # older than the last one
+        assert watched.values["Hall"] is True
+        assert watched.places.late == 2
+        with pytest.raises(Error, match="a stamp is a time in seconds of the runtime's clock, not 'now'"):
+            watched.see(1, stamp="now")
+
+    watch(script)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+@pytest.mark.parametrize("part", ["x", "y", "yaw"])
+def test_a_pose_that_is_not_finite_leaves_all_unknown_and_is_told_once(part, bad):
+    async def script(watched):
+        watched.see(2)
+        assert watched.predicates.value("Hall.at_goal") is True
+        for _ in range(50):
+            watched.places.see(Pose(**{"x": 2.0, "y": 2.0, part: bad}))
+            assert set(watched.predicates.values().values()) == {None}
+            await asyncio.sleep(0.1)
+        assert [fault.kind for fault in watched.faults] == ["pose"]
+        assert f"{part} = {bad}" in watched.faults[0].detail
+        watched.see(2)
+        assert watched.values["Hall"] is True
+        assert watched.events == ["Hall.entered", "Hall.arrived"]  # it was there all the time
+
+    watch(script)
+
+
+def test_a_cell_of_no_place_is_of_the_last_one_for_a_while():
+    async def script(watched):
+        watched.see(1)
+        for _ in range(4):
+            await asyncio.sleep(0.1)
+            watched.see(4.5)  # in the gap
+            assert watched.values == {"Hall": True, "Kitchen": False}
+        await asyncio.sleep(0.2)
+        assert watched.values == {"Hall": None, "Kitchen": None}
+        assert watched.predicates.value("Hall.at_goal") is False  # where the robot is, is known
+        assert "outside of all places for 0.5 s" in watched.faults[0].detail
+        watched.see(4.5)
+        assert watched.values == {"Hall": None, "Kitchen": None}
+        watched.see(5.1)
+        assert watched.values == {"Hall": False, "Kitchen": True}
+
+    watch(script, row_of_rooms("Hall", "Kitchen", gap=1.0))
+
+
+def test_between_islands_the_last_place_may_be_kept():
+    async def script(watched):
+        watched.see(4.5)
+        assert watched.values == {"Hall": None, "Kitchen": None}
+        watched.see(1)
+        for _ in range(100):
+            await asyncio.sleep(0.1)
+            watched.see(4.5)
+        assert watched.values == {"Hall": True, "Kitchen": False}
+        await asyncio.sleep(0.6)
+        assert watched.values == {"Hall": None, "Kitchen": None}
+
+    watch(script, row_of_rooms("Hall", "Kitchen", gap=1.0), outside="keep")
+
+
+def test_a_goal_is_left_farther_away_than_it_is_reached():
+    async def script(watched):
+        at = {}
+        for x in (1.0, 1.65, 1.75, 1.65, 1.35, 1.45, 1.75):
+            watched.see(x)
+            at.setdefault(x, []).append(watched.predicates.value("Hall.at_goal"))
+        assert at == {1.0: [False], 1.65: [False, True], 1.75: [True, True], 1.35: [False], 1.45: [False]}
+        assert watched.events.count("Hall.arrived") == 2
+
+    watch(script)
+
+
+def test_the_graph_may_say_how_near_is_there():
+    node = Node("Hall", Pose(2, 2), tolerance=1.0)
+    floor = Map(Labels(TWO.labels.frame, TWO.labels.raster * 0 + 1, ("Hall",)), Graph((node,), ()))
+
+    async def script(watched):
+        watched.see(1.1)
+        assert watched.predicates.value("Hall.at_goal") is True
+
+    watch(script, floor)
+
+
+def test_labels_alone_have_rooms_and_no_goals():
+    async def script(watched):
+        watched.see(1)
+        assert watched.predicates.values() == {"Hall": True, "Kitchen": False}
+
+    watch(script, TWO.labels)
+
+
+def test_names_may_have_a_prefix():
+    async def script(watched):
+        watched.see(2)
+        assert watched.predicates.value("IsInHall") is True
+        assert watched.predicates.value("IsInHall.at_goal") is True
+        assert watched.events == ["IsInHall.entered", "IsInHall.arrived"]
+        assert watched.places.place == "Hall"
+
+    watch(script, prefix="IsIn")
+
+
+def test_names_stand_in_formulas():
+    predicates = mdm.PredicateManager()
+    Places(row_of_rooms("Soccer field", "Hall"), predicates)
+    predicates.define("Out", '"Soccer field" and not Hall.at_goal')
+    predicates.latch("Played", set='"Soccer field.entered"', reset="Hall.arrived")
+    assert predicates.network().compile() is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("up/down", "another agent's predicate"), ("Up.failed", "the end of an action")]
+)
+def test_a_name_that_reads_as_something_else_is_refused(name, words):
+    with pytest.raises(ConfigError, match=f"the place '{name}' reads as {words}: give it another name"):
+        Places(row_of_rooms(name, "Hall"), mdm.PredicateManager())
+
+
+def test_a_name_that_is_taken_is_refused():
+    predicates = mdm.PredicateManager()
+    predicates.sensor("Hall")
+    with pytest.raises(ConfigError, match="'Hall' is declared twice"):
+        Places(TWO, predicates)
+
+
+def test_a_place_that_could_not_be_entered_is_refused():
+    floor = row_of_rooms("Hall", "Closet", "Kitchen", width=0.5)
+    with pytest.raises(MapError, match=r"'Closet' could not be entered: its deepest cell is 0.225 m .* 0.3 m"):
+        Places(floor, mdm.PredicateManager())
+    assert Places(floor, mdm.PredicateManager(), margin=0.2).labels is floor.labels
+    frame = Frame(1, 1, 1.0)
+    with pytest.raises(MapError, match="the place 'b' has no cells"):
+        Places(Labels(frame, np.array([[1]], dtype=np.uint16), ("a", "b")), mdm.PredicateManager())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"margin": -0.1}, "margin is a number of metres, 0 or more, not -0.1"),
+        ({"margin": math.nan}, "margin is a number of metres"),
+        ({"tolerance": "1"}, "tolerance is a number of metres, 0 or more, not '1'"),
+        ({"max_age": 0}, "max_age is a number of seconds above 0"),
+        ({"outside": "forget"}, "outside"),
+    ],
+)
+def test_options_that_mean_nothing_are_refused(options, words):
+    with pytest.raises(ConfigError, match=words):
+        Places(TWO, mdm.PredicateManager(), **options)
+
+
+def test_poses_come_on_the_channel_too():
+    async def script(watched):
+        runtime = watched.places.runtime
+        runtime.channel("places/pose", PoseUpdate).publish(PoseUpdate(runtime.clock.now(), 1.0, 1.0))
+        assert watched.values["Hall"] is True
+
+    watch(script)
+
+
+def test_poses_come_from_any_thread():
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            watched = await Watched(max_age=60.0).start(runtime)
+            thread = threading.Thread(target=watched.see, args=(7.0,))
+            thread.start()
+            while watched.values["Kitchen"] is None:
+                await asyncio.sleep(0.001)
+            thread.join()
+
+    mdm.run(main)
+
+
+def test_a_pose_before_the_start_is_refused():
+    with pytest.raises(Error, match="actor 'places' has not been started"):
+        Places(TWO, mdm.PredicateManager()).see(Pose(1, 1))
+
+
+def test_all_is_unknown_when_it_has_failed_and_told_anew_after_its_restart():
+    async def script(watched):
+        watched.see(2)
+        crash(watched.places)
+        assert set(watched.predicates.values().values()) == {None}
+        await asyncio.sleep(0.2)
+        watched.see(2)
+        assert watched.values["Hall"] is True
+        assert watched.predicates.value("Hall.at_goal") is True
+
+    watch(script, supervision=mdm.Restart(3))
+
+
+def test_all_is_told_anew_after_a_restart_of_the_predicate_manager():
+    async def main(runtime):
+        predicates = mdm.PredicateManager(supervision=mdm.Restart(3))
+        places = Places(TWO, predicates)
+        await runtime.start(predicates)
+        await runtime.start(places)
+        places.see(Pose(2, 2))
+        crash(predicates)
+        await asyncio.sleep(0.2)
+        assert predicates.value("Hall") is None
+        places.see(Pose(2, 2))
+        assert predicates.values() == {
+            "Hall": True,
+            "Kitchen": False,
+            "Hall.at_goal": True,
+            "Kitchen.at_goal": False,
+        }
+
+    run_virtual(main)
+
+
+def test_a_lost_pose_is_input_that_is_too_old():
+    """A cause of the safe mode, with its way back, as of any sensor with a `max_age`."""
+    predicates = mdm.PredicateManager()
+    places = Places(TWO, predicates)
+    robot = mdm.Ensemble(
+        "robot",
+        policy=[0, 1],
+        predicates=predicates,
+        states=[mdm.StateFactor("room", {"Hall": "Hall", "Kitchen": "Kitchen"})],
+        actions={"Go": lambda: None, "Come": lambda: None},
+        safe_action=lambda: None,
+    )
+    assert predicates.declared.definition("Hall") == "set by code, unknown after 0.5 s"
+
+    async def main(runtime):
+        await runtime.start(places)
+        await runtime.start(robot)
+        places.see(Pose(1, 1))
+        await asyncio.sleep(0.4)
+        assert robot.mode == "deciding"
+        await asyncio.sleep(0.2)
+        assert robot.mode == "safe"
+        assert [cause.kind for cause in robot.causes] == ["stale_input"]
+        places.see(Pose(1, 1))
+        await asyncio.sleep(0.1)
+        assert robot.mode == "deciding"
+
+    run_virtual(main)
+
+
+class Plain:
+    """The same rules as plainly as can be: no raster of codes, no timers, no differences."""
+
+    def __init__(self, floor, margin, max_age):
+        self.labels, self.margin, self.max_age = floor.labels, margin, max_age
+        self.room, self.placed, self.seen = None, -math.inf, -math.inf
+
+    def pass_to(self, time):
+        if time >= self.seen + self.max_age or time >= self.placed + self.max_age:
+            self.room = None
+
+    def see(self, time, x, y):
+        self.pass_to(time)
+        if not (math.isfinite(x) and math.isfinite(y)):
+            self.room = None
+            return
+        self.seen = time
+        name = self.labels.name(x, y)
+        if name is None:
+            return
+        self.placed = time
+        if self.room is None or self.labels.depth[self.labels.frame.cell(x, y)] - 0.025 >= self.margin - 1e-9:
+            self.room = name
+
+
+STEPS = st.lists(
+    st.tuples(
+        st.sampled_from([0.1, 0.2, 0.45, 0.6]),
+        st.floats(-0.5, 6.5) | st.floats(1.7, 2.3) | st.just(math.nan),
+        st.floats(-0.2, 2.2),
+    ),
+    max_size=25,
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(STEPS, st.sampled_from([0.0, 0.3, 0.6]), st.sampled_from([0.0, 0.2]))
+def test_rooms_are_those_of_a_plain_recomputation(steps, margin, gap):
+    floor = row_of_rooms("a", "b", "c", width=2.0, height=2.0, gap=gap)
+    plain = Plain(floor, margin, 0.5)
+
+    async def script(watched):
+        time = 0.0
+        for pause, x, y in steps:
+            await asyncio.sleep(pause)
+            time += pause
+            watched.see(x, y)
+            plain.see(time, x, y)
+            assert watched.places.place == plain.room
+            assert watched.values == {name: None if plain.room is None else name == plain.room for name in "abc"}
+        await asyncio.sleep(0.501)
+        assert watched.places.place is None
+
+    watch(script, floor, margin=margin, max_age=0.5)
+
+
+def test_nobody_is_told_of_faults_where_there_are_none():
+    async def script(watched):
+        for x in np.arange(0.1, 7.9, 0.1):
+            watched.see(x)
+            await asyncio.sleep(0.1)
+        assert watched.faults == []
+
+    watch(script)

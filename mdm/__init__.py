@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from mdm.beliefs import BeliefTracker
     from mdm.config import System, load_system
     from mdm.controller import Controller, Step
-    from mdm.errors import ConfigError, Error, FormatError, MapError, ModelError, ModelWarning
+    from mdm.errors import ConfigError, Error, FormatError, MapError, MapWarning, ModelError, ModelWarning
     from mdm.formats import load_model, load_policy, load_rewards, save_model, save_policy
     from mdm.logic import Formula, P, parse
     from mdm.runtime import (
@@ -89,6 +89,7 @@ __all__ = [
     "FormatError",
     "Formula",
     "MapError",
+    "MapWarning",
     "ModelError",
     "ModelWarning",
     "ObservationFactor",
@@ -151,7 +152,7 @@ _HOMES = {
     "beliefs": ("BeliefTracker",),
     "controller": ("Controller", "Step"),
     "config": ("System", "load_system"),
-    "errors": ("ConfigError", "Error", "FormatError", "MapError", "ModelError", "ModelWarning"),
+    "errors": ("ConfigError", "Error", "FormatError", "MapError", "MapWarning", "ModelError", "ModelWarning"),
     "formats": ("load_model", "load_policy", "load_rewards", "save_model", "save_policy"),
     "logic": ("Formula", "P", "parse"),
     "runtime": (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["ConfigError", "Error", "FormatError", "MapError", "ModelError", "ModelWarning"]
+__all__ = ["ConfigError", "Error", "FormatError", "MapError", "MapWarning", "ModelError", "ModelWarning"]
 
 
 class Error(Exception):
@@ -49,6 +49,10 @@ class ModelError(Error):
 
 class MapError(Error):
     """A map, its labels or its graph is invalid, or they do not fit each other."""
+
+
+class MapWarning(UserWarning):
+    """A map was accepted, and something of it was changed or not read."""
 
 
 class ModelWarning(UserWarning):

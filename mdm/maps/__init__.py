@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from mdm.maps.draft import draft
+from mdm.maps.files import load_graph, load_grid, load_map
 from mdm.maps.frame import Frame
 from mdm.maps.graph import Edge, Graph, Node, Pose
 from mdm.maps.grid import Grid
@@ -18,7 +19,21 @@ from mdm.maps.map import Map
 if TYPE_CHECKING:
     from mdm.maps.places import Places
 
-__all__ = ["Edge", "Frame", "Graph", "Grid", "Labels", "Map", "Node", "Places", "Pose", "draft"]
+__all__ = [
+    "Edge",
+    "Frame",
+    "Graph",
+    "Grid",
+    "Labels",
+    "Map",
+    "Node",
+    "Places",
+    "Pose",
+    "draft",
+    "load_graph",
+    "load_grid",
+    "load_map",
+]
 
 _HOMES = {"Places": "places"}
 

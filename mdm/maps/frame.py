@@ -74,6 +74,13 @@ class Frame:
             return self.rows - 1 - math.floor(up), math.floor(along)
         return None
 
+    def place(self, x: float, y: float) -> tuple[float, float]:
+        """Return the row and the column, with fractions, whose `centre` is a point; also outside."""
+        cosine, sine = self.turn
+        along = (cosine * (x - self.x) + sine * (y - self.y)) / self.resolution
+        up = (cosine * (y - self.y) - sine * (x - self.x)) / self.resolution
+        return self.rows - 0.5 - up, along - 0.5
+
     def centre(self, row: float, column: float) -> tuple[float, float]:
         """Return the centre of a cell, in metres."""
         cosine, sine = self.turn

@@ -1,0 +1,6 @@
+"""The files that maps are read from, a module per kind of file."""
+
+from mdm.maps.files.load import load_graph, load_map
+from mdm.maps.files.occupancy import load_grid
+
+__all__ = ["load_graph", "load_grid", "load_map"]

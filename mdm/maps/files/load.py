@@ -1,0 +1,146 @@
+"""Loading a map from its files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+from mdm.errors import FormatError, MapError
+from mdm.formats.source import Source
+from mdm.maps.files.image import read_image
+from mdm.maps.files.occupancy import load_grid
+from mdm.maps.files.predicate_labels import load_colours
+from mdm.maps.files.route_graph import read_route_graph
+from mdm.maps.files.tmap2 import read_tmap2
+from mdm.maps.files.topological_map import read_topological_map
+from mdm.maps.files.yaml_tree import read_yaml
+from mdm.maps.files.zones import frame_of, labels_of
+from mdm.maps.graph import Graph
+from mdm.maps.grid import Grid
+from mdm.maps.labels import Labels
+from mdm.maps.map import Map
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from mdm.maps.frame import Frame
+
+__all__ = ["colours_under_goals", "load_graph", "load_map", "read_label_image"]
+
+GivenPath: TypeAlias = str | PathLike[str]
+
+
+def load_map(
+    graph: Graph | GivenPath,
+    *,
+    grid: Grid | GivenPath | None = None,
+    labels: GivenPath | None = None,
+    names: Mapping[str, int] | GivenPath | None = None,
+    reach: float | None = None,
+) -> Map:
+    """Load a map.
+
+    The areas of the places come from an image of labels, which has the size of the grid's; or else from the zones of
+    the graph. Where a graph has neither, `reach` says how far around its goal a place is.
+
+    Args:
+        graph: The graph, or its file: the original's `TopologicalMap` in XML, LCAS's `tmap2` in YAML, or a route graph
+            of Nav2's in GeoJSON.
+        grid: The occupancy grid, or its file: ROS's `map.yaml`. An image of labels needs one.
+        labels: The image of labels, which has a colour for each place: PNG, BMP, PGM or PPM.
+        names: The number of each place's colour, or its file: `predicate_labels.yaml`. Without, a place has the colour
+            that is under its goal.
+        reach: How far from its goal a place without zone reaches, in metres.
+
+    Raises:
+        FormatError: If a file is missing or malformed, or the image has another size than the map.
+        MapError: If the files do not fit each other, such as a goal that lies outside the map; or if Pillow or PyYAML
+            is missing where one of them is needed (`pip install 'markov-decision-making[maps]'`).
+    """
+    graph = graph if isinstance(graph, Graph) else load_graph(graph)
+    grid = grid if grid is None or isinstance(grid, Grid) else load_grid(Path(grid))
+    if labels is None:
+        if names is not None:
+            raise MapError("names are for the colours of an image of labels, and there is none")
+        return Map(labels_of(graph, grid.frame if grid else frame_of(graph, reach), reach), graph, grid)
+    if grid is None:
+        raise MapError(f"{Path(labels)}: where an image of labels lies is told by a map: give the grid, too")
+    if reach is not None:
+        raise MapError("how far places reach is told by the image of labels: leave one of them out")
+    colours = read_label_image(labels, grid.frame)
+    if names is None:
+        names = colours_under_goals(graph, colours, grid)
+    elif not isinstance(names, Mapping):
+        names = load_colours(Path(names))
+    made = Labels.from_colours(grid.frame, colours, names)
+    empty = [name for name in made.names if not made.cells(name).any()]
+    if empty:
+        raise MapError(f"{Path(labels)}: {_absent(empty[0], names[empty[0]], made)}")
+    return Map(made, graph, grid)
+
+
+def load_graph(path: GivenPath) -> Graph:
+    """Load a graph, whose format is told by its content.
+
+    Raises:
+        FormatError: If the file is missing or malformed.
+        MapError: If it is YAML, and PyYAML is not installed.
+    """
+    source = Source(Path(path))
+    if source.text.lstrip().startswith("<"):
+        return read_topological_map(source)
+    if source.text.lstrip().startswith("{"):
+        return read_route_graph(source)
+    root = read_yaml(source)
+    if root.get("nodes", "the graph") is None:
+        what = "; this is a map" if root.get("image", "the graph") else ""
+        source.fail(f"a graph was expected: a TopologicalMap, a tmap2 with nodes, or a route graph in GeoJSON{what}")
+    return read_tmap2(root)
+
+
+def read_label_image(path: GivenPath, frame: Frame) -> NDArray[np.uint32]:
+    """Read an image of labels; return the number of each cell's colour.
+
+    Raises:
+        FormatError: If it cannot be read, or has another size than the frame.
+        MapError: If it is a PNG or BMP, and Pillow is not installed.
+    """
+    image = read_image(path)
+    if image.shape != frame.shape:
+        (rows, columns), (high, wide) = image.shape, frame.shape
+        raise FormatError(
+            f"the image of labels has {columns} x {rows} pixels, the map {wide} x {high}: they must be the same",
+            file=Path(path),
+        )
+    return image.numbers
+
+
+def colours_under_goals(graph: Graph, colours: NDArray[np.uint32], grid: Grid) -> dict[str, int]:
+    """Return for each place the number of the colour that is under its goal.
+
+    Raises:
+        MapError: If a goal lies outside the map or in a cell that is not free, or two lie on the same colour.
+    """
+    names: dict[str, int] = {}
+    for node in graph.nodes:
+        cell = grid.frame.cell(node.goal.x, node.goal.y)
+        where = f"the goal of {node.name!r}, ({node.goal.x:g}, {node.goal.y:g}),"
+        if cell is None:
+            raise MapError(f"{where} lies outside the map")
+        if not grid.free[cell]:
+            raise MapError(f"{where} is not free in the map, so that the colour under it says nothing: give the names")
+        colour = int(colours[cell])
+        if colour in names.values():
+            other = next(name for name, known in names.items() if known == colour)
+            raise MapError(f"{where} and that of {other!r} lie on the same colour, {colour}: give each place its own")
+        names[node.name] = colour
+    return names
+
+
+def _absent(name: str, colour: int, labels: Labels) -> str:
+    opaque = colour + (0xFF << 24)
+    hint = f"; with opacity, as in this image, it is {opaque}" if opaque in labels.unnamed else ""
+    return f"no pixel has the colour of {name!r}, {colour}{hint}"

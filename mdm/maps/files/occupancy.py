@@ -1,0 +1,108 @@
+"""Occupancy grids as ROS keeps them: a YAML file that says how to read the image beside it.
+
+How numbers become free and occupied is as in ROS 1's map_server and Nav2's, whose modes are kept:
+
+* `trinary` (the default): darkness above `occupied_thresh` is occupied, below `free_thresh` free, in between unknown.
+  Opacity counts as a fourth colour.
+* `scale`: the same, but what is not opaque is unknown. Numbers in between, which are for planners, are unknown here.
+* `raw`: brightness is the occupancy itself, in hundredths; the two thresholds tell it apart, and above 100 is unknown.
+"""
+
+from __future__ import annotations
+
+import difflib
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mdm.errors import MapError, MapWarning
+from mdm.formats.source import Source
+from mdm.maps.files.image import read_image
+from mdm.maps.files.yaml_tree import read_yaml
+from mdm.maps.frame import Frame
+from mdm.maps.grid import Grid
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from mdm.maps.files.image import Image
+    from mdm.maps.files.yaml_tree import Entry
+
+__all__ = ["load_grid"]
+
+_MODES = ("trinary", "scale", "raw")
+_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
+_TRUTH = {"0": False, "1": True, "false": False, "true": True, "no": False, "yes": True}
+_WHAT = "the map"
+
+
+def load_grid(path: str | Path) -> Grid:
+    """Load an occupancy grid from ROS's `map.yaml` and its image.
+
+    The path of the image is relative to the YAML file. `negate` may be missing, and is then 0, and `mode`.
+
+    Raises:
+        FormatError: If a file is missing or malformed.
+        MapError: If the resolution is not positive, or PyYAML, or Pillow for a PNG, is not installed.
+    """
+    source = Source(path)
+    root = read_yaml(source)
+    for key, entry in root.mapping(_WHAT).items():
+        if key not in _KEYS:
+            close = difflib.get_close_matches(key, _KEYS, n=1)
+            hint = f": did you mean {close[0]!r}?" if close else ""
+            warnings.warn(MapWarning(f"{path}:{entry.line}: the key {key!r} is not read{hint}"), stacklevel=2)
+    picture = root.need("image", _WHAT).string("image")
+    origin = root.need("origin", _WHAT)
+    corner = [number.number("origin") for number in origin.list("origin")]
+    if len(corner) != 3:
+        origin.fail(f"origin: x, y and yaw of the lower left corner were expected, not {len(corner)} numbers")
+    resolution = root.need("resolution", _WHAT)
+    side = resolution.number("resolution")
+    occupied, free = (root.need(key, _WHAT).number(key) for key in ("occupied_thresh", "free_thresh"))
+    if free > occupied:
+        root.need("free_thresh", _WHAT).fail(f"free_thresh, {free:g}, is above occupied_thresh, {occupied:g}")
+    mode, negate = _mode(root), _truth(root, "negate")
+    image = read_image(source.path.parent / picture)
+    try:
+        frame = Frame(*image.shape, side, *corner)
+    except MapError as error:
+        resolution.fail(str(error))
+    if mode == "raw" and negate:
+        root.need("negate", _WHAT).fail("with the mode raw servers differ on negate: invert the image instead")
+    darkness, known = _darkness(image, mode, negate=negate)
+    return Grid(frame, known & (darkness < free), known & (darkness > occupied))
+
+
+def _darkness(image: Image, mode: str, *, negate: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return how occupied each cell is, from 0 to 1, and whether that is known."""
+    brightness, opacity = image.brightness, image.opacity
+    if mode == "raw":
+        hundredths = np.rint(brightness * (255 / image.most))
+        return hundredths / 100, hundredths <= 100
+    known = np.ones(image.shape, dtype=bool)
+    if opacity is not None:
+        if mode == "scale":
+            known = opacity == image.most
+        else:
+            brightness = (3 * brightness + opacity) / 4
+    return (brightness if negate else image.most - brightness) / image.most, known
+
+
+def _mode(root: Entry) -> str:
+    entry = root.get("mode", _WHAT)
+    if entry is None:
+        return "trinary"
+    mode = entry.string("mode")
+    return mode if mode in _MODES else entry.fail(f"mode: one of {', '.join(_MODES)} was expected, not {mode!r}")
+
+
+def _truth(root: Entry, key: str) -> bool:
+    entry = root.get(key, _WHAT)
+    if entry is None:
+        return False
+    value = _TRUTH.get(entry.string(key).lower())
+    return entry.fail(f"{key}: 0 or 1 was expected, not {entry.content!r}") if value is None else value

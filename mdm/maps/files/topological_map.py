@@ -1,0 +1,68 @@
+"""Graphs as the original's topological tools keep them: XML, a `Node` per place.
+
+The name of a node is that of the predicate that is true there. A `Goal` is x, y and the yaw, which may be left out and
+is then 0. A `Connection` has the action that takes it as its label.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mdm.formats.markup import stream
+from mdm.formats.source import number
+from mdm.maps.files.gathered import Gathered
+from mdm.maps.graph import Edge, Graph, Node, Pose
+
+if TYPE_CHECKING:
+    from mdm.formats.markup import Element
+    from mdm.formats.source import Source
+
+__all__ = ["read_topological_map"]
+
+
+def read_topological_map(source: Source) -> Graph:
+    """Read a `TopologicalMap`.
+
+    Raises:
+        FormatError: If it is malformed, or a connection leads nowhere.
+    """
+    elements = stream(source, {"Node"})
+    root = next(elements)
+    if root.tag != "TopologicalMap":
+        root.fail(f"<TopologicalMap> was expected, not <{root.tag}>")
+    gathered = Gathered()
+    for node in elements:
+        if node.tag != "Node":
+            node.fail(f"<Node> was expected, not <{node.tag}>")
+        _add(node, gathered)
+    return gathered.graph(source.fail)
+
+
+def _add(node: Element, gathered: Gathered) -> None:
+    name = node.attribute("name")
+    connections = []
+    for child in node.children:
+        if child.tag == "Connections":
+            connections += child.children
+        elif child.tag == "Connection":
+            connections.append(child)
+        elif child.tag != "Goal":
+            child.fail(f"<Goal>, <Connections> or <Connection> was expected, not <{child.tag}>")
+    if len(node.all("Goal")) > 1:
+        node.all("Goal")[1].fail(f"{name!r} has a second <Goal>")
+    gathered.add_node(Node(name, _pose(node.need("Goal"))), node.fail)
+    for connection in connections:
+        if connection.tag != "Connection":
+            connection.fail(f"<Connection> was expected, not <{connection.tag}>")
+        target = connection.text.strip()
+        if not target:
+            connection.fail("the connection names no place that it leads to")
+        gathered.add_edge(Edge(name, target, connection.attribute("label")), connection.fail)
+
+
+def _pose(goal: Element) -> Pose:
+    words = goal.text.split()
+    numbers = [value for value in map(number, words) if value is not None]
+    if len(numbers) != len(words) or len(words) not in {2, 3} or not Pose(*numbers).is_finite:
+        goal.fail(f"x, y and yaw were expected, not {goal.text.strip()!r}")
+    return Pose(*numbers)

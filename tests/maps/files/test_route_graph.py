@@ -1,0 +1,83 @@
+"""Nav2's route graphs."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from mdm.errors import FormatError
+from mdm.maps import Edge, Pose, load_graph
+
+
+def point(number, x, y, **more):
+    return {
+        "type": "Feature",
+        "properties": {"id": number, **more},
+        "geometry": {"type": "Point", "coordinates": [x, y]},
+    }
+
+
+def line(number, start, end, kind="MultiLineString", **more):
+    properties = {"id": number, "startid": start, "endid": end, **more}
+    return {"type": "Feature", "properties": properties, "geometry": {"type": kind, "coordinates": [[[0, 0], [1, 1]]]}}
+
+
+NODES = [point(1, 0.5, -1.5, frame="map"), point(2, 3, 4, metadata={"name": "kitchen", "class": {"a": 1}})]
+
+
+def load(tmp_path, features, **more):
+    (tmp_path / "graph.geojson").write_text(json.dumps({"type": "FeatureCollection", **more, "features": features}))
+    return load_graph(tmp_path / "graph.geojson")
+
+
+def test_names_come_from_metadata_and_else_from_numbers(tmp_path):
+    features = [
+        line(9, 1, 2, cost=2.5),
+        *NODES,
+        line(8, 2, 1, "LineString", metadata={"name": "back"}, overridable=True),
+    ]
+    graph = load(tmp_path, features, crs={"name": "x"})
+    assert graph.names == ("1", "kitchen")
+    assert graph.node("1").goal == Pose(0.5, -1.5, 0.0)
+    assert graph.edges == (Edge("1", "kitchen", "to kitchen", 2.5), Edge("kitchen", "1", "back"))
+    assert graph.target("kitchen", "to 1") is None  # ways have one direction
+
+
+def test_an_edge_that_is_given_twice_is_one(tmp_path):
+    assert len(load(tmp_path, [*NODES, line(3, 1, 2), line(4, 1, 2)]).edges) == 1
+
+
+@pytest.mark.parametrize(
+    ("features", "message"),
+    [
+        ([], "no places"),
+        ([*NODES, point(2, 0, 0)], "features[2], id 2: a second node has this id"),
+        (
+            [*NODES, point(3, 0, 0, metadata={"name": "kitchen"})],
+            "features[2], id 3: a second place is called 'kitchen'",
+        ),
+        ([*NODES, point(3, 0, 0, metadata={"name": 5})], "the name is 5; a text was expected"),
+        ([*NODES, point(3, 0, 0, frame="odom")], "different frames: map, odom"),
+        ([*NODES, point(3, "a", 0)], "features[2], id 3: the coordinates x and y were expected, not ['a', 0]"),
+        ([*NODES, point(3, None, 0)], "the coordinates x and y were expected"),
+        ([*NODES, point(3, float("nan"), 0)], "no route graph in GeoJSON"),
+        ([*NODES, line(3, 1, 7)], "features[2], id 3: the edge leads from 1 to 7, and there is no node 7"),
+        ([*NODES, line(3, None, 1)], "features[2], id 3: an edge needs startid and endid"),
+        ([*NODES, line(3, 1, 1, "Polygon")], "a Point, a LineString or a MultiLineString was expected, not a Polygon"),
+        ([*NODES, {"geometry": NODES[0]["geometry"]}], "missing required field `properties` - at `$.features[2]`"),
+        ([*NODES, point("x", 0, 0)], "got `str` - at `$.features[2].properties.id`"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_feature(tmp_path, features, message):
+    with pytest.raises(FormatError) as caught:
+        load(tmp_path, features)
+    assert message in str(caught.value)
+    assert str(caught.value).startswith(str(tmp_path / "graph.geojson"))
+
+
+@pytest.mark.parametrize("content", ['{"features": [', "{" * 10_000, '{"features":' + "[" * 100_000])
+def test_damaged_texts(tmp_path, content):
+    (tmp_path / "graph.geojson").write_text(content)
+    with pytest.raises(FormatError, match="no route graph|nested too deep"):
+        load_graph(tmp_path / "graph.geojson")

@@ -146,7 +146,7 @@ class Channel(Generic[T]):
         self._subscriptions: tuple[Subscription[T], ...] = ()
         self._general: tuple[Subscription[T], ...] = ()
         self._topics: dict[str, tuple[Subscription[T], ...]] = {}
-        # The subscription, where there is but one; and how often subscriptions have changed.
+        # The subscription, where there is but one, for every message; and how often subscriptions have changed.
         self._sole: Subscription[T] | None = None
         self._version = 0
         self._streams: tuple[Stream[T], ...] = ()
@@ -170,8 +170,6 @@ class Channel(Generic[T]):
         self.published += 1
         self.last = message
         if self._sole is not None and not dispatcher.active and not dispatcher.queue:
-            if self._sole.topics is not None:
-                self._sole.taken += 1
             dispatcher.run(self._sole, message)
         elif self._subscriptions:
             append = dispatcher.queue.append
@@ -195,6 +193,8 @@ class Channel(Generic[T]):
             append = self._dispatcher.queue.append
             for subscription in self._subscriptions:
                 append((subscription, message))
+                if subscription.topics is not None:
+                    subscription.taken += 1
         else:
             self._unheard += 1
 
@@ -273,7 +273,7 @@ class Channel(Generic[T]):
     def _changed(self) -> None:
         """Take it that subscriptions have come or gone."""
         self.heard = bool(self._subscriptions)
-        self._sole = self._subscriptions[0] if len(self._subscriptions) == 1 else None
+        self._sole = self._general[0] if len(self._subscriptions) == len(self._general) == 1 else None
         self._version += 1
 
     def subscribe(

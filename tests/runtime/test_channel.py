@@ -147,6 +147,33 @@ def test_topics_reach_only_those_who_asked_for_them():
     run_virtual(main)
 
 
+@pytest.mark.parametrize("alone", [True, False])
+def test_a_subscription_to_topics_counts_alike_what_is_published_and_what_is_emitted(alone):
+    async def main(runtime):
+        actor, channel, ways = Actor("actor"), runtime.channel("x", State), runtime.channel("ways", State)
+        seen = []
+        await runtime.start(actor)
+        subscription = actor.subscribe(channel, lambda message: seen.append(message.index), topics=["a"])
+        if not alone:
+            channel.subscribe(lambda _: None)
+        means = [
+            channel.publish,
+            channel.emit,
+            channel.emit_last,
+            lambda message: channel.emit_later(message.time, lambda: message),
+            lambda message: channel.emit_on(message, Topics("a", "b")),
+            lambda message: channel.emit_last_on(message, Topics("a")),
+            lambda message: channel.emit_on(message, Topics("b")),
+        ]
+        ways.subscribe(lambda message: means[message.index](state(message.index)))
+        for number in range(len(means)):
+            ways.publish(state(number))
+        assert seen == [0, 1, 2, 3, 4, 5]
+        assert subscription.received == actor.statistics().received == len(seen)
+
+    run_virtual(main)
+
+
 def test_a_subscription_counts_what_it_was_handed():
     async def main(runtime):
         channel = runtime.channel("x", State)

@@ -53,7 +53,6 @@ class Dispatcher:
         "_inbox",
         "_interrupted",
         "_lasting",
-        "_loop",
         "_max_nanoseconds",
         "_max_slices",
         "_overflowing",
@@ -62,6 +61,7 @@ class Dispatcher:
         "_woken",
         "active",
         "blamed",
+        "loop",
         "on_endless",
         "on_overflow",
         "queue",
@@ -81,7 +81,8 @@ class Dispatcher:
         # Whose handler has raised, where that was not the first one's.
         self.blamed: Subscription[Any] | None = None
         self.thread = 0
-        self._loop: asyncio.AbstractEventLoop | None = None
+        # Where turns run, while they do.
+        self.loop: asyncio.AbstractEventLoop | None = None
         self._inbox = Inbox()
         self._overflowing: set[Channel[Any]] = set()
         self.on_overflow: Callable[[str], object] = str
@@ -96,19 +97,19 @@ class Dispatcher:
 
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
         """Take the calling thread and its event loop as the place where turns run."""
-        self._loop = loop
+        self.loop = loop
         self.thread = get_ident()
         _OPEN.add(self)
 
     def leave_to_parent(self) -> None:
         """Run nothing in a forked child: what it publishes is refused."""
         self._forked = True
-        self._loop = None
+        self.loop = None
         self.thread = 0
 
     def close(self) -> None:
         """Deliver what waits, as far as one turn may go, then accept no more from other threads."""
-        self._loop = None
+        self.loop = None
         self._drain()
         if self.queue:
             self.run()
@@ -210,8 +211,8 @@ class Dispatcher:
 
     def _resume_later(self, resume: Callable[[], object] | None = None) -> None:
         # `active` stays true: whatever is published meanwhile queues behind what the turn still has to deliver.
-        if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon(resume or self.run)
+        if self.loop is not None and not self.loop.is_closed():
+            self.loop.call_soon(resume or self.run)
             self.active = True
         else:
             self.active = False
@@ -237,7 +238,7 @@ class Dispatcher:
         Raises:
             Error: If the runtime does not run.
         """
-        loop = self._loop
+        loop = self.loop
         if loop is None or loop.is_closed():
             self._refused += 1
             if self._forked:
@@ -252,7 +253,7 @@ class Dispatcher:
             loop.call_soon_threadsafe(self._drain)
 
     def _drain(self) -> None:
-        loop, inbox = self._loop, self._inbox
+        loop, inbox = self.loop, self._inbox
         if self.active and loop is not None and len(self.queue) >= inbox.bound:
             loop.call_soon(self._drain)  # a turn without end must not become the place where things pile up
             return

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from mdm.actors.predicates.declarations import Kind
     from mdm.logic import Change
     from mdm.runtime import Channel, Runtime, Supervision, Timer
+    from mdm.runtime.dispatcher import Dispatcher
 
 __all__ = ["PredicateManager"]
 
@@ -55,6 +56,7 @@ class PredicateManager(Actor):
     __slots__ = (
         "_batches",
         "_counter",
+        "_dispatcher",
         "_event_counter",
         "_max_age",
         "_network",
@@ -86,6 +88,7 @@ class PredicateManager(Actor):
         self._hold_timers: dict[str, Timer] = {}
         self._age_timers: dict[str, Timer] = {}
         self._batches: dict[object, Batch] = {}
+        self._dispatcher: Dispatcher | None = None
         self._backlog = Backlog()
         self._known: frozenset[str] = frozenset()
         self._senses: Callable[[SensorUpdate], None] | None = None
@@ -216,7 +219,7 @@ class PredicateManager(Actor):
 
         It takes what this task reports, or outside of tasks this thread: others go on while the block awaits something.
         """
-        return Batch(self._batches, self._input)
+        return Batch(self._batches, self._input, self._dispatcher)
 
     def sense(self, name: str, value: bool | np.bool_ | None) -> None:
         """Take a predicate's value, by its name. From any thread.
@@ -230,8 +233,9 @@ class PredicateManager(Actor):
 
     def take(self, readings: tuple[tuple[str, bool | None], ...]) -> None:
         """Take values of predicates as one update; `Sensor.set` calls this. From any thread."""
-        if self._batches and (batch := self._batches.get(scope())) is not None:
-            batch.readings += readings
+        if self._batches and (batch := self._batches.get(scope(self._dispatcher))) is not None:
+            for name, value in readings:
+                batch.readings[name] = value
         elif self._senses is None:
             self._input(readings, ())
         else:
@@ -246,7 +250,7 @@ class PredicateManager(Actor):
         for name in events:
             if name not in self._raised:
                 self.declared.check_input(name, "event")
-        if self._batches and (batch := self._batches.get(scope())) is not None:
+        if self._batches and (batch := self._batches.get(scope(self._dispatcher))) is not None:
             batch.events.extend(events)
         else:
             self._input((), events)
@@ -294,6 +298,7 @@ class PredicateManager(Actor):
         self.updates = self.channel("updates", PredicateUpdate)
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
+        self._dispatcher = self.runtime.dispatcher
         self._now = self.runtime.clock.reader()
         self._senses = self.sensed.publish
         now = self.runtime.clock.now()

@@ -52,12 +52,13 @@ def _product(graph: Graph, at: int, first: int, last: int) -> float:
 
 
 @compiled
-def refresh(graph: Graph, scratch: Scratch, node: int) -> None:  # noqa: C901 - one pass, no calls
-    """Compare the bounds of a belief with the vectors and points that are new to it."""
-    block = graph.block[node]
+def _raise(graph: Graph, node: int) -> None:
+    """Compare the lower bound of a belief with the vectors that are new to it."""
+    if graph.seen_vectors[node] == graph.counts[VECTORS]:
+        return
     first = graph.first_weight[node]
     last = first + graph.num_weights[node]
-    vector = graph.head_vector[block]
+    vector = graph.head_vector[graph.block[node]]
     seen = graph.seen_vectors[node]
     while vector >= seen:
         value = _product(graph, graph.first_value[vector], first, last)
@@ -66,9 +67,29 @@ def refresh(graph: Graph, scratch: Scratch, node: int) -> None:  # noqa: C901 - 
             graph.best[node] = vector
         vector = graph.next_vector[vector]
     graph.seen_vectors[node] = graph.counts[VECTORS]
-    point = graph.head_point[block]
+
+
+@compiled
+def _ratio(graph: Graph, dense: np.ndarray, other: int, least: float) -> float:
+    """Return the greatest part of a belief that another one makes up, or some number up to a least one that matters."""
+    ratio = np.inf
+    begin = graph.first_weight[other]
+    for k in range(begin, begin + graph.num_weights[other]):
+        if dense[graph.place[k]] < ratio * graph.weight[k]:
+            ratio = dense[graph.place[k]] / graph.weight[k]
+            if ratio <= least:
+                break
+    return float(ratio)
+
+
+@compiled
+def _reduce(graph: Graph, scratch: Scratch, node: int) -> None:
+    """Compare the upper bound of a belief with the points that are new to it."""
+    point = graph.head_point[graph.block[node]]
     seen = graph.seen_points[node]
     if point >= seen:
+        first = graph.first_weight[node]
+        last = first + graph.num_weights[node]
         num_actions = graph.informed.shape[1]
         dense = scratch.dense
         for k in range(first, last):
@@ -80,13 +101,7 @@ def refresh(graph: Graph, scratch: Scratch, node: int) -> None:  # noqa: C901 - 
             if graph.num_weights[other] <= last - first and graph.point_value[point] <= graph.upper[other]:
                 # A point lowers the informed bound by no more than its ratio times its own drop.
                 least = (most - upper) / graph.point_drop[point]
-                ratio = np.inf
-                begin = graph.first_weight[other]
-                for k in range(begin, begin + graph.num_weights[other]):
-                    if dense[graph.place[k]] < ratio * graph.weight[k]:
-                        ratio = dense[graph.place[k]] / graph.weight[k]
-                        if ratio <= least:
-                            break
+                ratio = _ratio(graph, dense, other, least)
                 if ratio > least:
                     rest = -np.inf
                     for action in range(num_actions):
@@ -98,6 +113,13 @@ def refresh(graph: Graph, scratch: Scratch, node: int) -> None:  # noqa: C901 - 
         for k in range(first, last):
             dense[graph.place[k]] = 0.0
     graph.seen_points[node] = graph.counts[POINTS]
+
+
+@compiled
+def refresh(graph: Graph, scratch: Scratch, node: int) -> None:
+    """Compare the bounds of a belief with the vectors and points that are new to it."""
+    _raise(graph, node)
+    _reduce(graph, scratch, node)
 
 
 @compiled
@@ -163,7 +185,6 @@ def add_node(  # noqa: C901 - one pass, no calls
     graph.best[node] = -1
     graph.seen_vectors[node] = 0
     graph.seen_points[node] = 0
-    refresh(graph, scratch, node)
     return int(node)
 
 
@@ -260,7 +281,7 @@ def _edge_upper(layout: Layout, graph: Graph, scratch: Scratch, edge: int) -> fl
     value = 0.0
     for k in range(first, first + graph.num_outcomes[edge]):
         child = int(np.int64(graph.child[k]))
-        refresh(graph, scratch, child)
+        _reduce(graph, scratch, child)
         value += graph.chance[k] * graph.upper[child]
     value = min(graph.edge_upper[edge], graph.reward[edge] + layout.discount * value)
     graph.edge_upper[edge] = value
@@ -268,14 +289,49 @@ def _edge_upper(layout: Layout, graph: Graph, scratch: Scratch, edge: int) -> fl
 
 
 @compiled
-def _edge_lower(layout: Layout, graph: Graph, scratch: Scratch, edge: int) -> float:
+def _edge_lower(layout: Layout, graph: Graph, edge: int) -> float:
     first = graph.first_outcome[edge]
     value = 0.0
     for k in range(first, first + graph.num_outcomes[edge]):
         child = int(np.int64(graph.child[k]))
-        refresh(graph, scratch, child)
+        _raise(graph, child)
         value += graph.chance[k] * graph.lower[child]
     return float(graph.reward[edge] + layout.discount * value)
+
+
+@compiled
+def _best_upper(layout: Layout, graph: Graph, scratch: Scratch, edge: int) -> int:
+    """Return the action of the greatest upper bound, found anew whenever its update lowers that bound.
+
+    It may be one that is not expanded.
+    """
+    action = int(np.int64(-1))
+    while True:
+        best = int(np.int64(0))
+        for other in range(1, graph.informed.shape[1]):
+            if graph.edge_upper[edge + other] > graph.edge_upper[edge + best]:
+                best = other
+        if best == action or graph.num_outcomes[edge + best] < 0:
+            return best
+        action = best
+        _edge_upper(layout, graph, scratch, edge + action)
+
+
+@compiled
+def _best_lower(layout: Layout, graph: Graph, edge: int, least: float) -> tuple[int, float]:
+    """Return the action of the greatest lower bound and that bound, of the expanded ones that may exceed a value.
+
+    Where there are none the action is -1.
+    """
+    chosen = int(np.int64(-1))
+    best = -np.inf
+    for action in range(graph.informed.shape[1]):
+        if graph.num_outcomes[edge + action] >= 0 and graph.edge_upper[edge + action] >= max(least, best):
+            value = _edge_lower(layout, graph, edge + action)
+            if value > best:
+                best = value
+                chosen = action
+    return chosen, best
 
 
 @compiled
@@ -342,18 +398,10 @@ def _back_up_vector(layout: Layout, graph: Graph, scratch: Scratch, node: int, a
 def backup(layout: Layout, graph: Graph, scratch: Scratch, node: int, step: float) -> None:
     """Back up both bounds at a belief. An improvement by less than a step adds no vector and no point."""
     edge = graph.first_edge[node]
-    upper = -np.inf
-    best = -np.inf
-    chosen = int(np.int64(-1))
     refresh(graph, scratch, node)
-    for action in range(graph.informed.shape[1]):
-        if graph.num_outcomes[edge + action] >= 0 and graph.edge_upper[edge + action] >= graph.lower[node]:
-            _edge_upper(layout, graph, scratch, edge + action)
-            value = _edge_lower(layout, graph, scratch, edge + action)
-            if value > best:
-                best = value
-                chosen = action
-        upper = max(upper, graph.edge_upper[edge + action])
+    chosen = _best_upper(layout, graph, scratch, edge)
+    upper = graph.edge_upper[edge + chosen]
+    chosen, best = _best_lower(layout, graph, edge, graph.lower[node])
     if upper < graph.upper[node]:
         if upper < graph.upper[node] - step:
             block = graph.block[node]
@@ -367,7 +415,7 @@ def backup(layout: Layout, graph: Graph, scratch: Scratch, node: int, step: floa
         graph.upper[node] = upper
     if best > graph.lower[node] + step and chosen >= 0:
         _back_up_vector(layout, graph, scratch, node, chosen)
-        refresh(graph, scratch, node)
+        _raise(graph, node)
 
 
 @compiled
@@ -430,7 +478,6 @@ def explore(  # noqa: C901 - one pass, no calls
     greatest entropy and the number of bins.
     """
     discount = layout.discount
-    num_actions = graph.informed.shape[1]
     bins = int(scale[3])
     deepest = len(scratch.path)
     done = 0
@@ -473,31 +520,20 @@ def explore(  # noqa: C901 - one pass, no calls
             if graph.first_edge[node] < 0:
                 _open(graph, node)
             edge = graph.first_edge[node]
-            # The action of the greatest upper bound, found anew whenever its expansion lowers that bound.
-            action = -1
-            while True:
-                best = int(np.int64(0))
-                for other in range(1, num_actions):
-                    if graph.edge_upper[edge + other] > graph.edge_upper[edge + best]:
-                        best = other
-                if best == action:
+            action = _best_upper(layout, graph, scratch, edge)
+            while graph.num_outcomes[edge + action] < 0:
+                enough = _has_room(graph, room)
+                if not enough:
                     break
-                action = best
-                if graph.num_outcomes[edge + action] < 0:
-                    enough = _has_room(graph, room)
-                    if not enough:
-                        break
-                    _expand(layout, graph, scratch, informed, node, action)
-                _edge_upper(layout, graph, scratch, edge + action)
+                _expand(layout, graph, scratch, informed, node, action)
+                action = _best_upper(layout, graph, scratch, edge)
             if not enough:
                 break
             scratch.path[depth] = node
             scratch.path_action[depth] = action
             depth += 1
-            low = -np.inf
-            for other in range(num_actions):
-                if graph.num_outcomes[edge + other] >= 0:
-                    low = max(low, _edge_lower(layout, graph, scratch, edge + other))
+            low = _edge_lower(layout, graph, edge + action)
+            low = max(low, _best_lower(layout, graph, edge, low)[1])
             least = max(least, low)
             target = max(target, low + spread)
             spread /= discount

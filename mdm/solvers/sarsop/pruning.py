@@ -22,6 +22,9 @@ __all__ = ["forget_nodes", "needed_vectors", "prune_points", "prune_vectors"]
 
 Indices = npt.NDArray[np.intp]
 
+_CHUNK = 1_000_000
+"""Numbers that are held at once for some beliefs, and for their products with vectors."""
+
 
 def needed_vectors(graph: Graph, layout: Layout, roots: npt.NDArray[np.int64], slack: float) -> npt.NDArray[np.bool_]:
     """Return few vectors, one of them within a slack of the best at each important belief.
@@ -42,8 +45,7 @@ def needed_vectors(graph: Graph, layout: Layout, roots: npt.NDArray[np.int64], s
         beliefs = nodes[of_node[block] : of_node[block + 1]]
         width = int(layout.first_state[block + 1] - layout.first_state[block])
         if len(beliefs):
-            chosen = _cover(_values(graph, vectors, width), _dense(graph, beliefs, width), slack)
-            kept[vectors[chosen]] = True
+            kept[vectors[_cover(graph, _values(graph, vectors, width), beliefs, slack)]] = True
     kept[graph.default_vector] = True
     return kept
 
@@ -81,13 +83,21 @@ def _stretches(starts: npt.NDArray[np.int64], sizes: npt.NDArray[np.int32]) -> t
     return np.arange(len(of)) - np.repeat(ends - sizes, sizes) + np.repeat(starts, sizes), of
 
 
-def _cover(vectors: Vector, beliefs: Vector, slack: float) -> Indices:
+def _cover(graph: Graph, vectors: Vector, beliefs: Indices, slack: float) -> Indices:
     """Return vectors of which each belief has one that is nearly its best."""
-    scores = vectors @ beliefs
-    near = scores >= scores.max(axis=0) - slack
-    open_ = np.ones(beliefs.shape[1], dtype=np.bool_)
+    count, width = vectors.shape
+    size = 8 * max(1, _CHUNK // (8 * max(count, width)))
+    # A bit for each vector and belief.
+    near = np.empty((count, -(-len(beliefs) // 8)), dtype=np.uint8)
+    times = np.zeros(count, dtype=np.intp)
+    for begin in range(0, len(beliefs), size):
+        scores = vectors @ _dense(graph, beliefs[begin : begin + size], width)
+        close = scores >= scores.max(axis=0) - slack
+        times += close.sum(axis=1)
+        near[:, begin // 8 : (begin + size) // 8] = np.packbits(close, axis=1)
+    open_ = np.packbits(np.ones(len(beliefs), dtype=np.bool_))
     chosen = []
-    for vector in np.argsort(-near.sum(axis=1), kind="stable"):
+    for vector in np.argsort(-times, kind="stable"):
         if (near[vector] & open_).any():
             chosen.append(vector)
             open_ &= ~near[vector]

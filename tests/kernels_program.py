@@ -107,14 +107,15 @@ def solve(model: MDP, seed: int) -> None:
     if not isinstance(model, POMDP):
         return
     track(model, seed)
-    if not model.event_observations:
-        found = sarsop(model, limits=Limits(gap=0, iterations=60), whole=seed % 2 == 0)
-        if (vectors := getattr(found.policy, "vectors", None)) is not None:
-            policy = AlphaVectors(vectors, found.policy.actions)
-            belief = model.initial_belief
-            policy.action(belief)
-            (states,) = belief.nonzero()
-            policy.action(Support(states, belief[states]))
+    found = sarsop(model, limits=Limits(gap=0, iterations=60), whole=seed % 2 == 0)
+    if len(model.observation_space) > 1:
+        sarsop(model.revealed().with_false_negatives(0), limits=Limits(gap=0, iterations=20))
+    if (vectors := getattr(found.policy, "vectors", None)) is not None:
+        policy = AlphaVectors(vectors, found.policy.actions)
+        belief = model.initial_belief
+        policy.action(belief)
+        (states,) = belief.nonzero()
+        policy.action(Support(states, belief[states]))
 
 
 def main(count: int) -> None:

@@ -94,8 +94,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--history writes JSON: its file ends in .json")
     model = load(arguments.model, arguments.discount)
     world = with_false_negatives(revealed(model), arguments)
-    solver = arguments.solver or default_solver(world)
-    options = _options(arguments, solver)
+    given = {name: value for name in _OPTIONS if (value := getattr(arguments, name)) is not None}
+    solver = arguments.solver or default_solver(world, given)
+    _check_options(given, solver)
     if arguments.output is not None:
         check_policy_file(_kind(solver, world, arguments), arguments.output)
     if (note := visibility(world)) is not None:
@@ -110,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
             iterations=arguments.iterations,
             memory=None if arguments.memory is None else int(min(arguments.memory * 1e6, sys.maxsize)),
             progress=line,
-            **options,
+            **given,
         )
     finally:
         line.end()
@@ -128,17 +129,15 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _options(arguments: argparse.Namespace, solver: str) -> dict[str, Any]:
-    """Return the given options that only some solvers have, after checking that this one has them."""
+def _check_options(given: dict[str, Any], solver: str) -> None:
+    """Refuse options that this solver does not have."""
     from mdm.solvers.solve import options_of  # noqa: PLC0415 - `mdm --help` needs none of it
 
-    if solver == "jesp" and arguments.horizon is None:
+    if solver == "jesp" and "horizon" not in given:
         raise UsageError("jesp plans for a finite horizon: give --horizon")
-    given = {name: value for name in _OPTIONS if (value := getattr(arguments, name)) is not None}
     for name in given:
         if name not in options_of(solver):
             raise UsageError(f"{solver} has no option --{name.replace('_', '-')}")
-    return given
 
 
 def _kind(solver: str, model: MDP, arguments: argparse.Namespace) -> type:

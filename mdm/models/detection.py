@@ -100,6 +100,6 @@ def check_no_false_negatives(model: MDP, solver: str) -> None:
     """
     if model.false_negative is not None:
         raise ModelError(
-            f"{solver} does not support false negatives: solve the model with perseus, or without them "
+            f"{solver} does not support false negatives: solve the model with sarsop or perseus, or without them "
             f"(model.with_false_negatives(None))"
         )

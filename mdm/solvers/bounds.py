@@ -181,7 +181,7 @@ class InformedBound:
 
     Args:
         dynamics: A POMDP.
-        joints: P(s', o | s, a) of each action, where some observations are to be left out.
+        joints: P(s', o | s, a) of each action, where it is not the model's own.
         waiting: What such an observation does; by default nothing is left out.
     """
 
@@ -192,7 +192,7 @@ class InformedBound:
         self._waiting = waiting
         self._given = joints
         self._sweep: Callable[[Vector], float] = self._sweep_at_once
-        if waiting is None and dynamics.entries * dynamics.num_actions > _LARGE and can_compile():
+        if joints is None and waiting is None and dynamics.entries * dynamics.num_actions > _LARGE and can_compile():
             self._sweep = self._compiled()
 
     @cached_property

@@ -14,7 +14,7 @@ from mdm.models import POMDP, in_time
 from mdm.solvers.limits import Limits
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from mdm.loading import GivenModel
     from mdm.models import MDP, Durations
@@ -36,11 +36,13 @@ SOLVERS: dict[str, tuple[str, str, str]] = {
 """For each name the module, its function, and the kind of model that it solves."""
 
 
-def default_solver(model: MDP) -> str:
-    """Return the default solver for a model."""
-    if not isinstance(model, POMDP):
-        return "modified-policy-iteration"
-    return "sarsop" if model.false_negative is None and not model.event_observations else "perseus"
+def default_solver(model: MDP, options: Iterable[str] = ()) -> str:
+    """Return the default solver for a model, one that takes the given options if there is any."""
+    first, other = "modified-policy-iteration", "value-iteration"
+    if isinstance(model, POMDP):
+        first, other = "sarsop", "perseus"
+    given = set(options)
+    return other if not given <= set(options_of(first)) and given <= set(options_of(other)) else first
 
 
 def options_of(solver: str) -> list[str]:
@@ -71,7 +73,7 @@ def solve(
 
     Args:
         model: The model, or the path of its file.
-        solver: One of `SOLVERS`; by default what suits the model.
+        solver: One of `SOLVERS`; by default what suits the model and the options.
         durations: How long actions take; the model's discount is then that of a second, and its actions are decided
             when the one before is over. By default all take one time step.
         gap: Stop when the bounds at the initial belief are no further apart.
@@ -87,7 +89,7 @@ def solve(
         ModelError: If the model has no solution, such as one with a discount of 1 that never ends.
     """
     model = model_of(model)
-    name = default_solver(model) if solver is None else solver
+    name = default_solver(model, options) if solver is None else solver
     if name not in SOLVERS:
         raise ConfigError(f"there is no solver {name!r}; there are {', '.join(SOLVERS)}", key="solver")
     kind = SOLVERS[name][2]

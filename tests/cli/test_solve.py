@@ -103,10 +103,12 @@ def test_no_limit_is_a_limit_without_end(mdm):
 def test_false_negatives_choose_a_solver_that_plans_for_them(mdm, tmp_path):
     given = (TIGER, "--false-negative", "hear-left", "--iterations", "1")
     status, output, _ = mdm("solve", *given, "--json")
+    assert (status, json.loads(output[0])["solver"]) == (0, "sarsop")
+    status, output, _ = mdm("solve", *given, "--horizon", "2", "--json")
     assert (status, json.loads(output[0])["solver"]) == (0, "perseus")
-    status, _, errors = mdm("solve", *given, "--solver", "sarsop")
+    status, _, errors = mdm("solve", *given, "--solver", "qmdp")
     assert (status, len(errors.splitlines())) == (1, 1)
-    assert "SARSOP does not support false negatives" in errors
+    assert "QMDP does not support false negatives" in errors
     status, _, errors = mdm("solve", CHAIN, "--false-negative", "0")
     assert (status, errors) == (1, "mdm solve: an MDP has no observations, and so no false negatives\n")
 

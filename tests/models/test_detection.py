@@ -242,14 +242,16 @@ def test_what_makes_no_sense_is_refused():
         chain.with_false_negatives(0)
 
 
-@pytest.mark.parametrize("solver", ["sarsop", "qmdp", "fib", "jesp"])
+@pytest.mark.parametrize("solver", ["qmdp", "fib", "jesp"])
 def test_solvers_that_cannot_plan_for_them_refuse(solver):
     with pytest.raises(ModelError, match=r"does not support false negatives.*perseus.*with_false_negatives\(None\)"):
         solve(tiger_like().with_false_negatives(0), solver)
 
 
 def test_the_default_solver_plans_for_them():
-    assert solve(tiger_like().with_false_negatives(0), beliefs=10).solver == "perseus"
+    model = tiger_like().with_false_negatives(0)
+    assert solve(model, beliefs=10).solver == "perseus"
+    assert solve(model, iterations=10).solver == "sarsop"
 
 
 # -- The option of an ensemble ---------------------------------------------------------------------------------------

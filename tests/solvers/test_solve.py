@@ -37,6 +37,14 @@ def test_options_of_one_solver():
     assert mdm.solve(CHAIN, "value-iteration", horizon=1).policy.horizon == 1
 
 
+def test_options_choose_a_solver_that_takes_them():
+    assert mdm.solve(CHAIN, horizon=1).solver == "value-iteration"
+    assert mdm.solve(tiger(), horizon=2).solver == "perseus"
+    assert mdm.solve(tiger(), whole=True, iterations=1).solver == "sarsop"
+    with pytest.raises(mdm.ConfigError, match="sarsop takes no 'nonsense'"):
+        mdm.solve(tiger(), nonsense=1)
+
+
 @pytest.mark.parametrize(
     ("model", "solver", "options", "message"),
     [

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from mdm.models.matrices import Matrix
+    from mdm.solvers.joint_dynamics import JointDynamics, Only
     from mdm.solvers.limits import Limits
-    from mdm.solvers.perseus.joint_dynamics import JointDynamics, Only
 
 __all__ = ["Choice", "Vectors", "best", "choose", "improve", "needed"]
 

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.solvers.bounds import InformedBound, informed_values
+from mdm.solvers.bounds import informed_values
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector
+    from mdm.solvers.joint_dynamics import JointDynamics
     from mdm.solvers.limits import Limits
-    from mdm.solvers.perseus.joint_dynamics import JointDynamics
 
 __all__ = ["upper_bound"]
 
@@ -28,7 +28,7 @@ def upper_bound(dynamics: JointDynamics, starts: Vector, limits: Limits, horizon
     Raises:
         ModelError: If the rewards are too large for numbers.
     """
-    informed = InformedBound(dynamics.dynamics, dynamics.joints, dynamics.earned if dynamics.waits else None)
+    informed = dynamics.informed
     if horizon is None:
         table = informed_values(dynamics.dynamics, limits, informed)
     else:

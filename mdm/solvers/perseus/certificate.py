@@ -23,8 +23,8 @@ from mdm.solvers.perseus.backup import Vectors, choose
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
+    from mdm.solvers.joint_dynamics import JointDynamics
     from mdm.solvers.limits import Limits
-    from mdm.solvers.perseus.joint_dynamics import JointDynamics
 
 __all__ = ["certified"]
 

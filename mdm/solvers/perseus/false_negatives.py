@@ -22,8 +22,8 @@ from mdm.solvers.perseus.backup import Vectors, choose, improve
 if TYPE_CHECKING:
     from mdm.models.dynamics import Indices
     from mdm.models.matrices import Matrix, Vector
+    from mdm.solvers.joint_dynamics import JointDynamics
     from mdm.solvers.limits import Limits
-    from mdm.solvers.perseus.joint_dynamics import JointDynamics
 
 __all__ = ["Constrained"]
 

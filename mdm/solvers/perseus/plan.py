@@ -15,9 +15,9 @@ import numpy as np
 from mdm.models.dynamics import Dynamics, Indices
 from mdm.models.matrices import Vector  # noqa: TC001 - the fields' types are looked at
 from mdm.policies import FiniteStateController
+from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.perseus.backup import choose
 from mdm.solvers.perseus.bounds import upper_bound
-from mdm.solvers.perseus.joint_dynamics import JointDynamics
 from mdm.solvers.perseus.points import sampled
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ next rounds begin from these values, so that far fewer are needed (point-based p
 R. Parr, H. Li, X. Liao and L. Carin, AAAI 2007). The upper bound is the fast informed bound, which no round improves.
 
 Cost of a backup: P(s', o | s, a) once, and A O S N for N vectors, as products of matrices over blocks of beliefs.
-SARSOP keeps to the beliefs of good policies, and its bounds are closer. Choose Perseus for observations that are
-events, for false negatives, and for plans of a few decisions.
+SARSOP keeps to the beliefs of good policies, and its bounds are closer. Choose Perseus for plans of a few decisions,
+and where false negatives lead to too many states for SARSOP.
 
 Where the model has false negatives see `mdm.solvers.perseus.false_negatives`, with a ``horizon``
 `mdm.solvers.perseus.plan`.
@@ -27,12 +27,12 @@ from mdm.errors import ConfigError, ModelError
 from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors
 from mdm.solvers.bounds import blind_values
+from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.limits import Limits
 from mdm.solvers.perseus.backup import Vectors, best, improve, needed
 from mdm.solvers.perseus.bounds import upper_bound
 from mdm.solvers.perseus.certificate import certified
 from mdm.solvers.perseus.false_negatives import Constrained
-from mdm.solvers.perseus.joint_dynamics import JointDynamics
 from mdm.solvers.perseus.plan import plan
 from mdm.solvers.perseus.points import sampled, starts
 

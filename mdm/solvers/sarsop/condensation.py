@@ -242,8 +242,10 @@ def _steps(layout: Layout, action: int, block: int) -> _Steps:
     signs = _stretches(observations.starts[told].astype(np.int64), counts)
     size = layout.rewards.shape[1]
     chances = np.repeat(transitions.values[entries], counts) * observations.values[signs]
-    pairs = observations.columns[signs].astype(np.int64) * size + np.repeat(after, counts)
+    pairs = observations.columns[signs].astype(np.int64) * size + np.repeat(layout.state[after], counts)
     columns, places = np.unique(pairs, return_inverse=True)
+    if not len(columns):  # nothing is ever detected: a column of zeros
+        columns = np.array([first])
     starts = np.concatenate(([0], np.cumsum(np.bincount(np.repeat(states, counts), minlength=int(end - first)))))
     matrix = csr((chances, places, starts), (int(end - first), len(columns)))
     reached = columns % size

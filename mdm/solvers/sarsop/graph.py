@@ -167,10 +167,10 @@ def new_graph(layout: Layout, bins: int) -> Graph:
 
 def room_for(layout: Layout) -> dict[int, int]:
     """Return the most that one expansion and one backup may take."""
-    num_actions, num_states = layout.rewards.shape
+    num_actions = len(layout.rewards)
     num_symbols = int(layout.observations.columns.max()) + 1
     starts, first = layout.observations.starts, layout.observations.first
-    entries = int((starts[first + num_states] - starts[first]).max())
+    entries = int((starts[first + len(layout.state)] - starts[first]).max())
     outcomes = min(num_symbols, entries)
     widest = int(np.diff(layout.first_state).max())
     return {
@@ -187,12 +187,12 @@ def room_for(layout: Layout) -> dict[int, int]:
 
 def new_scratch(layout: Layout, depth: int) -> Scratch:
     """Return room for the steps on a layout."""
-    num_states = layout.rewards.shape[1]
+    num_arrivals = len(layout.state)
     num_symbols = int(layout.observations.columns.max()) + 1
     entries = room_for(layout)[WEIGHTS]
     return Scratch(
-        predicted=np.zeros(num_states),
-        touched=np.zeros(num_states, dtype=np.int64),
+        predicted=np.zeros(num_arrivals),
+        touched=np.zeros(num_arrivals, dtype=np.int64),
         dense=np.zeros(int(np.diff(layout.first_state).max())),
         tally=np.zeros(num_symbols, dtype=np.int32),
         offset=np.zeros(num_symbols, dtype=np.int64),
@@ -200,8 +200,8 @@ def new_scratch(layout: Layout, depth: int) -> Scratch:
         entry_place=np.zeros(entries, dtype=np.int32),
         entry_weight=np.zeros(entries),
         choice=np.full(num_symbols, -1, dtype=np.int32),
-        backed=np.zeros(num_states),
-        stamp=np.zeros(num_states + 1, dtype=np.int64),
+        backed=np.zeros(num_arrivals),
+        stamp=np.zeros(num_arrivals + 1, dtype=np.int64),
         path=np.zeros(depth, dtype=np.int32),
         path_action=np.zeros(depth, dtype=np.int32),
     )

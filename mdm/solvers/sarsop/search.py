@@ -228,7 +228,8 @@ def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray
         end += tally[found[i]]
     for i in range(count):
         after = touched[i]
-        place = after - layout.first_state[layout.block[after]]
+        state = layout.state[after]
+        place = state - layout.first_state[layout.block[state]]
         row = layout.observations.first[action] + after
         for j in range(layout.observations.starts[row], layout.observations.starts[row + 1]):
             symbol = layout.observations.columns[j]
@@ -238,7 +239,7 @@ def _expand(layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray
             offset[symbol] = at + 1
         # The block of a symbol is that of any state in which it is observed.
         for j in range(layout.observations.starts[row], layout.observations.starts[row + 1]):
-            scratch.choice[layout.observations.columns[j]] = layout.block[after]
+            scratch.choice[layout.observations.columns[j]] = layout.block[state]
         predicted[after] = 0.0
     outcome = graph.counts[OUTCOMES]
     graph.first_outcome[edge] = outcome
@@ -355,15 +356,15 @@ def add_vector(layout: Layout, graph: Graph, block: int, action: int) -> int:
 @compiled
 def _back_up_vector(layout: Layout, graph: Graph, scratch: Scratch, node: int, action: int) -> None:
     """Add the vector of an action at a belief, followed by the best vector after each observation."""
-    num_states = layout.rewards.shape[1]
+    num_arrivals = len(layout.state)
     edge = graph.first_edge[node] + action
     block = int(np.int64(graph.block[node]))
     first = graph.first_outcome[edge]
     last = first + graph.num_outcomes[edge]
     for k in range(first, last):
         scratch.choice[graph.symbol[k]] = graph.best[graph.child[k]]
-    scratch.stamp[num_states] += 1
-    now = scratch.stamp[num_states]
+    scratch.stamp[num_arrivals] += 1
+    now = scratch.stamp[num_arrivals]
     base, end = layout.first_state[block], layout.first_state[block + 1]
     vector = add_vector(layout, graph, block, action)
     at = graph.first_value[vector]
@@ -378,8 +379,8 @@ def _back_up_vector(layout: Layout, graph: Graph, scratch: Scratch, node: int, a
             after = layout.transitions.columns[j]
             if scratch.stamp[after] != now:
                 scratch.stamp[after] = now
-                of = layout.block[after]
-                place = after - layout.first_state[of]
+                of = layout.block[layout.state[after]]
+                place = layout.state[after] - layout.first_state[of]
                 seen = layout.observations.first[action] + after
                 value = 0.0
                 for i in range(layout.observations.starts[seen], layout.observations.starts[seen + 1]):

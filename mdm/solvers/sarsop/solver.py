@@ -23,11 +23,11 @@ import numpy as np
 from mdm.errors import ModelError, ModelWarning
 from mdm.models import POMDP
 from mdm.models.compilation import can_compile, may_compile, plain
-from mdm.models.detection import check_no_false_negatives
 from mdm.models.dynamics import Dynamics
 from mdm.models.factored.mixed import MixedPOMDP
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 from mdm.solvers.bounds import blind_values, informed_values
+from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.limits import Limits
 from mdm.solvers.sarsop.condensation import Vectors, condensed
 from mdm.solvers.sarsop.graph import (
@@ -42,7 +42,7 @@ from mdm.solvers.sarsop.graph import (
     new_scratch,
     room_for,
 )
-from mdm.solvers.sarsop.layout import layout_of
+from mdm.solvers.sarsop.layout import bytes_of_arrivals, layout_of
 from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, parts_of, prune_points, prune_vectors
 
 if TYPE_CHECKING:
@@ -79,18 +79,15 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
     that sees them from the start.
 
     Args:
-        model: The model; its observations tell of states.
+        model: The model; its observations tell of states or are events. Factored ones are flattened.
         limits: When to stop, and where to report.
         whole: Whether the policy has all vectors that its value was built from. By default it has the few that a good
             plan uses, with values that hold for these alone: it is certified anew, and its lower bound is no worse.
 
     Raises:
-        ModelError: If the discount is 1, observations are events, or one is a false negative.
+        ModelError: If the discount is 1.
     """
-    check_no_false_negatives(model, "SARSOP")
     model = model.revealed()
-    if model.event_observations:
-        raise ModelError("SARSOP is for observations of states, P(o | a, s'); these are events: take perseus")
     if model.discount >= 1:
         raise ModelError("SARSOP needs a discount below 1: bounds without end never meet; give one (--discount)")
     _check_compiler()
@@ -138,7 +135,11 @@ class _Search:
     def __init__(self, model: POMDP, limits: Limits, steps: Any = None) -> None:
         self._model = model
         dynamics = Dynamics(model)
-        self._layout, self._order = layout_of(model, dynamics)
+        detections = JointDynamics(dynamics, model.false_negative) if dynamics.moves_by_joints else None
+        if detections is not None and (size := bytes_of_arrivals(detections)) > limits.room:
+            text = f"SARSOP would need {size / 1e6:.0f} MB for the steps without a detection: take perseus"
+            raise ModelError(f"{text}, or give it more memory (--memory)")
+        self._layout, self._order = layout_of(model, dynamics, detections)
         entries = len(self._layout.transitions.values) + len(self._layout.observations.values)
         self._is_plain = steps is None and entries <= _SMALL
         self._steps = steps
@@ -148,7 +149,8 @@ class _Search:
             with limits.uncounted():
                 self._steps = _compiled()
         blind = blind_values(dynamics)[:, self._order]
-        informed = informed_values(dynamics, limits)[self._order].T
+        bound = None if detections is None else detections.informed
+        informed = informed_values(dynamics, limits, bound)[self._order].T
         self._informed = np.ascontiguousarray(informed + _SLACK * np.abs(informed).max())
         self._graph = new_graph(self._layout, _BINS)
         self._scratch = new_scratch(self._layout, _DEPTH)

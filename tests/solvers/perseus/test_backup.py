@@ -9,8 +9,8 @@ from perseus_models import SEEDS, SMALL, parts
 
 from mdm.models.dynamics import Dynamics
 from mdm.solvers import Limits
+from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.perseus.backup import Vectors, best, choose, improve, needed
-from mdm.solvers.perseus.joint_dynamics import JointDynamics
 
 
 def drawn(model, seed):

@@ -12,10 +12,10 @@ from perseus_models import events, parts, reachable, recursion
 from mdm import ModelWarning, evaluate, load_model
 from mdm.models.dynamics import Dynamics
 from mdm.solvers import Limits
+from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.perseus import perseus
 from mdm.solvers.perseus.backup import Vectors
 from mdm.solvers.perseus.false_negatives import Constrained
-from mdm.solvers.perseus.joint_dynamics import JointDynamics
 
 
 class Unhurried:

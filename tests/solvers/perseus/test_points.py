@@ -7,7 +7,7 @@ import numpy as np
 from mdm.models.dynamics import Dynamics
 from mdm.problems import tiger
 from mdm.solvers import Limits
-from mdm.solvers.perseus.joint_dynamics import JointDynamics
+from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.perseus.points import sampled, starts
 
 

@@ -164,11 +164,11 @@ def test_what_it_cannot_solve_is_told():
         sarsop(huge)
     with pytest.raises(ModelError, match="discount below 1"):
         sarsop(load_model(TIGER).with_discount(1.0))
-    events = POMDP(np.ones((1, 1, 1)), np.ones((1, 1, 1, 1)), np.ones((1, 1)), discount=0.5, event_observations=True)
-    with pytest.raises(ModelError, match="take perseus"):
-        sarsop(events)
     with pytest.raises(ConfigError, match="value-iteration"):
         solve(load_model(TIGER), "value-iteration")
+    large = POMDP([np.eye(50)] * 2, np.full((2, 50, 2), 0.5), np.zeros((50, 2)), discount=0.5)
+    with pytest.raises(ModelError, match="SARSOP would need .* MB for the steps without a detection: take perseus"):
+        sarsop(large.with_false_negatives(0), limits=Limits(memory=1))
 
 
 @pytest.mark.parametrize("size", [30, 300])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from perseus_models import events
 
-from mdm.solvers import Limits
-from mdm.solvers.perseus import joint_dynamics, perseus
+from mdm.solvers import Limits, joint_dynamics
+from mdm.solvers.perseus import perseus
 
 
 def test_sparse_and_dense_find_the_same(monkeypatch):

@@ -13,7 +13,9 @@ import numpy as np
 
 from mdm.models.compressed import csr, is_compressed
 from mdm.models.dynamics import Dynamics, Indices, Joint
-from mdm.solvers.perseus.resolvent import discounted_resolvent
+from mdm.models.matrices import ROUNDING
+from mdm.solvers.bounds import InformedBound
+from mdm.solvers.resolvent import discounted_resolvent
 
 if TYPE_CHECKING:
     from mdm.models.detection import Resolvent
@@ -37,7 +39,8 @@ _TOGETHER = 8_000_000
 class JointDynamics:
     """P(s', o | s, a) and R of a model, for products.
 
-    Where the model has false negatives, or events without an observation, the action goes on after these.
+    Where the model has false negatives, or events without an observation, the action goes on after these. Rows whose
+    probabilities sum to 1 but for rounding are scaled to.
 
     Args:
         dynamics: The model.
@@ -59,6 +62,7 @@ class JointDynamics:
         place[self.observations] = np.arange(self.width)
         self.joints: list[Joint] = []
         """P(s', o | s, a) of each action without what is left out; an observation is its place in ``observations``."""
+        self._is_scaled = False
         missed: list[Matrix | None] = []
         for action in range(self.num_actions):
             joint = dynamics.joint(action)
@@ -73,6 +77,8 @@ class JointDynamics:
             discounted_resolvent(steps if steps is None else self._own(steps), self.discount, name)
             for steps, name in zip(missed, dynamics.model.action_space.names, strict=True)
         ]
+        for action, steps in enumerate(missed):
+            self._scale(action, steps if self._resolvents[action] is not None else None)
         self.ahead: list[Matrix] = []
         """P(s', o | s, a) of each action: a row for each s, a column for each o and s' that go together."""
         self._symbols: list[Indices] = []
@@ -83,6 +89,28 @@ class JointDynamics:
             self.ahead.append(matrix)
             self._symbols.append(symbols)
             self._successors.append(successors)
+
+    def _scale(self, action: int, missed: Matrix | None) -> None:
+        """Let what follows an action sum to 1, with the steps after which the action goes on."""
+        joint = self.joints[action]
+        told = np.asarray(joint.rows.sum(axis=1)).ravel()
+        sums = np.bincount(joint.states, told, minlength=self.size)
+        left = np.ones(self.size)
+        if missed is not None:
+            left = np.maximum(left - np.asarray(missed.sum(axis=1)).ravel(), 0.0)
+        if (np.abs(sums - left)[sums > 0] > ROUNDING).any():
+            self._is_scaled = True
+            shares = np.divide(left, sums, out=np.ones(self.size), where=sums > 0)
+            lengths = np.diff(joint.rows.indptr)
+            parts = joint.rows.data * np.repeat(shares[joint.states], lengths), joint.rows.indices, joint.rows.indptr
+            self.joints[action] = joint._replace(rows=csr(parts, joint.rows.shape))
+
+    @property
+    def informed(self) -> InformedBound:
+        """The backups of the fast informed bound."""
+        if self.waits:
+            return InformedBound(self.dynamics, self.joints, self.earned)
+        return InformedBound(self.dynamics, self.joints if self._is_scaled else None)
 
     def _side_by_side(self, joint: Joint) -> tuple[Matrix, Indices]:
         """Return the S x S' matrices of the observations side by side, without empty columns, and what these were."""
@@ -98,6 +126,14 @@ class JointDynamics:
     def waits(self) -> bool:
         """Whether an action may go on without a detection."""
         return any(resolvent is not None for resolvent in self._resolvents)
+
+    def waits_in(self, action: int) -> bool:
+        """Return whether this action may go on without a detection."""
+        return self._resolvents[action] is not None
+
+    def columns(self, action: int) -> tuple[Indices, Indices]:
+        """Return the place of the observation and the state of each column of ``ahead``."""
+        return self._symbols[action], self._successors[action]
 
     def points(self, beliefs: Vector) -> Matrix:
         """Return beliefs (n x S) in the faster form for products, CSR or dense."""

@@ -1,4 +1,4 @@
-"""The resolvents of Perseus: the rewards and steps of an action before the next detection.
+"""The resolvents of solvers: the rewards and steps of an action before the next detection.
 
 With S(s, s') the probability of a step without a detection, and g the discount, an action with reward r in a step has
 reward (I - g S)^-1 r up to the detection, whose probabilities are multiplied by the same matrix

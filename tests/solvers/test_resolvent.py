@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mdm.models import POMDP
-from mdm.solvers import Limits
-from mdm.solvers.perseus import joint_dynamics, perseus
+from mdm.solvers import Limits, joint_dynamics
+from mdm.solvers.perseus import perseus
 
 
 @pytest.mark.parametrize("sparse", [False, True])

@@ -31,6 +31,7 @@ __all__ = [
     "PoseUpdate",
     "PredicateMap",
     "PredicateUpdate",
+    "Progress",
     "Question",
     "Reward",
     "SensorUpdate",
@@ -100,6 +101,13 @@ class PredicateMap(Message, frozen=True, gc=False):
 
     counter: int
     values: dict[str, bool | None]
+
+
+class Progress(Message, frozen=True, gc=False):
+    """How far a drive is: the place that it leads to, and the metres that remain."""
+
+    place: str
+    remaining: float
 
 
 class State(Message, frozen=True, gc=False):

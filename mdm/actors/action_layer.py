@@ -6,6 +6,7 @@ Every action has one exact life: ``running``, then one of ``succeeded``, ``faile
 
 from __future__ import annotations
 
+import asyncio
 import inspect
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
@@ -137,6 +138,7 @@ class ActionLayer(Layer):
         self._pending: tuple[str, Binding, Action] | None = None
         self._beside: dict[str, _Life] = {}
         self._left: dict[str, Work] = {}
+        self._replaced: list[_Life] = []
         self._idle: list[Callable[[], None]] = []
         self._halted = True
         self._admits = self._barred = False
@@ -247,7 +249,7 @@ class ActionLayer(Layer):
             self._finish(life, "abandoned", "had not ended when the safe action was due")
 
     def _living(self) -> tuple[_Life, ...]:
-        return (*self._beside.values(), *(() if self._current is None else (self._current,)))
+        return (*self._replaced, *self._beside.values(), *(() if self._current is None else (self._current,)))
 
     def _cancel_all(self) -> None:
         for life in self._living():
@@ -356,23 +358,41 @@ class ActionLayer(Layer):
             life = self._beside.get(name)
             if life is None:
                 self._begin_life(name, binding, action)
-            elif binding.on_repeat == "restart":
+            elif not binding.continues():
                 self._cancel(life, "preempted")
                 self.skipped += 1
             return
         current = self._current
         if current is None:
             self._begin_life(name, binding, action)
-        elif current.binding is binding and current.ending is None and binding.on_repeat == "continue":
+        elif current.binding is binding and current.ending is None and binding.continues():
             # A running task goes on. But where its own last step (an event that it raises on arrival) led to this
             # decision, it is about to end, and what was decided is to do it once more.
             own = current.work is not None and current.work.is_calling
             self._pending = (name, binding, action) if own else None
+        elif _replaceable(current, binding):
+            self._replace(current, name, binding, action)
         else:
             if self._pending is not None:
                 self.skipped += 1
             self._pending = (name, binding, action)
             self._cancel(current, "preempted")
+
+    def _replace(self, life: _Life, name: str, binding: Binding, action: Action) -> None:
+        """Begin an action, and then cancel the running one of its group, so that what they drive need not stop."""
+        assert life.work is not None
+        if self._pending is not None:
+            self._pending = None
+            self.skipped += 1
+        life.ending = "preempted"
+        self._current = None
+        self._replaced.append(life)
+        if life.deadline is not None:
+            life.deadline.cancel()
+        self._end_life(life, "preempted")
+        self._begin_life(name, binding, action)
+        asyncio.get_running_loop().call_soon(life.work.cancel)  # behind the first step of what has just begun
+        life.grace = self.after(life.binding.grace, lambda: self._abandon(life))
 
     # -- Lives ---------------------------------------------------------------------------------------------------
 
@@ -460,6 +480,9 @@ class ActionLayer(Layer):
             self._finish(life, life.ending or "succeeded")
 
     def _finish(self, life: _Life, status: ActionStatus, detail: str = "") -> None:
+        if life in self._replaced:
+            self._finish_replaced(life, status, detail)
+            return
         if self._current is life:
             self._current = None
         elif self._beside.get(life.name) is life:
@@ -470,6 +493,15 @@ class ActionLayer(Layer):
             if timer is not None:
                 timer.cancel()
         self._end_life(life, status, detail)
+        self._settle()
+
+    def _finish_replaced(self, life: _Life, status: ActionStatus, detail: str) -> None:
+        """Take the end of what another action has replaced; that its life has ended is told already."""
+        self._replaced.remove(life)
+        if life.grace is not None:
+            life.grace.cancel()
+        if status in _FAILED:
+            self.report("action", f"action {life.name!r}, which was replaced, {status.replace('_', ' ')}: {detail}")
         self._settle()
 
     def _end_life(self, life: _Life, status: ActionStatus, detail: str = "") -> None:
@@ -503,6 +535,12 @@ class ActionLayer(Layer):
 
     def _tell(self, life: _Life, status: ActionStatus, detail: str = "") -> None:
         self._lives.publish(ActionLife(self._now(), self._path, life.number, life.name, status, detail))
+
+
+def _replaceable(life: _Life, binding: Binding) -> bool:
+    """Whether an action may begin before a running one is cancelled: not where that one itself has brought it about."""
+    same = binding.group is not None and binding.group is life.binding.group
+    return same and life.ending is None and life.work is not None and not life.work.is_calling
 
 
 def _bindings(

@@ -32,6 +32,10 @@ class Binding:
             in which it was chosen, such as "go up" in the next room: a task that goes on keeps its old goal.
         resume: For an ensemble: start it from the belief that it was stopped with.
         concurrent: The action neither ends the running one nor is ended by the next.
+        goes_on: With ``restart``, a plain function that is called when the same action is chosen again: whether the
+            task goes on all the same, since what it does would be no other.
+        group: Of tasks of the same group, such as drives to goals, the next one begins before the running one is
+            cancelled, so that what both drive need not stop in between. Any object that stands for the group.
 
     Attributes:
         plain: Whether it is a plain function.
@@ -44,7 +48,9 @@ class Binding:
         "concurrent",
         "ensemble",
         "function",
+        "goes_on",
         "grace",
+        "group",
         "on_repeat",
         "plain",
         "resume",
@@ -63,6 +69,8 @@ class Binding:
         on_repeat: Literal["continue", "restart"] = "continue",
         resume: bool = False,
         concurrent: bool = False,
+        goes_on: Callable[[], bool] | None = None,
+        group: object = None,
     ) -> None:
         for name, seconds in (("timeout", timeout), ("grace", grace)):
             if seconds is not None or name == "grace":
@@ -70,12 +78,18 @@ class Binding:
         check_choice(on_repeat, ("continue", "restart"), "on_repeat", key="on_repeat")
         check_flag(resume, "resume", key="resume")
         check_flag(concurrent, "concurrent", key="concurrent")
+        if goes_on is not None and on_repeat != "restart":
+            raise ConfigError("goes_on is for an action that starts anew: give on_repeat='restart'", key="goes_on")
+        if group is not None and concurrent:
+            raise ConfigError("a concurrent action replaces none, and so is of no group", key="group")
         self.target = target
         self.timeout = timeout
         self.grace = grace
         self.on_repeat = on_repeat
         self.resume = resume
         self.concurrent = concurrent
+        self.goes_on = goes_on
+        self.group = group
         self.ensemble: Ensemble | None = None
         self.function: Callable[..., Any] = _no_call
         self.takes_action = False
@@ -93,6 +107,10 @@ class Binding:
         self.plain = self.ensemble is None and kind_of(self.function) is None
         self.brief = self.plain and not concurrent
         self.returns = self.plain and may_return(self.function)
+
+    def continues(self) -> bool:
+        """Whether a running task goes on when the action is chosen again."""
+        return self.on_repeat == "continue" or (self.goes_on is not None and self.goes_on())
 
 
 def bind(target: Callback | Ensemble, **options: Any) -> Binding:

@@ -1,6 +1,7 @@
 """Maps: where the cells of a floor are free, which place each belongs to, and how the places hang together.
 
-With `Places` a robot's poses are predicates and events. What takes actors is loaded when it is first asked for.
+With `Places` a robot's poses are predicates and events, and with `Navigation` the ways of a map are actions. What takes
+actors is loaded when it is first asked for.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from mdm.maps.labels import Labels
 from mdm.maps.map import Map
 
 if TYPE_CHECKING:
+    from mdm.maps.navigation import Navigation, Navigator, ReportingNavigator
     from mdm.maps.places import Places
 
 __all__ = [
@@ -26,16 +28,24 @@ __all__ = [
     "Grid",
     "Labels",
     "Map",
+    "Navigation",
+    "Navigator",
     "Node",
     "Places",
     "Pose",
+    "ReportingNavigator",
     "draft",
     "load_graph",
     "load_grid",
     "load_map",
 ]
 
-_HOMES = {"Places": "places"}
+_HOMES = {
+    "Navigation": "navigation",
+    "Navigator": "navigation",
+    "Places": "places",
+    "ReportingNavigator": "navigation",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -65,3 +65,19 @@ def test_an_ensemble_is_started_and_stopped():
 def test_what_is_no_binding_is_refused(target, options, words):
     with pytest.raises(ConfigError, match=words):
         bind(target, **options)
+
+
+def test_whether_an_action_goes_on_is_asked_only_where_it_starts_anew():
+    asked = bind(print, on_repeat="restart", goes_on=lambda: True)
+    assert (asked.continues(), bind(print).continues(), bind(print, on_repeat="restart").continues()) == (
+        True,
+        True,
+        False,
+    )
+    with pytest.raises(ConfigError, match="goes_on is for an action that starts anew: give on_repeat='restart'"):
+        bind(print, goes_on=lambda: True)
+
+
+def test_a_concurrent_action_is_of_no_group():
+    with pytest.raises(ConfigError, match="a concurrent action replaces none, and so is of no group"):
+        bind(print, concurrent=True, group="drives")

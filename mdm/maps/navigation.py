@@ -1,0 +1,215 @@
+"""Navigation: the ways of a map as actions, whose goals depend on where the robot is."""
+
+from __future__ import annotations
+
+import inspect
+from typing import TYPE_CHECKING, Any, Protocol
+
+from mdm.actors.binding import Binding
+from mdm.errors import ConfigError, Error
+from mdm.logic import similar
+from mdm.maps.map import Map
+from mdm.maps.places import Places
+from mdm.messages import Progress
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from mdm.actors import PredicateManager
+    from mdm.maps.graph import Graph, Node, Pose
+
+__all__ = ["Feedback", "Navigation", "Navigator", "ReportingNavigator"]
+
+Feedback = "Callable[[float], object]"
+"""Takes the metres that remain to the goal."""
+
+
+class Navigator(Protocol):
+    """What drives a robot: an ``async`` method that ends when the robot is there.
+
+    It raises where the robot cannot get there, with a sentence, and stops the robot when it is cancelled. A navigator
+    whose robot may go on to a new goal without a stop says so by an attribute ``replaces = True``. Then a new call may
+    come while another one runs, which is cancelled at once: that one ends, and leaves the robot to the newer goal.
+    """
+
+    def go(self, goal: Pose, /) -> Awaitable[None]:
+        """Drive to a pose, in the frame of the map."""
+
+
+class ReportingNavigator(Protocol):
+    """A `Navigator` that tells how far it is."""
+
+    def go(self, goal: Pose, feedback: Callable[[float], object], /) -> Awaitable[None]:
+        """Drive to a pose; call the feedback with the metres that remain, from any thread, as often as it likes."""
+
+
+class Navigation:
+    """Makes actions of the ways of a map: ``Up`` goes where the way ``Up`` leads from the place where the robot is.
+
+    The place is the one whose predicate is true when the action begins, so that decision and goal agree. Where none or
+    several are true, or there is no such way, the action fails with a sentence, and the robot is not moved. Chosen
+    again, an action goes on to its goal; where it leads elsewhere by now, as in the next room, it starts anew.
+
+    What a navigator tells of its way is on the channel ``navigation/progress``.
+
+    Args:
+        floor: The map, or its graph alone.
+        navigator: What drives the robot.
+        places: Where the robot is: `Places`; or the predicate manager, which has a predicate for each place.
+        prefix: Of a predicate manager, what predicates have before the names of places.
+        timeout: Seconds that a drive may take.
+        grace: Seconds that a drive has to end when it is cancelled.
+        name: What its channel begins with.
+
+    Raises:
+        ConfigError: If there is no predicate for a place, or the navigator cannot be called.
+
+    Example::
+
+        places = mdm.maps.Places(floor, predicates)
+        navigation = mdm.maps.Navigation(floor, navigator, places)
+        actions = {**navigation.actions(stay="Stay"), "Charge": navigation.go_to("Dock")}
+    """
+
+    def __init__(
+        self,
+        floor: Map | Graph,
+        navigator: Navigator | ReportingNavigator,
+        places: Places | PredicateManager,
+        *,
+        prefix: str = "",
+        timeout: float | None = None,
+        grace: float = 5.0,
+        name: str = "navigation",
+    ) -> None:
+        self.graph = floor.graph if isinstance(floor, Map) else floor
+        self.navigator = navigator
+        if isinstance(places, Places):
+            if prefix:
+                raise ConfigError("the prefix is that of the places: give it to them alone", key="prefix")
+            self.predicates, prefix = places.predicates, places.prefix
+        else:
+            self.predicates = places
+        self.name = name
+        self._reports = _takes_feedback(navigator)
+        self._replaces = getattr(navigator, "replaces", False) is True
+        self._options: dict[str, Any] = {"timeout": timeout, "grace": grace}
+        self._rooms = {node.name: prefix + node.name for node in self.graph.nodes}
+        declared = self.predicates.declared
+        for place, room in self._rooms.items():
+            if declared.knows(room) != "predicate":
+                hint = similar(room, declared.names)
+                raise ConfigError(f"there is no predicate {room!r}, which would tell of the place {place!r}{hint}")
+
+    # -- What users call -----------------------------------------------------------------------------------------
+
+    def actions(self, *, stay: str | None = None) -> dict[str, Binding]:
+        """Return an action for each label of the graph's ways, to be bound in an ensemble.
+
+        Args:
+            stay: The name of one more action, which stops the robot where it is.
+
+        Raises:
+            ConfigError: If a way has that name.
+        """
+        bound = {label: self._by_label(label) for label in self.graph.labels}
+        if stay is not None:
+            if stay in bound:
+                raise ConfigError(f"{stay!r} is a way of the map: give the action that stays another name", key="stay")
+            bound[stay] = Binding(_stay)
+        return bound
+
+    def go_to(self, name: str) -> Binding:
+        """Return the action that goes to a place, wherever the robot is.
+
+        Raises:
+            MapError: If there is no such place.
+        """
+        node = self.graph.node(name)
+        return Binding(lambda: self._drive(node), group=self._group, **self._options)
+
+    def place(self) -> str:
+        """Return the name of the place where the robot is, as the predicates have it.
+
+        Raises:
+            Error: If none of them is true, or several are.
+        """
+        found = [place for place, room in self._rooms.items() if self.predicates.value(room) is True]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise Error(f"the robot is in several places at once, by their predicates: {', '.join(found)}")
+        unknown = [room for room in self._rooms.values() if self.predicates.value(room) is None]
+        why = f"{', '.join(unknown)}: unknown" if unknown else f"{', '.join(self._rooms.values())}: all are false"
+        raise Error(f"it is not known in which place the robot is ({why})")
+
+    def target(self, label: str) -> Node:
+        """Return where a way leads from the place where the robot is.
+
+        Raises:
+            Error: If that place is not known, or no way from there has this label.
+        """
+        place = self.place()
+        name = self.graph.target(place, label)
+        if name is None:
+            ways = [f"{edge.label!r} to {edge.target!r}" for edge in self.graph.edges if edge.source == place]
+            others = f"there are {', '.join(ways)}" if ways else "there is none at all"
+            raise Error(f"from {place!r} no way is called {label!r}; {others}")
+        return self.graph.node(name)
+
+    # -- Lives ---------------------------------------------------------------------------------------------------
+
+    @property
+    def _group(self) -> Navigation | None:
+        return self if self._replaces else None
+
+    def _by_label(self, label: str) -> Binding:
+        goals: list[Node] = []
+
+        def go() -> Awaitable[None]:
+            goals[:] = [self.target(label)]
+            return self._drive(goals[0])
+
+        def goes_on() -> bool:
+            try:
+                return [self.target(label)] == goals
+            except Error:
+                return False  # it starts anew, and says what is wrong
+
+        return Binding(go, on_repeat="restart", goes_on=goes_on, group=self._group, **self._options)
+
+    async def _drive(self, node: Node) -> None:
+        navigator: Any = self.navigator
+        if not self._reports:
+            await navigator.go(node.goal)
+            return
+        runtime = self.predicates.runtime
+        channel = runtime.channel(f"{self.name}/progress", Progress)
+        under_way = True
+
+        def feedback(remaining: float) -> None:
+            if under_way:  # else it comes late, of a drive that has ended
+                channel.publish(Progress(runtime.clock.now(), node.name, float(remaining)))
+
+        try:
+            await navigator.go(node.goal, feedback)
+        finally:
+            under_way = False
+
+
+def _stay() -> None:
+    """Do nothing: that an action is chosen has ended the drive before it."""
+
+
+def _takes_feedback(navigator: object) -> bool:
+    """Whether a navigator's method takes feedback besides the goal."""
+    go = getattr(navigator, "go", None)
+    if not callable(go):
+        raise ConfigError(f"a navigator has an async method 'go', which takes a pose; {navigator!r} has none")
+    for count in (2, 1):
+        try:
+            inspect.signature(go).bind(*range(count))
+        except TypeError:
+            continue
+        return count == 2
+    raise ConfigError(f"a navigator's 'go' takes a pose, and may take a function for feedback; {go!r} does not")

@@ -1,0 +1,323 @@
+"""Navigation: goals that depend on the room, lives that are told right, and sentences where nothing can be done."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from drives import Replacing, Reporting, Robot, patroller
+from rows_of_rooms import row_of_rooms
+
+import mdm
+from mdm.errors import ConfigError, Error, MapError
+from mdm.maps import Edge, Graph, Map, Navigation, Pose
+from mdm.messages import Action, ActionLife, Progress
+from mdm.testing import capture_decisions, probe, run_virtual
+
+THREE = row_of_rooms("A", "B", "C")
+
+
+class Driven:
+    """A robot in three rooms, its ensemble, and all that they tell."""
+
+    def __init__(self, kind=Robot, policy=None, *, x=2.0, floor=THREE, navigation=None, **options):
+        self.predicates = mdm.PredicateManager()
+        self.predicates.sensor("Other", initial=False)
+        self.robot = kind(floor, self.predicates, x, 2.0)
+        self.navigation = Navigation(floor, self.robot, self.robot.places, **(navigation or {}))
+        policy = policy or {"A": "Right", "B": "Right", "C": "Stay"}
+        self.ensemble = patroller(self.robot, self.navigation, policy, self.predicates, **options)
+
+    async def start(self, runtime):
+        self.runtime = runtime
+        self.faults = probe(runtime.faults)
+        self.lives = probe(runtime.channel("robot/lives", ActionLife))
+        self.progress = probe(runtime.channel("navigation/progress", Progress))
+        await runtime.start(self.robot.places)
+        await runtime.start(self.ensemble)
+        self.living = asyncio.create_task(self.robot.live())
+        return self
+
+    @property
+    def told(self):
+        return [(life.action, life.status) for life in self.lives]
+
+
+def drive(script, *arguments, **options):
+    async def main(runtime):
+        driven = await Driven(*arguments, **options).start(runtime)
+        try:
+            return await script(driven)
+        finally:
+            driven.living.cancel()
+            driven.robot.goal = None
+
+    return run_virtual(main)
+
+
+def test_the_same_action_chosen_anew_in_the_next_room_goes_on_to_the_next_goal():
+    async def script(driven):
+        with capture_decisions(driven.runtime) as decisions:
+            await asyncio.sleep(60)
+        assert [decision.action_name for decision in decisions] == ["Right", "Right", "Stay"]
+        assert driven.robot.said == ["go 6", "stop", "go 10", "stop"]
+
+    drive(script, policy={"A": "Right", "B": "Right", "C": "Stay"})
+
+
+def test_the_life_of_each_drive_is_told():
+    async def script(driven):
+        await asyncio.sleep(60)
+        assert driven.told == [
+            ("Right", "running"),
+            ("Right", "preempted"),
+            ("Right", "running"),
+            ("Right", "preempted"),
+            ("Stay", "running"),
+            ("Stay", "succeeded"),
+        ]
+        assert driven.faults == []
+
+    drive(script)
+
+
+def test_a_drive_that_arrives_has_succeeded():
+    async def script(driven):
+        await asyncio.sleep(60)
+        assert driven.told[-2:] == [("Left", "running"), ("Left", "succeeded")]
+        assert driven.robot.x == 2.0
+
+    drive(script, policy={"A": "Left", "B": "Left", "C": "Left"}, x=6.0, floor=looped())
+
+
+def looped():
+    """Three rooms, and a way from the first to itself."""
+    edges = (*THREE.graph.edges, Edge("A", "A", "Left"), Edge("C", "C", "Right"))
+    return Map(THREE.labels, Graph(THREE.graph.nodes, edges))
+
+
+def test_a_new_goal_replaces_the_old_one_without_a_stop_and_the_lives_are_the_same():
+    async def script(driven):
+        await asyncio.sleep(60)
+        assert driven.robot.said == ["go 6", "go 10", "stop"]
+        assert driven.told == [
+            ("Right", "running"),
+            ("Right", "preempted"),
+            ("Right", "running"),
+            ("Right", "preempted"),
+            ("Stay", "running"),
+            ("Stay", "succeeded"),
+        ]
+        statistics = driven.ensemble.action.statistics()
+        assert statistics.ended == {"preempted": 2, "succeeded": 1}
+        assert statistics.work == 0
+        assert driven.faults == []
+
+    drive(script, Replacing)
+
+
+def test_chosen_again_in_the_same_room_a_drive_goes_on():
+    """At a fixed rate a robot that started anew at each decision would not come far."""
+
+    async def script(driven):
+        await asyncio.sleep(60)
+        assert driven.robot.said == ["go 6", "stop", "go 10", "stop"]
+        assert driven.ensemble.control.decisions > 500
+
+    drive(script, drive=10.0)
+
+
+def test_chosen_again_where_it_leads_nowhere_by_now_a_drive_fails():
+    """The robot has been carried to where no way has this label."""
+
+    async def script(driven):
+        await asyncio.sleep(1)
+        driven.robot.x = 10.0
+        await asyncio.sleep(1)
+        assert ("Right", "failed") in driven.told
+        sentence = "action 'Right' failed: Error: from 'C' no way is called 'Right'; there are 'Left' to 'B'"
+        assert driven.faults[0].detail.startswith(sentence)
+        assert driven.robot.said == ["go 6", "stop"]
+
+    drive(script, policy={"A": "Right", "B": "Right", "C": "Right"})
+
+
+@pytest.mark.parametrize("kind", [Robot, Replacing])
+def test_a_way_that_is_not_there_fails_with_a_sentence_and_moves_nothing(kind):
+    async def script(driven):
+        await asyncio.sleep(1)
+        assert driven.told == [("Left", "running"), ("Left", "failed")]
+        assert "from 'A' no way is called 'Left'; there are 'Right' to 'B'" in driven.faults[0].detail
+        assert driven.robot.said == []
+
+    drive(script, kind, policy={"A": "Left", "B": "Left", "C": "Left"})
+
+
+def test_the_safe_action_waits_for_all_that_drives():
+    """Even where a drive that was replaced takes its time, nothing moves beside the safe action."""
+
+    class Slow(Replacing):
+        async def go(self, goal):
+            try:
+                await super().go(goal)
+            finally:
+                await asyncio.sleep(1.5)
+                self.said.append("ended")
+
+    async def script(driven):
+        while len(driven.robot.said) < 2:  # the second drive has begun, and the first one has yet to end
+            await asyncio.sleep(0.05)
+        driven.living.cancel()
+        driven.robot.places.see(Pose(float("nan"), 0.0))  # a cause of the safe mode
+        await asyncio.sleep(5)
+        assert driven.robot.said == ["go 6", "go 10", "stop", "ended", "ended", "safe"]
+        assert driven.ensemble.mode == "safe"
+        assert driven.ensemble.action.statistics().work == 0
+
+    said = []
+
+    class Told(Slow):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            self.said = said
+
+    drive(script, Told, safe_action=lambda: said.append("safe"))
+
+
+def test_a_replaced_drive_that_does_not_end_is_abandoned_and_one_that_fails_is_told():
+    class Stubborn(Replacing):
+        async def go(self, goal):
+            try:
+                await super().go(goal)
+            except asyncio.CancelledError:
+                if goal.x == 10:
+                    raise OSError("the wheels are stuck") from None
+                await asyncio.sleep(1000)
+
+    async def script(driven):
+        await asyncio.sleep(40)
+        assert [fault.detail.partition(" (at ")[0] for fault in driven.faults if fault.kind == "action"] == [
+            "action 'Right', which was replaced, abandoned: did not end within 2 s of being cancelled",
+            "action 'Right' begins while 'Right', abandoned, still runs",
+            "action 'Right', which was replaced, failed: OSError: the wheels are stuck",
+        ]
+        assert [status for _, status in driven.told].count("abandoned") == 0
+
+    floor = row_of_rooms("A", "B", "C", "D")
+    edges = (*floor.graph.edges, Edge("D", "D", "Right"))
+    floor = Map(floor.labels, Graph(floor.graph.nodes, edges))
+    policy = dict.fromkeys("ABCD", "Right")
+    drive(script, Stubborn, policy, floor=floor, navigation={"grace": 2.0})
+
+
+def test_a_place_that_is_not_known_fails_with_a_sentence():
+    async def main(runtime):
+        predicates = mdm.PredicateManager()
+        robot = Robot(THREE, predicates, 2.0, 2.0)
+        navigation = Navigation(THREE, robot, robot.places)
+        await runtime.start(robot.places)
+        go = navigation.actions()["Right"].function
+        with pytest.raises(Error, match=r"it is not known in which place the robot is \(A, B, C: unknown\)"):
+            go()
+        robot.places.see(Pose(2, 2))
+        assert navigation.place() == "A"
+        assert navigation.target("Right").goal == Pose(6, 2)
+        go().close()
+
+    run_virtual(main)
+
+
+def test_predicates_of_others_may_tell_the_place():
+    async def main(runtime):
+        predicates = mdm.PredicateManager()
+        sensors = [predicates.sensor(f"In{name}", initial=False) for name in "ABC"]
+        robot = Robot(THREE, mdm.PredicateManager(), 2.0, 2.0)
+        navigation = Navigation(THREE.graph, robot, predicates, prefix="In")
+        await runtime.start(predicates)
+        with pytest.raises(Error, match=r"not known .* \(InA, InB, InC: all are false\)"):
+            navigation.place()
+        sensors[0].set(True)
+        assert navigation.place() == "A"
+        sensors[2].set(True)
+        with pytest.raises(Error, match="in several places at once, by their predicates: A, C"):
+            navigation.place()
+
+    run_virtual(main)
+
+
+def test_what_remains_is_told_while_a_drive_lives():
+    async def script(driven):
+        await asyncio.sleep(60)
+        assert [(update.place, round(update.remaining)) for update in driven.progress] == [("B", 4), ("C", 6)]
+        driven.robot.feedback(1.0)  # too late
+        assert len(driven.progress) == 2
+
+    drive(script, Reporting)
+
+
+def test_a_drive_that_fails_says_what_the_navigator_says():
+    class Blocked(Robot):
+        async def go(self, goal):
+            await asyncio.sleep(1)
+            raise OSError("a chair is in the way")
+
+    async def script(driven):
+        await asyncio.sleep(2)
+        assert driven.told == [("Right", "running"), ("Right", "failed")]
+        assert "a chair is in the way" in driven.faults[0].detail
+
+    drive(script, Blocked)
+
+
+def test_a_drive_may_take_a_time_at_most():
+    async def script(driven):
+        await asyncio.sleep(2)
+        assert driven.told[:2] == [("Right", "running"), ("Right", "timed_out")]
+        assert driven.robot.said == ["go 6", "stop"]
+
+    drive(script, navigation={"timeout": 1.0})
+
+
+@pytest.mark.parametrize("kind", [Robot, Replacing])
+def test_a_goal_may_be_given_by_its_name(kind):
+    async def main(runtime):
+        predicates = mdm.PredicateManager()
+        robot = kind(THREE, predicates, 2.0, 2.0)
+        navigation = Navigation(THREE, robot, robot.places)
+        ensemble = mdm.Ensemble("robot", policy=[0], actions={"GoToC": navigation.go_to("C")})
+        await runtime.start(robot.places)
+        await runtime.start(ensemble)
+        lives = probe(runtime.channel("robot/lives", ActionLife))
+        runtime.channel("robot/action", Action).publish(Action(runtime.clock.now(), 0, 0))
+        living = asyncio.create_task(robot.live())
+        await asyncio.sleep(30)
+        living.cancel()
+        assert robot.said == ["go 10", "stop"]
+        assert [life.status for life in lives] == ["running", "succeeded"]
+
+    run_virtual(main)
+
+
+def test_what_does_not_fit_is_refused():
+    predicates = mdm.PredicateManager()
+    robot = Robot(THREE, predicates, 2.0, 2.0)
+    navigation = Navigation(THREE, robot, robot.places)
+    assert list(navigation.actions(stay="Stay")) == ["Right", "Left", "Stay"]
+    assert navigation.actions()["Left"].on_repeat == "restart"
+    with pytest.raises(ConfigError, match="'Left' is a way of the map: give the action that stays another name"):
+        navigation.actions(stay="Left")
+    with pytest.raises(MapError, match="there is no place 'D'; there are A, B, C"):
+        navigation.go_to("D")
+    with pytest.raises(ConfigError, match="the prefix is that of the places"):
+        Navigation(THREE, robot, robot.places, prefix="In")
+    with pytest.raises(ConfigError, match="there is no predicate 'InA', which would tell of the place 'A'"):
+        Navigation(THREE, robot, predicates, prefix="In")
+    with pytest.raises(ConfigError, match="an async method 'go', which takes a pose; 'robot' has none"):
+        Navigation(THREE, "robot", predicates)
+
+    class Idle:
+        async def go(self):
+            pass
+
+    with pytest.raises(ConfigError, match="'go' takes a pose, and may take a function for feedback"):
+        Navigation(THREE, Idle(), predicates)

@@ -26,6 +26,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
         "solvers",
         "tree_search",
         "communication",
+        "places",
         "team_bridge",
         "team_latency",
     ],
@@ -93,6 +94,9 @@ def test_benchmark(tmp_path, name):
         messages = {(row["problem"], row["policy"]): row["% of messages"] for row in results["communication"]}
         assert messages["dec-tiger", "Always"] == 100
         assert messages["dec-tiger", "Never"] == 0
+    elif name == "places":
+        assert {row["way"] for row in results["lookups"]} >= {"bytes", "ray casting, 6 rectangles"}
+        assert all(row["median_us"] > 0 for row in (*results["poses"], *results["particles"]))
     elif name == "sarsop":
         assert results["tiger_s"] > 0
     else:

@@ -76,6 +76,20 @@ def test_external_belief():
     assert "docking in cell 3; the charger is in cell 3" in output
 
 
+def test_rooms():
+    lines = run("rooms.py").splitlines()
+    reached = [line.split()[2] for line in lines if ".at_goal" in line and "Lab.at_goal and" not in line]
+    assert "Lab.at_goal and IsOnTheWayBack: true" in lines[7]
+    assert [line.split()[-2:] for line in lines[1:6]] == [
+        ["Right", "running"],
+        ["Office:", "true"],
+        ["Office.at_goal:", "true"],
+        ["Right", "preempted"],
+        ["Right", "running"],
+    ]
+    assert reached == ["Lobby", "Office.at_goal:", "Office.at_goal:", "Lobby.at_goal:", "Office.at_goal:"]
+
+
 @pytest.mark.parametrize("arguments", [["--fast"], ["--fast", "--seconds", "5"]])
 def test_patrol(arguments):
     output = run("patrol/patrol.py", *arguments)

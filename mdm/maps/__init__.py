@@ -19,6 +19,7 @@ from mdm.maps.map import Map
 
 if TYPE_CHECKING:
     from mdm.maps.navigation import Navigation, Navigator, ReportingNavigator
+    from mdm.maps.place_belief import PlaceBelief
     from mdm.maps.places import Places
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "Navigation",
     "Navigator",
     "Node",
+    "PlaceBelief",
     "Places",
     "Pose",
     "ReportingNavigator",
@@ -43,6 +45,7 @@ __all__ = [
 _HOMES = {
     "Navigation": "navigation",
     "Navigator": "navigation",
+    "PlaceBelief": "place_belief",
     "Places": "places",
     "ReportingNavigator": "navigation",
 }

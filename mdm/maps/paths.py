@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import MapError
+from mdm.maps.sight import sees
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -96,3 +97,27 @@ class Paths:
         distances[self.open] = near
         nearest[self.open] = np.where(origin >= 0, place[np.maximum(origin, 0)], -1)
         return distances, nearest
+
+    def route(self, distances: Vector, cell: tuple[int, int]) -> list[tuple[int, int]]:
+        """Return the cells where the way from a cell turns, and its end: between them it runs straight over open cells.
+
+        Args:
+            distances: The metres from each cell to where it leads, as `distances` returns them.
+            cell: Where it begins.
+        """
+        rows, columns = distances.shape
+        way = [cell]
+        while distances[way[-1]] > 0:
+            row, column = way[-1]
+            low, left = max(0, row - 1), max(0, column - 1)
+            window = distances[low : min(rows, row + 2), left : min(columns, column + 2)]
+            down, right = divmod(int(window.argmin()), window.shape[1])
+            if not distances[low + down, left + right] < distances[way[-1]]:
+                raise MapError(f"there is no way from cell {cell}")
+            way.append((low + down, left + right))
+        turns, begin = [], 0
+        for index in range(2, len(way)):
+            if not sees(self.open, way[begin], way[index]):
+                begin = index - 1
+                turns.append(way[begin])
+        return [*turns, way[-1]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import itertools
 import math
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import given, strategies as st
 from mdm.errors import MapError
 from mdm.maps import Frame
 from mdm.maps.paths import Paths
+from mdm.maps.sight import sees
 
 
 def plain(free, starts):
@@ -63,3 +65,26 @@ def test_points_outside_and_in_walls_are_told():
         paths.cell(1.5, 0.5)
     with pytest.raises(MapError, match=r"cell \(0, 1\) is not open"):
         paths.distances([(0, 1)])
+
+
+@given(st.integers(2, 9), st.integers(2, 9), st.randoms(use_true_random=False))
+def test_a_route_runs_straight_over_open_cells_from_turn_to_turn(rows, columns, random):
+    free = np.array([[random.random() < 0.75 for _ in range(columns)] for _ in range(rows)])
+    free[0, 0] = True
+    paths = Paths(Frame(rows, columns, 0.5), free)
+    distances, _ = paths.distances([(0, 0)])
+    for cell in map(tuple, np.argwhere(np.isfinite(distances)).tolist()):
+        route = [cell, *paths.route(distances, cell)]
+        assert route[-1] == (0, 0)
+        for one, other in itertools.pairwise(route):
+            neighbours = max(abs(one[0] - other[0]), abs(one[1] - other[1])) <= 1
+            assert neighbours or sees(free, one, other)
+        length = sum(0.5 * math.dist(one, other) for one, other in itertools.pairwise(route))
+        assert length <= distances[cell] + 1e-9
+
+
+def test_from_where_there_is_no_way_there_is_no_route():
+    paths = Paths(Frame(1, 3, 1.0), np.array([[True, False, True]]))
+    distances, _ = paths.distances([(0, 0)])
+    with pytest.raises(MapError, match="no way from cell"):
+        paths.route(distances, (0, 2))

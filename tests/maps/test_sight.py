@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, strategies as st
 
-from mdm.maps.sight import seen_from
+from mdm.maps.sight import seen_from, sees
 
 
 @given(st.integers(1, 40), st.integers(1, 40), st.data())
@@ -32,3 +32,16 @@ def test_only_open_cells_that_can_be_reached_are_seen(rows, columns, random):
     seen = seen_from(room, (0, 0))
     assert seen[0, 0]
     assert not (seen & ~room).any()
+
+
+@given(st.integers(1, 12), st.integers(1, 12), st.data())
+def test_a_line_crosses_the_cells_that_lie_on_it(rows, columns, data):
+    room = np.ones((rows, columns), dtype=bool)
+    ends = [(data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, columns - 1))) for _ in range(2)]
+    assert sees(room, *ends)
+    middle = round((ends[0][0] + ends[1][0]) / 2 + 1e-9), round((ends[0][1] + ends[1][1]) / 2 + 1e-9)
+    exact = all((one + other) % 2 == 0 for one, other in zip(*ends, strict=True))
+    if exact:
+        room[middle] = False
+        assert not sees(room, *ends)
+        assert not sees(room, *ends[::-1])

@@ -1,0 +1,260 @@
+"""The building: an actor that moves its robots step by step, and lets visits come and go."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.errors import ConfigError, Error, MapError
+from mdm.maps.paths import Paths
+from mdm.messages import PoseUpdate
+from mdm.runtime import Actor
+from mdm.simulation.building.robot import Robot
+from mdm.simulation.building.visits import Visit, VisitChange, Visits
+from mdm.simulation.building.walls import walls
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from mdm.maps import Map, Pose
+    from mdm.maps.places import Places
+    from mdm.messages import Tick
+    from mdm.runtime import Channel
+
+__all__ = ["Building"]
+
+_RATE = 10.0
+"""Steps a second; robots tell their poses as often."""
+_ROOM = 0.1
+"""Metres that paths keep from walls beside the robot's radius, where there is so much room."""
+_MOST = 10
+"""Steps at once, where the clock has run ahead."""
+
+
+class Building(Actor):
+    """A floor with robots that drive, and people, intruders and fires that come and go.
+
+    It steps ten times a second of the runtime's clock, in wall or virtual time. Robots keep clear of walls and of each
+    other. The same seed gives the same run in virtual time.
+
+    Args:
+        floor: The map, with its grid.
+        visits: What comes, how often, and for how long.
+        seed: The seed of all that is random.
+        name: Its name among actors.
+
+    Raises:
+        ConfigError: If two visits are of one kind.
+        MapError: If the map has no grid, or visits are to places that are not on it.
+        Error: If navground is not installed.
+
+    Attributes:
+        floor: The map.
+        robots: The robots by name.
+        steps: The number of steps so far.
+
+    Example::
+
+        async def main():
+            building = Building(floor, visits=[Visits("person", every=60.0, stay=120.0)], seed=1)
+            robot = building.robot("ada", at="Hall")
+            async with mdm.Runtime(log=None) as runtime:
+                await runtime.start(building)
+                await robot.go(floor.graph.node("Kitchen").goal)
+
+
+        mdm.run(main, virtual=True)
+    """
+
+    def __init__(
+        self, floor: Map, *, visits: Iterable[Visits] = (), seed: int | None = None, name: str = "building"
+    ) -> None:
+        super().__init__(name)
+        if floor.grid is None:
+            raise MapError("a building needs a map with a grid: where there is no wall, everything is")
+        core, simulator = _navground()
+        self.floor = floor
+        self.grid = floor.grid
+        self._clearance = floor.grid.clearance()
+        self.robots: dict[str, Robot] = {}
+        self.steps = 0
+        self._world = simulator.World()
+        self._generators = np.random.SeedSequence(seed)
+        self._world.seed = int(self._generators.generate_state(1)[0])
+        for one, other in walls(self.grid):
+            self._world.add_wall(simulator.Wall(core.LineSegment(one, other)))
+        self._visits = {each.kind: each for each in self._checked(visits)}
+        self._present: list[Visit] = []
+        self._came = 0
+        self._random = np.random.default_rng(self._generators.spawn(1)[0])
+        self._paths: dict[float, Paths] = {}
+        self._poses: dict[str, Channel[PoseUpdate]] = {}
+        self._places: dict[str, Places] = {}
+
+    def _checked(self, visits: Iterable[Visits]) -> list[Visits]:
+        known: list[Visits] = []
+        for each in visits:
+            if any(each.kind == other.kind for other in known):
+                raise ConfigError(f"two visits are of the kind {each.kind!r}", key="visits")
+            for place in each.places or ():
+                self.floor.graph.node(place)
+            known.append(each)
+        return known
+
+    # -- Robots --------------------------------------------------------------------------------------------------
+
+    def robot(
+        self,
+        name: str,
+        *,
+        at: str | Pose,
+        places: Places | None = None,
+        radius: float = 0.25,
+        speed: float = 0.5,
+        noise: float = 0.1,
+        beams: int = 0,
+        reach: float = 5.0,
+    ) -> Robot:
+        """Put a robot on the floor. Its noisy poses are told on ``<building>/<name>/pose``.
+
+        Args:
+            name: Its name.
+            at: Where it begins: a place, at its goal, or a pose.
+            places: Told of its poses, too.
+            radius: In metres.
+            speed: In metres a second.
+            noise: The standard deviation of its poses, in metres in each direction.
+            beams: Of its range sensor; 0 for none.
+            reach: Of its range sensor, in metres.
+
+        Raises:
+            ConfigError: If there is a robot of that name.
+            MapError: If it does not fit there, or there is no such place.
+        """
+        if name in self.robots:
+            raise ConfigError(f"two robots are called {name!r}", key=name)
+        start = self.floor.graph.node(at).goal if isinstance(at, str) else at
+        paths = self._paths_for(radius)
+        cell = self.grid.frame.cell(start.x, start.y)
+        if cell is None or self._clearance[cell] < radius:
+            raise MapError(f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: it would stand in a wall")
+        core, simulator = _navground()
+        kinematics = core.kinematics.TwoWheelsDifferentialDriveKinematics(max_speed=speed, wheel_axis=1.6 * radius)
+        behavior = core.behaviors.HLBehavior(kinematics=kinematics, radius=radius)
+        behavior.optimal_speed = speed
+        behavior.horizon = 2.0
+        behavior.safety_margin = 0.05
+        agent = simulator.Agent(
+            radius=radius,
+            behavior=behavior,
+            kinematics=kinematics,
+            state_estimations=[simulator.state_estimations.BoundedStateEstimation(range=5.0)],
+            control_period=1 / _RATE,
+        )
+        agent.pose = core.Pose2((start.x, start.y), start.yaw)
+        scanner = None
+        if beams:
+            scanner = simulator.state_estimations.LidarStateEstimation(range=reach, resolution=beams)
+        self._world.add_agent(agent)
+        generator = np.random.default_rng(self._generators.spawn(1)[0])
+        robot = Robot(name, agent, self.grid, paths, speed=speed, noise=noise, generator=generator, scanner=scanner)
+        self.robots[name] = robot
+        if places is not None:
+            self._places[name] = places
+        return robot
+
+    def _paths_for(self, radius: float) -> Paths:
+        if radius not in self._paths:
+            self._paths[radius] = Paths(self.grid.frame, self._clearance > radius + min(_ROOM, radius / 2))
+        return self._paths[radius]
+
+    # -- Visits --------------------------------------------------------------------------------------------------
+
+    def present(self, kind: str, place: str | None = None) -> tuple[Visit, ...]:
+        """Return what of a kind is there now, in one place or in all.
+
+        Raises:
+            ConfigError: If there are no such visits.
+        """
+        self._kind(kind)
+        return tuple(each for each in self._present if each.kind == kind and place in {None, each.place})
+
+    def come(self, kind: str, place: str) -> Visit:
+        """Let something come to a place now.
+
+        Raises:
+            ConfigError: If there are no such visits.
+            MapError: If there is no such place.
+        """
+        cells = np.argwhere(self.floor.labels.cells(place) & (self._clearance > 0.4))
+        if not len(cells):
+            raise MapError(f"nothing has room in {place!r}")
+        row, column = cells[self._random.integers(len(cells))].tolist()
+        self._came += 1
+        visit = Visit(self._came, kind, place, *self.grid.frame.centre(row, column))
+        stay = self._kind(kind).stay
+        self._present.append(visit)
+        self._tell(visit, came=True)
+        if math.isfinite(stay):
+            self.call_later(self._random.exponential(stay), lambda: self.go(visit))
+        return visit
+
+    def go(self, visit: Visit) -> None:
+        """Let something go, or take it as seen to; nothing happens where it has gone already."""
+        if visit in self._present:
+            self._present.remove(visit)
+            self._tell(visit, came=False)
+
+    def _kind(self, kind: str) -> Visits:
+        if kind not in self._visits:
+            raise ConfigError(
+                f"there are no visits of the kind {kind!r}; there are {', '.join(self._visits)}", key=kind
+            )
+        return self._visits[kind]
+
+    def _tell(self, visit: Visit, *, came: bool) -> None:
+        now = self.runtime.clock.now()
+        self._changes.publish(VisitChange(now, visit.number, visit.kind, visit.place, visit.x, visit.y, came))
+
+    def _await(self, visits: Visits) -> None:
+        def come() -> None:
+            names = self.floor.graph.names if visits.places is None else tuple(visits.places)
+            self.come(visits.kind, names[self._random.integers(len(names))])
+            self._await(visits)
+
+        if math.isfinite(visits.every):
+            self.call_later(self._random.exponential(visits.every), come)
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Begin to step."""
+        self._changes = self.channel("visits", VisitChange)
+        self._poses = {name: self.channel(f"{name}/pose", PoseUpdate) for name in self.robots}
+        for visits in self._visits.values():
+            self._await(visits)
+        self.every(_RATE, self._step)
+
+    def _step(self, tick: Tick) -> None:
+        for _ in range(min(_MOST, 1 + tick.missed)):
+            for robot in self.robots.values():
+                robot.steer(1 / _RATE)
+            self._world.update(1 / _RATE)
+            self.steps += 1
+            for robot in self.robots.values():
+                robot.look(self._world)
+        for name, robot in self.robots.items():
+            pose = robot.estimate()
+            self._poses[name].publish(PoseUpdate(tick.time, pose.x, pose.y, pose.yaw))
+            if name in self._places:
+                self._places[name].see(pose)
+
+
+def _navground() -> tuple[Any, Any]:
+    try:
+        from navground import core, sim  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise Error("simulated buildings need navground: pip install 'markov-decision-making[simulation]'") from None
+    return core, sim

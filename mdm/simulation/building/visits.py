@@ -1,0 +1,82 @@
+"""Visits: people, intruders, fires and the like, which come to places and go again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mdm.errors import ConfigError
+from mdm.messages import Message
+from mdm.number import is_number
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["Visit", "VisitChange", "Visits"]
+
+
+@dataclass(frozen=True)
+class Visits:
+    """How often something comes, and how long it stays: exponential times.
+
+    Args:
+        kind: What comes, such as ``person``.
+        every: The expected seconds from one coming to the next, in the whole building; infinite for never by itself.
+        stay: The expected seconds until it goes by itself; infinite for something that has to be seen to.
+        places: Where, each as often as the others; by default everywhere.
+
+    Raises:
+        ConfigError: If a time is not above 0.
+    """
+
+    kind: str
+    every: float = math.inf
+    stay: float = math.inf
+    places: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        for what, seconds in (("every", self.every), ("stay", self.stay)):
+            if not is_number(seconds) or not seconds > 0:
+                raise ConfigError(f"{what} is a number of seconds above 0, not {seconds!r}", key=what)
+
+
+@dataclass(frozen=True)
+class Visit:
+    """Something that is there now.
+
+    Attributes:
+        number: Which one, counted from 1 in its building.
+        kind: What it is.
+        place: Where.
+        x: The same, in metres.
+        y: The same.
+    """
+
+    number: int
+    kind: str
+    place: str
+    x: float
+    y: float
+
+
+class VisitChange(Message, frozen=True):
+    """Something has come or gone, told on ``<building>/visits``.
+
+    Attributes:
+        time: When.
+        number: Which one, as in `Visit`.
+        kind: What.
+        place: Where.
+        x: The same, in metres.
+        y: The same.
+        came: Whether it has come.
+    """
+
+    time: int
+    number: int
+    kind: str
+    place: str
+    x: float
+    y: float
+    came: bool

@@ -1,0 +1,67 @@
+"""Visits, against what exponential times say."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from maps.floors import offices
+
+import mdm
+from mdm.errors import ConfigError, MapError
+from mdm.simulation.building import Building, VisitChange, Visits
+
+
+def test_visits_come_and_go_at_their_rates():
+    building = Building(
+        offices().map(), visits=[Visits("person", every=20.0, stay=60.0, places=["lab", "west"])], seed=5
+    )
+    changes = []
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            runtime.channel("building/visits", VisitChange).subscribe(changes.append)
+            await runtime.start(building)
+            await runtime.clock.sleep(3600.0)
+
+    mdm.run(main, virtual=True)
+    came = [change for change in changes if change.came]
+    assert abs(len(came) - 180) < 4 * math.sqrt(180)
+    assert {change.place for change in came} == {"lab", "west"}
+    assert abs(sum(change.place == "lab" for change in came) - len(came) / 2) < 2 * math.sqrt(len(came))
+    begun = {change.number: change.time for change in came}
+    stays = [(change.time - begun[change.number]) / 1e9 for change in changes if not change.came]
+    assert abs(sum(stays) / len(stays) - 60.0) < 4 * 60.0 / math.sqrt(len(stays))
+    for change in came:
+        assert building.floor.labels.name(change.x, change.y) == change.place
+
+
+def test_what_has_to_be_seen_to_stays_until_then():
+    building = Building(offices().map(), visits=[Visits("fire")], seed=1)
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            await runtime.start(building)
+            await runtime.clock.sleep(1000.0)
+            assert building.present("fire") == ()
+            fire = building.come("fire", "lab")
+            await runtime.clock.sleep(1000.0)
+            assert building.present("fire") == building.present("fire", "lab") == (fire,)
+            assert building.present("fire", "west") == ()
+            building.go(fire)
+            building.go(fire)
+            assert building.present("fire") == ()
+
+    mdm.run(main, virtual=True)
+
+
+def test_wrong_visits_are_refused():
+    floor = offices().map()
+    with pytest.raises(ConfigError, match="every is a number of seconds above 0, not -1"):
+        Visits("fire", every=-1)
+    with pytest.raises(ConfigError, match="two visits are of the kind 'fire'"):
+        Building(floor, visits=[Visits("fire"), Visits("fire")])
+    with pytest.raises(MapError, match="no place 'attic'"):
+        Building(floor, visits=[Visits("fire", places=["attic"])])
+    with pytest.raises(ConfigError, match="no visits of the kind 'flood'; there are fire"):
+        Building(floor, visits=[Visits("fire")]).present("flood")

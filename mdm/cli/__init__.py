@@ -35,8 +35,9 @@ VERBS = (
     "evaluate",
     "compare",
     "plot",
+    "map",
 )
-GROUPS = ("team", "plot")
+GROUPS = ("team", "plot", "map")
 """Verbs with verbs of their own."""
 
 

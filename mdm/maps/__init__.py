@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from mdm.maps.check import check
 from mdm.maps.draft import draft
 from mdm.maps.files import load_graph, load_grid, load_map
 from mdm.maps.frame import Frame
@@ -16,6 +17,8 @@ from mdm.maps.graph import Edge, Graph, Node, Pose
 from mdm.maps.grid import Grid
 from mdm.maps.labels import Labels
 from mdm.maps.map import Map
+from mdm.maps.passages import Passage, passages
+from mdm.maps.problem import Problem
 
 if TYPE_CHECKING:
     from mdm.maps.navigation import Navigation, Navigator, ReportingNavigator
@@ -32,14 +35,18 @@ __all__ = [
     "Navigation",
     "Navigator",
     "Node",
+    "Passage",
     "PlaceBelief",
     "Places",
     "Pose",
+    "Problem",
     "ReportingNavigator",
+    "check",
     "draft",
     "load_graph",
     "load_grid",
     "load_map",
+    "passages",
 ]
 
 _HOMES = {

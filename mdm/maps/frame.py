@@ -74,7 +74,7 @@ class Frame:
             return self.rows - 1 - math.floor(up), math.floor(along)
         return None
 
-    def place(self, x: float, y: float) -> tuple[float, float]:
+    def locate(self, x: float, y: float) -> tuple[float, float]:
         """Return the row and the column, with fractions, whose `centre` is a point; also outside."""
         cosine, sine = self.turn
         along = (cosine * (x - self.x) + sine * (y - self.y)) / self.resolution

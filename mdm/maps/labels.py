@@ -96,6 +96,13 @@ class Labels:
         return own
 
     @cached_property
+    def strays(self) -> dict[int, int]:
+        """The unnamed colours with fewer cells than any place, and than 1 % of all, and the numbers of their cells."""
+        sizes = np.bincount(self.raster.ravel(), minlength=1)[1:]
+        least = min([self.raster.size / 100, *sizes[sizes > 0].tolist()])
+        return {colour: count for colour, count in self.unnamed.items() if count < least}
+
+    @cached_property
     def depth(self) -> Vector:
         """For each cell how far it is from the next cell of another place, in metres; walls do not count.
 

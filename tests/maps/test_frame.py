@@ -40,6 +40,11 @@ def test_a_point_lies_where_a_turn_back_by_complex_numbers_says(frame, x, y):
         assert frame.cell(x, y) == ((frame.rows - 1 - math.floor(up), math.floor(along)) if inside else None)
 
 
+@given(frame=FRAMES, row=st.floats(-60, 60), column=st.floats(-60, 60))
+def test_points_are_located_in_and_out_of_the_raster(frame, row, column):
+    assert frame.locate(*frame.centre(row, column)) == pytest.approx((row, column), abs=1e-6 / frame.resolution)
+
+
 def test_row_0_is_the_uppermost_and_the_lowest_row_is_in_the_raster():
     frame = Frame(3, 2, 0.5, -1.0, -1.0)
     assert frame.cell(-1.0, -1.0) == (2, 0)

@@ -38,6 +38,14 @@ def test_colours_become_places_and_others_are_counted():
         labels.cells("hal")
 
 
+def test_strays_are_fewer_than_any_place_and_than_a_hundredth():
+    unnamed = {5: 300, 6: 99, 7: 100, 8: 1}
+    raster = np.zeros((100, 100), dtype=np.uint16)
+    assert Labels(Frame(100, 100, 1.0), raster, ("a",), unnamed).strays == {6: 99, 8: 1}
+    raster[0, :99] = 1
+    assert Labels(Frame(100, 100, 1.0), raster, ("a",), unnamed).strays == {8: 1}
+
+
 def test_what_is_ambiguous_is_refused():
     frame, raster = Frame(1, 2, 1.0), np.array([[1, 2]], dtype=np.uint16)
     with pytest.raises(MapError, match="'a' and 'b' have the same colour, 0x0000ff"):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from mdm.errors import FormatError, MapError
 from mdm.formats.source import Source
+from mdm.maps.files.colours import colours_by_name, colours_under_goals
 from mdm.maps.files.image import read_image
 from mdm.maps.files.occupancy import load_grid
 from mdm.maps.files.predicate_labels import load_colours
@@ -27,8 +29,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mdm.maps.frame import Frame
+    from mdm.maps.problem import Problem
 
-__all__ = ["colours_under_goals", "load_graph", "load_map", "read_label_image"]
+__all__ = ["Parts", "load_graph", "load_map", "load_parts", "read_label_image"]
 
 GivenPath: TypeAlias = str | PathLike[str]
 
@@ -60,26 +63,63 @@ def load_map(
         MapError: If the files do not fit each other, such as a goal that lies outside the map; or if Pillow or PyYAML
             is missing where one of them is needed (`pip install 'markov-decision-making[maps]'`).
     """
+    parts = load_parts(graph, grid=grid, labels=labels, names=names, reach=reach)
+    if parts.problems:
+        raise MapError(parts.problems[0].text)
+    return Map(parts.labels, parts.graph, parts.grid)
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The parts of a map, which need not fit each other.
+
+    Args:
+        labels: Which place each cell belongs to; places that have no colour of their own are left out.
+        graph: How the places hang together.
+        grid: Which cells are free, where that is known.
+        colours: For each cell the number of its colour, where there is an image of labels.
+        problems: Why these parts make no map.
+    """
+
+    labels: Labels
+    graph: Graph
+    grid: Grid | None
+    colours: NDArray[np.uint32] | None
+    problems: tuple[Problem, ...]
+
+
+def load_parts(
+    graph: Graph | GivenPath,
+    *,
+    grid: Grid | GivenPath | None = None,
+    labels: GivenPath | None = None,
+    names: Mapping[str, int] | GivenPath | None = None,
+    reach: float | None = None,
+) -> Parts:
+    """Load a map, as `load_map` does, whether or not its labels and its graph fit each other.
+
+    Raises:
+        FormatError: If a file is missing or malformed, or the image has another size than the map.
+        MapError: If what is given is too little or too much to know the areas of the places.
+    """
     graph = graph if isinstance(graph, Graph) else load_graph(graph)
     grid = grid if grid is None or isinstance(grid, Grid) else load_grid(Path(grid))
     if labels is None:
         if names is not None:
             raise MapError("names are for the colours of an image of labels, and there is none")
-        return Map(labels_of(graph, grid.frame if grid else frame_of(graph, reach), reach), graph, grid)
+        made = labels_of(graph, grid.frame if grid else frame_of(graph, reach), reach)
+        return Parts(made, graph, grid, None, ())
     if grid is None:
         raise MapError(f"{Path(labels)}: where an image of labels lies is told by a map: give the grid, too")
     if reach is not None:
         raise MapError("how far places reach is told by the image of labels: leave one of them out")
     colours = read_label_image(labels, grid.frame)
     if names is None:
-        names = colours_under_goals(graph, colours, grid)
-    elif not isinstance(names, Mapping):
-        names = load_colours(Path(names))
-    made = Labels.from_colours(grid.frame, colours, names)
-    empty = [name for name in made.names if not made.cells(name).any()]
-    if empty:
-        raise MapError(f"{Path(labels)}: {_absent(empty[0], names[empty[0]], made)}")
-    return Map(made, graph, grid)
+        chosen, problems = colours_under_goals(graph, colours, grid)
+    else:
+        given = names if isinstance(names, Mapping) else load_colours(Path(names))
+        chosen, problems = colours_by_name(graph, colours, given)
+    return Parts(Labels.from_colours(grid.frame, colours, chosen), graph, grid, colours, tuple(problems))
 
 
 def load_graph(path: GivenPath) -> Graph:
@@ -116,31 +156,3 @@ def read_label_image(path: GivenPath, frame: Frame) -> NDArray[np.uint32]:
             file=Path(path),
         )
     return image.numbers
-
-
-def colours_under_goals(graph: Graph, colours: NDArray[np.uint32], grid: Grid) -> dict[str, int]:
-    """Return for each place the number of the colour that is under its goal.
-
-    Raises:
-        MapError: If a goal lies outside the map or in a cell that is not free, or two lie on the same colour.
-    """
-    names: dict[str, int] = {}
-    for node in graph.nodes:
-        cell = grid.frame.cell(node.goal.x, node.goal.y)
-        where = f"the goal of {node.name!r}, ({node.goal.x:g}, {node.goal.y:g}),"
-        if cell is None:
-            raise MapError(f"{where} lies outside the map")
-        if not grid.free[cell]:
-            raise MapError(f"{where} is not free in the map, so that the colour under it says nothing: give the names")
-        colour = int(colours[cell])
-        if colour in names.values():
-            other = next(name for name, known in names.items() if known == colour)
-            raise MapError(f"{where} and that of {other!r} lie on the same colour, {colour}: give each place its own")
-        names[node.name] = colour
-    return names
-
-
-def _absent(name: str, colour: int, labels: Labels) -> str:
-    opaque = colour + (0xFF << 24)
-    hint = f"; with opacity, as in this image, it is {opaque}" if opaque in labels.unnamed else ""
-    return f"no pixel has the colour of {name!r}, {colour}{hint}"

@@ -54,7 +54,7 @@ def labels_of(graph: Graph, frame: Frame, reach: float | None) -> Labels:
     nearest = np.full(frame.shape, np.inf)
     overlaps: dict[tuple[str, str], int] = {}
     for label, node in sorted(enumerate(graph.nodes, 1), key=lambda item: item[1].zone is None):  # zones come first
-        window, inside = _inside([frame.place(*point) for point in _outline(node, reach)], frame)
+        window, inside = _inside([frame.locate(*point) for point in _outline(node, reach)], frame)
         if not inside.size:
             continue
         place, distance = raster[window], _distances(frame, window, node)
@@ -111,7 +111,7 @@ def _inside(corners: list[tuple[float, float]], frame: Frame) -> tuple[tuple[sli
 
 def _distances(frame: Frame, window: tuple[slice, slice], node: Node) -> NDArray[np.float64]:
     """Return the distance of the cells of a window to the goal of a place, in metres."""
-    row, column = frame.place(node.goal.x, node.goal.y)
+    row, column = frame.locate(node.goal.x, node.goal.y)
     down = np.arange(window[0].start, window[0].stop)[:, None] - row
     across = np.arange(window[1].start, window[1].stop)[None, :] - column
     distances: NDArray[np.float64] = np.hypot(down, across) * frame.resolution

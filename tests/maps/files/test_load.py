@@ -114,8 +114,8 @@ def test_zones_and_reaches_in_place_of_labels(floor):
         ({"reach": 1.0}, "leave one of them out"),
         ({"names": NUMBERS | {"hall": 255}}, "'hall' and 'office' have the same colour"),
         ({"names": NUMBERS | {"hall": 7}}, "no pixel has the colour of 'hall', 7"),
-        ({"names": {"hall": 255}}, "'office', 'store': not in the labels"),
-        ({"names": NUMBERS | {"attic": 200 * 0x010101}}, "'attic': not in the graph"),
+        ({"names": {"hall": 255}}, "the names give no colour to 'office', a place of the graph"),
+        ({"names": NUMBERS | {"attic": 200 * 0x010101}}, "'attic' has a colour, and is no place of the graph"),
     ],
 )
 def test_what_does_not_fit_is_told(floor, change, message):

@@ -1,0 +1,35 @@
+"""``mdm map``: check and show the map of a floor."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from mdm.cli.usage import complete
+
+if TYPE_CHECKING:
+    import argparse
+
+__all__ = ["VERBS", "add_parser", "run"]
+
+VERBS = ("check", "show")
+
+
+def add_parser(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb, its own verbs and their arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "map",
+        help="check and show the map of a floor",
+        description="Check and show the map of a floor: its grid, the labels of its places, and their graph.",
+        epilog="example: mdm map show map.yaml labels.png graph.xml -o floor.png",
+    )
+    kinds = parser.add_subparsers(dest="map_verb", metavar="VERB", required=True)
+    for name in VERBS:
+        kind: argparse.ArgumentParser = importlib.import_module(f"mdm.cli.map.{name}").add_parser(kinds)
+        complete(kind, f"map {name}")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the verb; return the exit status."""
+    return int(importlib.import_module(f"mdm.cli.map.{arguments.map_verb}").run(arguments))

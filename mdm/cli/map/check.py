@@ -1,0 +1,108 @@
+"""``mdm map check``: what is wrong with the map of a floor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mdm.cli.map.floor import add_floor, load, metres
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+
+    from mdm.maps.files.load import Parts
+    from mdm.maps.problem import Problem
+
+__all__ = ["add_parser", "run"]
+
+_TOLD = 10
+"""Problems of a kind that are told one by one."""
+_DRAWN = 50
+_AROUND = 1.5
+"""Metres around the place of a problem that its picture shows."""
+
+
+def add_parser(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "check",
+        help="list what is wrong with a map",
+        description=(
+            "List what is wrong with a map: goals that are not in their own place, or where the robot does not fit; "
+            "places that are nowhere deep enough to be entered; ways between places that do not touch, or by a passage "
+            "that is too narrow; places that touch and have no way; places that cannot be reached from each other; "
+            "stray colours, and two names of one colour. The exit status is 1 where something is wrong."
+        ),
+        epilog="example: mdm map check map.yaml labels.png graph.xml --radius 0.3 --pictures problems",
+    )
+    add_floor(parser)
+    parser.add_argument("--radius", metavar="M", type=metres, help="the radius of the robot, in metres (0.25)")
+    parser.add_argument(
+        "--margin",
+        metavar="M",
+        type=metres,
+        help="how deep inside a place a robot must be to be there, in metres (0.3)",
+    )
+    parser.add_argument("--pictures", metavar="DIR", help="a folder for a picture of each problem (needs mdm[maps])")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check the map; return the exit status."""
+    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.maps.check import MARGIN, RADIUS, examine  # noqa: PLC0415
+
+    parts = load(arguments)
+    radius = RADIUS if arguments.radius is None else arguments.radius
+    margin = MARGIN if arguments.margin is None else arguments.margin
+    problems = [
+        *parts.problems,
+        *examine(parts.labels, parts.graph, parts.grid, radius=radius, margin=margin, colours=parts.colours),
+    ]
+    files = {} if arguments.pictures is None else _draw(parts, problems, Path(arguments.pictures), radius)
+    labels = parts.labels
+    background = {colour: count for colour, count in labels.unnamed.items() if colour not in labels.strays}
+    if arguments.json:
+        told = [
+            {"kind": each.kind, "problem": each.text, "places": each.places, "picture": files.get(index)}
+            for index, each in enumerate(problems)
+        ]
+        print(as_json({"places": parts.graph.names, "background": background, "problems": told}))
+    else:
+        _tell(problems, files)
+        for colour, count in background.items():
+            print(f"note: the colour {colour} is no place's: the background, of {count:,} cells")
+        names = parts.graph.names
+        print(f"{_number(len(names), 'place')}, {_number(len(problems), 'problem') if problems else 'no problems'}")
+    return 1 if problems else 0
+
+
+def _number(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def _tell(problems: Sequence[Problem], files: dict[int, str]) -> None:
+    for kind in dict.fromkeys(problem.kind for problem in problems):
+        print(kind)
+        alike = [index for index, problem in enumerate(problems) if problem.kind == kind]
+        for index in alike[:_TOLD]:
+            print(f"  {problems[index].text}{f'  [{files[index]}]' if index in files else ''}")
+        if len(alike) > _TOLD:
+            print(f"  and {len(alike) - _TOLD} more")
+
+
+def _draw(parts: Parts, problems: Sequence[Problem], folder: Path, radius: float) -> dict[int, str]:
+    """Draw a picture for each problem that is somewhere; return their files by the numbers of the problems."""
+    from mdm.cli.map.drawing import keep, problem_picture  # noqa: PLC0415
+
+    folder.mkdir(parents=True, exist_ok=True)
+    files: dict[int, str] = {}
+    for index, problem in enumerate(problems[:_DRAWN]):
+        picture = problem_picture(parts, problem, radius, _AROUND)
+        if picture is not None:
+            path = folder / f"{index + 1:02d}-{problem.kind}.png"
+            keep(picture, path)
+            files[index] = str(path)
+    return files

@@ -1,0 +1,86 @@
+"""The pictures that the verbs of ``mdm map`` draw, and their files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.errors import Error
+from mdm.formats.target import check_place, replacing
+from mdm.maps.passages import passages, widest
+from mdm.maps.picture import Picture, around
+
+if TYPE_CHECKING:
+    from mdm.maps.files.load import Parts
+    from mdm.maps.passages import Passage
+    from mdm.maps.problem import Problem
+
+__all__ = ["check_output", "floor_picture", "keep", "problem_picture"]
+
+_DETAIL = 800
+"""Pixels of the longer side of a detail."""
+
+
+def check_output(path: str, *sources: str) -> None:
+    """Check, before anything is drawn, that a picture's file can be written, is a PNG, and is not an input.
+
+    Raises:
+        Error: If not.
+    """
+    if Path(path).suffix.lower() != ".png":
+        raise Error(f"{Path(path)}: the picture cannot be written: its file ends in .png")
+    check_place(path, *sources)
+
+
+def keep(picture: Any, path: str | Path) -> None:
+    """Write a picture as PNG."""
+    with replacing(path) as file:
+        picture.save(file, format="PNG", optimize=True)
+
+
+def floor_picture(parts: Parts, narrow: float) -> Any:
+    """Return a picture of a floor, without passages that are narrower than so many metres."""
+    cells = np.argwhere(parts.labels.raster > 0)
+    corners = [*_goals(parts, parts.graph.names)]
+    if len(cells):
+        corners += [tuple(cells.min(axis=0)), tuple(cells.max(axis=0))]
+    picture = Picture(parts.labels, parts.grid, around(parts.labels.frame, corners, 1.0))
+    _furnish(picture, parts, [passage for passage in _passages(parts) if passage.width >= narrow])
+    return picture.finished()
+
+
+def problem_picture(parts: Parts, problem: Problem, radius: float, metres: float) -> Any:
+    """Return a picture of the places that a problem is about; None where it is nowhere."""
+    corners = [*problem.cells, *([] if problem.cells else _goals(parts, problem.places))]
+    if not corners:
+        return None
+    picture = Picture(parts.labels, parts.grid, around(parts.labels.frame, corners, metres), size=_DETAIL)
+    if problem.kind == "goals":
+        _furnish(picture, parts, [])
+        for name in problem.places:
+            picture.circle(parts.graph.node(name).goal, radius)
+    else:
+        picture.shade(problem.cells)
+        _furnish(picture, parts, [])
+        picture.ring(problem.cells)
+    return picture.finished(problem.text)
+
+
+def _furnish(picture: Picture, parts: Parts, shown: list[Passage]) -> None:
+    for passage in shown:
+        picture.passage(passage)
+    picture.graph(parts.graph, {pair: door.middle for pair, door in widest(_passages(parts)).items()})
+    picture.scale()
+
+
+def _passages(parts: Parts) -> tuple[Passage, ...]:
+    return () if parts.grid is None else passages(parts.labels, parts.grid)
+
+
+def _goals(parts: Parts, names: tuple[str, ...]) -> list[tuple[float, float]]:
+    """Return the cells of the goals of places, of those that lie in the map."""
+    goals = [parts.graph.node(name).goal for name in names]
+    frame = parts.labels.frame
+    return [frame.locate(goal.x, goal.y) for goal in goals if frame.cell(goal.x, goal.y) is not None]

@@ -1,0 +1,122 @@
+"""``mdm map show``: the map of a floor as a table and as a picture."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from mdm.cli.map.floor import add_floor, load, metres
+
+if TYPE_CHECKING:
+    import argparse
+
+    from mdm.maps.files.load import Parts
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "show",
+        help="show the places and ways of a map",
+        description=(
+            "Show a map: its places with their areas, goals and ways, and how wide the passages between them are. A "
+            "passage's width is twice its largest clearance, true to a cell."
+        ),
+        epilog="example: mdm map show map.yaml labels.png graph.xml -o floor.png",
+    )
+    add_floor(parser)
+    parser.add_argument("-o", "--output", metavar="PNG", help="draw the map into a file (needs mdm[maps])")
+    parser.add_argument(
+        "--radius", metavar="M", type=metres, help="leave out passages that are too narrow for a robot of this radius"
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Show the map; return the exit status."""
+    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+    if arguments.output is not None:
+        from mdm.cli.map.drawing import check_output  # noqa: PLC0415
+
+        inputs = (arguments.map, arguments.labels, arguments.graph, arguments.names)
+        check_output(arguments.output, *(path for path in inputs if path is not None))
+    parts = load(arguments)
+    facts = _facts(parts, 2 * (arguments.radius or 0.0))
+    if arguments.json:
+        print(as_json(facts))
+    else:
+        _tell(facts)
+        for problem in parts.problems:
+            print(f"note: {problem.text}")
+    if arguments.output is not None:
+        from mdm.cli.map.drawing import floor_picture, keep  # noqa: PLC0415
+
+        keep(floor_picture(parts, 2 * (arguments.radius or 0.0)), arguments.output)
+        if not arguments.json:
+            print(f"{arguments.output}: drawn")
+    return 0
+
+
+def _facts(parts: Parts, narrow: float) -> dict[str, Any]:
+    """Return what the map holds, ready for JSON."""
+    from mdm.maps.passages import passages, widest  # noqa: PLC0415
+
+    labels, graph, grid = parts.labels, parts.graph, parts.grid
+    found = () if grid is None else passages(labels, grid)
+    doors = widest(tuple(passage for passage in found if passage.width >= narrow))
+    places = []
+    for node in graph.nodes:
+        there = node.name in labels.names
+        own = labels.cells(node.name) if there else None
+        free = own if own is None or grid is None else own & grid.free
+        ways = []
+        for edge in graph.edges:
+            if edge.source == node.name:
+                door = doors.get(frozenset((edge.source, edge.target)))
+                ways.append({"label": edge.label, "to": edge.target, "width": None if door is None else door.width})
+        places.append(
+            {
+                "name": node.name,
+                "area": None if free is None else float(free.sum()) * labels.frame.resolution**2,
+                "goal": [node.goal.x, node.goal.y, node.goal.yaw],
+                "ways": ways,
+            }
+        )
+    return {
+        "cells": list(labels.frame.shape),
+        "resolution": labels.frame.resolution,
+        "origin": [labels.frame.x, labels.frame.y, labels.frame.yaw],
+        "places": places,
+        "passages": [{"between": list(pair.places), "width": pair.width} for pair in found if pair.width >= narrow],
+    }
+
+
+def _tell(facts: dict[str, Any]) -> None:
+    rows, columns = facts["cells"]
+    x, y, yaw = facts["origin"]
+    turned = f", turned by {math.degrees(yaw):.1f}°" if yaw else ""
+    print(f"{columns} x {rows} cells of {facts['resolution']:g} m, the lower left corner at ({x:g}, {y:g}){turned}\n")
+    lines = [("place", "free", "goal", "ways")]
+    for place in facts["places"]:
+        area = "-" if place["area"] is None else f"{place['area']:.1f} m²"
+        x, y, yaw = place["goal"]
+        ways = ", ".join(
+            f"{way['label']}{'' if way['label'].endswith(way['to']) else ': ' + way['to']}{_wide(way['width'])}"
+            for way in place["ways"]
+        )
+        lines.append((place["name"], area, f"({x:.2f}, {y:.2f}, {math.degrees(yaw):.0f}°)", ways or "none"))
+    widths = [max(len(line[column]) for line in lines) for column in range(3)]
+    for name, area, goal, ways in lines:
+        print(f"{name:{widths[0]}}  {area:>{widths[1]}}  {goal:{widths[2]}}  {ways}")
+    if facts["passages"]:
+        print("\npassages")
+        for passage in facts["passages"]:
+            print(f"  {passage['width']:6.2f} m  {' - '.join(passage['between'])}")
+
+
+def _wide(width: float | None) -> str:
+    return "" if width is None else f" ({width:.2f} m)"

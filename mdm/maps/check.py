@@ -1,0 +1,194 @@
+"""Checks of a map: what would keep a robot from its goals, or its predicates from being true."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage
+
+from mdm.maps.passages import passages, widest
+from mdm.maps.problem import Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from mdm.maps.graph import Graph, Node
+    from mdm.maps.grid import Grid
+    from mdm.maps.labels import Labels
+    from mdm.maps.map import Map
+
+__all__ = ["MARGIN", "RADIUS", "check", "examine"]
+
+RADIUS = 0.25
+"""The radius of a robot, in metres, if nobody says another."""
+MARGIN = 0.3
+"""How deep inside a place a robot must be that comes into it, in metres, if nobody says another."""
+_SHOWN = 200
+"""Cells of a stray colour that a problem names."""
+
+
+def check(floor: Map, *, radius: float = RADIUS, margin: float = MARGIN) -> tuple[Problem, ...]:
+    """Return what is wrong with a map.
+
+    * A goal lies outside its own place, or so near to what is not free that the robot does not fit.
+    * A place is nowhere so deep that a robot in it is known to be there.
+    * A way joins places that do not touch, or by a passage that is too narrow; or a place with itself. Places touch by
+      a passage that is wide enough, and there is no way.
+    * Not all places can be reached from each other.
+    * A colour of the image of labels is no place's, and has fewer cells than any place, and than 1 % of all.
+
+    Where the files are at hand, `mdm map check` also tells of larger colours that are no place's and cover free cells.
+
+    What takes a grid is left out where the map has none.
+
+    Args:
+        floor: The map.
+        radius: The radius of the robot, in metres.
+        margin: How deep inside a place a robot must be that comes into it, in metres.
+    """
+    return tuple(examine(floor.labels, floor.graph, floor.grid, radius=radius, margin=margin))
+
+
+def examine(
+    labels: Labels,
+    graph: Graph,
+    grid: Grid | None,
+    *,
+    radius: float,
+    margin: float,
+    colours: NDArray[np.uint32] | None = None,
+) -> Iterator[Problem]:
+    """Yield what is wrong with labels and a graph, of the places that both have."""
+    yield from _strays(labels, colours)
+    if colours is not None and grid is not None:
+        yield from _unnamed(labels, grid, colours)
+    clearance = None if grid is None else grid.clearance()
+    for node in graph.nodes:
+        if node.name in labels.names:
+            yield from _goal(node, labels, clearance, radius)
+    yield from _shallow(labels, grid, margin)
+    if grid is not None:
+        yield from _ways(labels, graph, grid, radius)
+    for edge in graph.edges:
+        if edge.source == edge.target:
+            text = f"the way {edge.label!r} from {edge.source!r} leads to where it comes from"
+            yield Problem("ways", text, (edge.source,))
+    yield from _apart(graph)
+
+
+def _strays(labels: Labels, colours: NDArray[np.uint32] | None) -> Iterator[Problem]:
+    for colour, count in sorted(labels.strays.items(), key=lambda item: -item[1]):
+        cells = [] if colours is None else np.argwhere(colours == colour)[:_SHOWN].tolist()
+        text = f"the colour {colour} is no place's, and has {_counted(count, 'cell')}: a slip of the brush?"
+        yield Problem("colours", text, (), [(row, column) for row, column in cells])
+
+
+def _unnamed(labels: Labels, grid: Grid, colours: NDArray[np.uint32]) -> Iterator[Problem]:
+    """Yield a problem for each colour that is no place's where robots are."""
+    for colour, count in labels.unnamed.items():
+        here = (colours == colour) & grid.free
+        free = int(np.count_nonzero(here))
+        if colour not in labels.strays and 2 * free > count:
+            text = (
+                f"the colour {colour} is no place's, and {free:,} of its {count:,} cells are free: a place is missing?"
+            )
+            row, column = _inmost(here)
+            yield Problem("colours", text, (), [(row, column)])
+
+
+def _inmost(cells: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return the cell that is furthest from what is not among cells."""
+    depth = ndimage.distance_transform_edt(np.pad(cells, 1))[1:-1, 1:-1]
+    row, column = np.unravel_index(int(depth.argmax()), depth.shape)
+    return int(row), int(column)
+
+
+def _goal(node: Node, labels: Labels, clearance: NDArray[np.float64] | None, radius: float) -> Iterator[Problem]:
+    where = f"the goal of {node.name!r}, ({node.goal.x:g}, {node.goal.y:g}),"
+    cell = labels.frame.cell(node.goal.x, node.goal.y)
+    if cell is None:
+        yield Problem("goals", f"{where} lies outside the map", (node.name,))
+        return
+    own = labels.name(node.goal.x, node.goal.y)
+    if own != node.name:
+        text = f"{where} lies in {repr(own) if own else 'no place'}"
+        yield Problem("goals", text, (node.name,), [cell])
+    if clearance is None:
+        return
+    if clearance[cell] == 0:
+        yield Problem("goals", f"{where} is not free in the map", (node.name,), [cell])
+    elif clearance[cell] < radius:
+        text = f"{where} is {clearance[cell]:.2f} m from what is not free, and the robot needs {radius:g} m"
+        yield Problem("goals", text, (node.name,), [cell])
+
+
+def _shallow(labels: Labels, grid: Grid | None, margin: float) -> Iterator[Problem]:
+    depth = labels.depth if grid is None else np.where(grid.free, labels.depth, 0.0)
+    for name in labels.names:
+        own = labels.cells(name)
+        if not own.any():
+            continue  # told as a colour that nothing has
+        deepest = np.where(own, depth, -1.0)
+        best = np.unravel_index(int(deepest.argmax()), depth.shape)
+        if depth[best] == 0:
+            yield Problem("rooms", f"{name!r} has no free cell", (name,), [(int(best[0]), int(best[1]))])
+        elif depth[best] < margin:
+            text = f"{name!r} is nowhere deeper than {depth[best]:.2f} m, and counts as entered only at {margin:g} m"
+            yield Problem("rooms", text, (name,), [(int(best[0]), int(best[1]))])
+
+
+def _ways(labels: Labels, graph: Graph, grid: Grid, radius: float) -> Iterator[Problem]:
+    widths = widest(passages(labels, grid))
+    wanted: dict[frozenset[str], tuple[str, str]] = {}
+    for edge in graph.edges:
+        ends = (edge.source, edge.target)
+        if edge.source != edge.target and all(name in labels.names for name in ends):
+            wanted.setdefault(frozenset(ends), ends)
+    for pair, (source, target) in wanted.items():
+        passage = widths.get(pair)
+        if passage is None:
+            text = f"a way leads from {source!r} to {target!r}, and these places do not touch"
+            yield Problem("ways", text, (source, target))
+        elif passage.width < 2 * radius:
+            text = (
+                f"a way leads from {source!r} to {target!r}, and the widest passage is {passage.width:.2f} m, too "
+                f"narrow for a robot of {2 * radius:g} m"
+            )
+            yield Problem("ways", text, (source, target), [passage.middle])
+    for pair, passage in widths.items():
+        if pair not in wanted and passage.width >= 2 * radius:
+            one, other = passage.places
+            text = f"{one!r} and {other!r} touch by a passage of {passage.width:.2f} m, and no way leads through it"
+            yield Problem("ways", text, (one, other), [passage.middle])
+
+
+def _apart(graph: Graph) -> Iterator[Problem]:
+    """Yield a problem for each group of places that is not joined with the others both ways."""
+    after = {name: {edge.target for edge in graph.edges if edge.source == name} for name in graph.names}
+    before = {name: {edge.source for edge in graph.edges if edge.target == name} for name in graph.names}
+    start = graph.names[0]
+    ahead, behind = _reached(start, after), _reached(start, before)
+    for names, text in (
+        ([name for name in graph.names if name not in ahead | behind], "no ways join {} with {!r}"),
+        ([name for name in graph.names if name in behind - ahead], "{} cannot be reached from {!r}"),
+        ([name for name in graph.names if name in ahead - behind], "from {} there is no way back to {!r}"),
+    ):
+        if names:
+            told = ", ".join(map(repr, names[:5])) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+            yield Problem("ways", text.format(told, start), tuple(names))
+
+
+def _reached(start: str, following: dict[str, set[str]]) -> set[str]:
+    seen, left = {start}, [start]
+    while left:
+        new = following[left.pop()] - seen
+        seen |= new
+        left.extend(new)
+    return seen
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"

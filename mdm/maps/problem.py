@@ -1,0 +1,28 @@
+"""What is wrong with a map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["Problem"]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Something that is wrong with a map.
+
+    Args:
+        kind: What it is about: `colours`, `goals`, `rooms` or `ways`.
+        text: What is wrong, in a sentence.
+        places: The names of the places that it is about.
+        cells: Rows and columns of cells where it is seen.
+    """
+
+    kind: str
+    text: str
+    places: tuple[str, ...] = ()
+    cells: Sequence[tuple[int, int]] = ()

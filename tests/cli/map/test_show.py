@@ -1,0 +1,84 @@
+"""``mdm map show``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from floor_file import GRAPH
+from PIL import Image as Pillow
+
+
+def size(path):
+    with Pillow.open(path) as picture:
+        return picture.size
+
+
+def test_places_and_passages_as_a_table(mdm, floor):
+    status, output, errors = mdm("map", "show", *floor)
+    assert (status, errors) == (0, "")
+    assert output == [
+        "40 x 40 cells of 0.1 m, the lower left corner at (-1, 2)",
+        "",
+        "place     free  goal                ways",
+        "hall    3.3 m²  (0.00, 3.00, 0°)    Up: office (0.40 m), Right: store (0.60 m)",
+        "office  3.4 m²  (0.00, 5.00, 90°)   Down: hall (0.40 m)",
+        "store   7.2 m²  (2.00, 3.50, -57°)  Left: hall (0.60 m)",
+        "",
+        "passages",
+        "    0.60 m  hall - store",
+        "    0.40 m  hall - office",
+    ]
+
+
+def test_a_picture(mdm, floor, tmp_path):
+    status, output, errors = mdm("map", "show", *floor, "-o", tmp_path / "floor.png")
+    assert (status, errors) == (0, "")
+    assert output[-1] == f"{tmp_path / 'floor.png'}: drawn"
+    assert size(tmp_path / "floor.png") == (960, 960)
+
+
+def test_as_json(mdm, floor):
+    status, output, _ = mdm("map", "show", *floor, "--json", "--radius", "0.25")
+    facts = json.loads(output[0])
+    assert status == 0
+    assert [place["name"] for place in facts["places"]] == ["hall", "office", "store"]
+    assert facts["places"][0]["ways"][0] == {"label": "Up", "to": "office", "width": None}  # too narrow
+    assert facts["passages"] == [{"between": ["hall", "store"], "width": pytest.approx(0.6)}]
+
+
+def test_places_without_colour_are_shown_as_such(mdm, floor):
+    Path(floor[2]).write_text(GRAPH.replace("0.0 5.0 1.5707963", "0.0 3.2 0"))
+    status, output, _ = mdm("map", "show", *floor)
+    assert status == 0
+    assert any(line.startswith("office       -") for line in output)
+    assert output[-1].startswith("note: the goal of 'office', (0, 3.2), and that of 'hall' lie on the same colour")
+
+
+def test_pictures_never_destroy_input_and_are_png(mdm, floor, tmp_path):
+    labels = tmp_path / "labels.png"
+    Pillow.open(floor[1]).save(labels)
+    before = labels.read_bytes()
+    status, output, errors = mdm("map", "show", floor[0], labels, floor[2], "-o", labels)
+    assert (status, output) == (1, [])
+    assert "this file is an input and would be overwritten" in errors
+    assert labels.read_bytes() == before
+    status, _, errors = mdm("map", "show", *floor, "-o", tmp_path / "floor.gif")
+    assert status == 1
+    assert "its file ends in .png" in errors
+    assert mdm("map", "show", *floor, "-o", tmp_path / "nowhere" / "floor.png")[0] == 1
+
+
+@pytest.mark.foreign("topology/ISR_label_map.png")
+def test_the_map_of_the_original(mdm, original, tmp_path):
+    """The passages are those that the original's graph has, and no other."""
+    status, output, _ = mdm("map", "show", *original, "--json")
+    facts = json.loads(output[0])
+    assert status == 0
+    ways = {frozenset((place["name"], way["to"])) for place in facts["places"] for way in place["ways"]}
+    assert {frozenset(passage["between"]) for passage in facts["passages"]} == ways
+    assert len(ways) == 5
+    assert all(way["width"] > 1.2 for place in facts["places"] for way in place["ways"])
+    assert mdm("map", "show", *original, "-o", tmp_path / "floor.png")[0] == 0
+    assert size(tmp_path / "floor.png")[0] > 1000

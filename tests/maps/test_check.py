@@ -1,0 +1,144 @@
+"""Checks of a map: each finds what was put into a floor without problems, and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from floor_file import GRAPH, rooms, write_floor
+
+from mdm.maps import Edge, Graph, Labels, Map, Node, Pose, check, load_map
+
+
+def floor(tmp_path, raster=None, graph=GRAPH):
+    grid, labels, path = write_floor(tmp_path, raster=raster, graph=graph)
+    return load_map(path, grid=grid, labels=labels)
+
+
+def told(some, *, radius=0.2, **options):
+    return [(problem.kind, problem.text) for problem in check(some, radius=radius, **options)]
+
+
+def with_graph(some, *, nodes=None, edges=None):
+    return Map(some.labels, Graph(nodes or some.graph.nodes, edges or some.graph.edges), some.grid)
+
+
+def moved(some, name, x, y):
+    nodes = tuple(Node(node.name, Pose(x, y)) if node.name == name else node for node in some.graph.nodes)
+    return with_graph(some, nodes=nodes)
+
+
+def test_a_floor_without_problems(tmp_path):
+    assert told(floor(tmp_path)) == []
+
+
+def test_a_goal_in_another_place_in_none_in_a_wall_and_outside(tmp_path):
+    some = floor(tmp_path)
+    assert told(moved(some, "hall", 0.0, 5.0)) == [("goals", "the goal of 'hall', (0, 5), lies in 'office'")]
+    assert told(moved(some, "hall", -0.95, 3.0)) == [
+        ("goals", "the goal of 'hall', (-0.95, 3), lies in no place"),
+        ("goals", "the goal of 'hall', (-0.95, 3), is not free in the map"),
+    ]
+    assert told(moved(some, "hall", 70, 0)) == [("goals", "the goal of 'hall', (70, 0), lies outside the map")]
+
+
+def test_a_goal_where_the_robot_does_not_fit(tmp_path):
+    some = moved(floor(tmp_path), "hall", -0.75, 3.0)
+    assert told(some, radius=0.2) == []
+    (problem,) = (problem for problem in check(some, radius=0.25) if problem.kind == "goals")
+    assert problem.text == "the goal of 'hall', (-0.75, 3), is 0.20 m from what is not free, and the robot needs 0.25 m"
+    assert (problem.places, problem.cells) == (("hall",), [(29, 2)])
+
+
+def test_a_way_between_places_that_do_not_touch(tmp_path):
+    some = floor(tmp_path)
+    edges = (*some.graph.edges, Edge("office", "store", "Right"))
+    assert told(with_graph(some, edges=edges)) == [
+        ("ways", "a way leads from 'office' to 'store', and these places do not touch")
+    ]
+
+
+def test_a_passage_that_is_too_narrow(tmp_path):
+    assert told(floor(tmp_path), radius=0.23) == [
+        (
+            "ways",
+            "a way leads from 'hall' to 'office', and the widest passage is 0.40 m, too narrow for a robot of 0.46 m",
+        )
+    ]
+
+
+def test_places_that_touch_without_a_way(tmp_path):
+    raster = rooms()
+    raster[5:10, 19] = "store"  # a third door
+    some = floor(tmp_path, raster)
+    ((kind, text),) = told(some)
+    assert kind == "ways"
+    assert text.startswith("'office' and 'store' touch by a passage of 0.")
+    assert text.endswith("and no way leads through it")
+    assert told(some, radius=0.4)[-1][1].startswith("a way leads")  # too narrow to be used
+
+
+def test_places_that_cannot_be_reached_or_left(tmp_path):
+    some = floor(tmp_path)
+    up, right, down, left = some.graph.edges
+    assert told(with_graph(some, edges=(up, right, left))) == [("ways", "from 'office' there is no way back to 'hall'")]
+    assert told(with_graph(some, edges=(right, down, left))) == [("ways", "'office' cannot be reached from 'hall'")]
+    assert told(with_graph(some, edges=(up, down)))[-1] == ("ways", "no ways join 'store' with 'hall'")
+
+
+def test_a_way_to_where_it_comes_from(tmp_path):
+    some = floor(tmp_path)
+    edges = (*some.graph.edges, Edge("store", "store", "Up"))
+    assert told(with_graph(some, edges=edges)) == [("ways", "the way 'Up' from 'store' leads to where it comes from")]
+
+
+def test_stray_colours(tmp_path):
+    some = floor(tmp_path)
+    labels = Labels(some.labels.frame, some.labels.raster, some.labels.names, {200: 420, 7: 3, 9: 1})
+    assert told(Map(labels, some.graph, some.grid)) == [
+        ("colours", "the colour 7 is no place's, and has 3 cells: a slip of the brush?"),
+        ("colours", "the colour 9 is no place's, and has 1 cell: a slip of the brush?"),
+    ]
+
+
+@pytest.mark.parametrize("margin", [0.3, 0.45])
+def test_a_place_that_is_nowhere_deep_enough(tmp_path, margin):
+    """A strip of four cells between two places: nowhere deeper than two cells of 0.1 m."""
+    raster = rooms()
+    raster[1:20, 1:19] = "hall"
+    raster[20, 1:19] = "hall"
+    raster[19:23, 1:19] = "office"
+    raster[28:33, 19] = ""
+    raster[1:39, 20:39] = ""
+    raster[30:38, 20:39] = "store"
+    raster[32:35, 19] = "store"
+    some = floor(tmp_path, raster, GRAPH.replace("0.0 5.0", "0.0 3.9").replace("2.0 3.5", "2.0 2.5"))
+    shallow = [text for kind, text in told(some, margin=margin) if kind == "rooms"]
+    assert shallow == [f"'office' is nowhere deeper than 0.20 m, and counts as entered only at {margin} m"]
+    assert [kind for kind, _ in told(some, margin=0.2)] == []
+
+
+def test_a_place_without_a_free_cell(tmp_path):
+    some = floor(tmp_path)
+    raster = some.labels.raster.copy()
+    raster[raster == 3] = 0
+    raster[0, :] = 3
+    labels = Labels(some.labels.frame, raster, some.labels.names)
+    problems = told(Map(labels, some.graph, some.grid))
+    assert ("rooms", "'store' has no free cell") in problems
+
+
+def test_without_a_grid_what_takes_one_is_left_out(tmp_path):
+    some = floor(tmp_path)
+    assert told(Map(some.labels, some.graph), radius=5.0) == []
+    assert told(Map(moved(some, "hall", 0.0, 5.0).labels, moved(some, "hall", 0.0, 5.0).graph)) == [
+        ("goals", "the goal of 'hall', (0, 5), lies in 'office'")
+    ]
+
+
+def test_a_single_place_is_deep_everywhere():
+    from mdm.maps import Frame, Grid
+
+    frame = Frame(5, 5, 0.1)
+    labels = Labels(frame, np.ones((5, 5), dtype=np.uint16), ("a",))
+    grid = Grid(frame, np.ones((5, 5), dtype=bool), np.zeros((5, 5), dtype=bool))
+    assert told(Map(labels, Graph((Node("a", Pose(0.25, 0.25)),), ()), grid)) == []

@@ -1,0 +1,121 @@
+"""Pictures of maps: what is drawn where, by the colours of pixels."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+import pytest
+from floor_file import write_floor
+from scipy import ndimage
+
+from mdm.errors import MapError
+from mdm.maps import Frame, Graph, Labels, Node, Pose, load_map
+from mdm.maps.passages import passages, widest
+from mdm.maps.picture import Picture, around, colour
+
+WHOLE = (0, 0, 40, 40)
+
+
+@pytest.fixture
+def floor(tmp_path):
+    grid, labels, graph = write_floor(tmp_path)
+    return load_map(graph, grid=grid, labels=labels)
+
+
+def pixels(picture, title=""):
+    return np.asarray(picture.finished(title)).astype(int)
+
+
+def like(pixel, ink, tolerance=12):
+    return bool((abs(np.array(pixel) - np.array(ink)) <= tolerance).all())
+
+
+def test_places_are_tinted_and_walls_dark(floor):
+    drawn = pixels(Picture(floor.labels, floor.grid, WHOLE, size=400))
+    assert drawn.shape == (400, 400, 3)
+    hall, office, wall = drawn[305, 55], drawn[55, 55], drawn[5, 5]
+    assert like(wall, (58, 62, 72))
+    assert like(hall, 0.58 * np.array((252, 252, 250)) + 0.42 * np.array(colour(0)))
+    assert like(office, 0.58 * np.array((252, 252, 250)) + 0.42 * np.array(colour(1)))
+    without = pixels(Picture(floor.labels, None, WHOLE, size=400))
+    assert like(without[305, 55], hall)
+    assert like(without[5, 5], (226, 227, 230))
+
+
+def test_goals_ways_passages_and_titles_change_the_picture(floor):
+    plain = pixels(Picture(floor.labels, floor.grid, WHOLE, size=800))
+    found = passages(floor.labels, floor.grid)
+
+    def drawn(draw):
+        picture = Picture(floor.labels, floor.grid, WHOLE, size=800)
+        draw(picture)
+        return (pixels(picture) != plain).any(axis=2)
+
+    doors = {pair: door.middle for pair, door in widest(found).items()}
+    graph = drawn(lambda picture: picture.graph(floor.graph, doors))
+    for node in floor.graph.nodes:
+        row, column = floor.labels.frame.locate(node.goal.x, node.goal.y)
+        assert graph[round(20 * row) + 10, round(20 * column) + 10], node.name
+    assert graph[20 * 20 : 20 * 21, 20 * 8 : 20 * 12].any()  # ways lead through the door
+    border = drawn(lambda picture: picture.passage(found[1]))
+    assert border[20 * 20 + 5, 20 * 8 + 5]
+    assert border.sum() < 0.05 * border.size
+    shaded = drawn(lambda picture: picture.shade([(3, 4)]))
+    assert shaded[20 * 3 + 10, 20 * 4 + 10]
+    assert drawn(lambda picture: picture.ring([(10, 10)])).any()
+    assert drawn(lambda picture: picture.circle(Pose(0, 3), 0.3)).any()
+    assert drawn(lambda picture: picture.scale())[700:].any()
+    titled = Picture(floor.labels, floor.grid, WHOLE, size=800).finished("a sentence " * 30)
+    assert titled.width == 800
+    assert titled.height > 840
+
+
+def test_a_text_of_what_lies_outside_is_not_drawn(floor):
+    window = (0, 20, 20, 40)
+    plain = pixels(Picture(floor.labels, floor.grid, window, size=400))
+    picture = Picture(floor.labels, floor.grid, window, size=400)
+    picture.graph(Graph((Node("hall", Pose(0, 3)),), ()), {})
+    assert np.array_equal(pixels(picture), plain)
+
+
+@pytest.mark.parametrize("yaw", [0.0, math.pi / 2, -2.0])
+def test_an_arrow_looks_where_the_goal_looks_in_a_turned_map_too(yaw):
+    frame = Frame(21, 21, 0.1, 0.0, 0.0, yaw)
+    labels = Labels(frame, np.ones((21, 21), dtype=np.uint16), ("a",))
+    x, y = frame.centre(10, 10)
+
+    def shape(turn):
+        picture = Picture(labels, None, (0, 0, 21, 21), size=420)
+        picture.graph(Graph((Node("a", Pose(x, y, yaw + turn)),), ()), {})
+        near = pixels(picture)[190:231, 190:231]
+        parts, _ = ndimage.label([[like(pixel, colour(0), 30) for pixel in row] for row in near])
+        ink = np.argwhere(parts == parts[20, 20])  # not the name, which has the same colour
+        return ink.max(axis=0) - 20, ink.min(axis=0) - 20  # how far down and right, up and left
+
+    (down, right), (up, left) = shape(0.0)  # along the rows of the raster
+    assert right > -left + 2
+    assert abs(down + up) <= 2
+    (down, right), (up, left) = shape(math.pi / 2)
+    assert abs(right + left) <= 2
+
+
+def test_windows_hold_what_they_are_about_and_stay_in_the_raster():
+    frame = Frame(40, 50, 0.1)
+    assert around(frame, [(10, 10), (20, 30)], 0.5) == (5, 5, 26, 36)
+    assert around(frame, [(0, 0)], 0.5) == (0, 0, 6, 6)
+    assert around(frame, [(39, 49)], 0.5) == (34, 44, 40, 50)
+    assert around(frame, [], 0.0) == (0, 0, 40, 50)
+
+
+def test_colours_of_places_differ():
+    inks = [colour(index) for index in range(12)]
+    assert min(math.dist(one, other) for one in inks for other in inks if one != other) > 20
+    assert len(set(inks)) == 12
+
+
+def test_without_pillow_it_is_told(floor, monkeypatch):
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(MapError, match=r"pictures of maps need Pillow: pip install 'markov-decision-making\[maps\]'"):
+        Picture(floor.labels, floor.grid, WHOLE)

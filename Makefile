@@ -3,12 +3,12 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test chaos lint types docs bench clean
+.PHONY: demo test wheel-test chaos lint types docs bench clean
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("mdm needs Python 3.11 or later" if sys.version_info < (3, 11) else 0)'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	MDM_WHEEL=plain $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	touch $@
 
 demo: $(READY)
@@ -17,6 +17,19 @@ demo: $(READY)
 # In parallel, a test file on one worker as far as may be: its fixtures are made once. For one file, call pytest itself.
 test: $(READY)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
+
+# Every test against the package as it is installed from a wheel: compiled, or with MDM_WHEEL=plain plain Python; in an
+# environment of its own, from a copy of the tests beside which there is no other package.
+MDM_WHEEL ?= compiled
+WHEEL := build/wheel
+wheel-test:
+	rm -rf $(WHEEL)
+	$(PYTHON) -m venv $(WHEEL)/env
+	MDM_WHEEL=$(MDM_WHEEL) $(WHEEL)/env/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w $(WHEEL) .
+	$(WHEEL)/env/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt "$$(echo $(WHEEL)/*.whl)[dev]"
+	mkdir $(WHEEL)/copy
+	cp -r tests examples benchmarks docs README.md CHANGELOG.md Makefile pyproject.toml hatch_build.py $(WHEEL)/copy
+	cd $(WHEEL)/copy && ../env/bin/mdm --version && ../env/bin/pytest -n logical --maxprocesses 8 --dist worksteal
 
 # Random systems under random faults in virtual time, then robots as real processes that get signals; two at a time.
 # Violations are printed with their seeds.
@@ -34,7 +47,7 @@ types: $(READY)
 	$(BIN)/mypy
 
 docs: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	MDM_WHEEL=plain $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	$(BIN)/sphinx-build -W -b html docs docs/_build/html
 
 bench: $(READY)

@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from numbers import Integral, Real
-from typing import TypeGuard
+from typing import TYPE_CHECKING, Any, TypeGuard
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    import numpy as np
+
+    Number: TypeAlias = float | np.floating[Any] | np.integer[Any]
+    Whole: TypeAlias = int | np.integer[Any]
 
 __all__ = ["is_number", "is_whole"]
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.predicates.predicate_manager import PredicateManager
+    from mdm.number import Number
     from mdm.runtime import Timer, Work
 
 __all__ = ["SAFE_TIMEOUT", "ActionLayer", "ActionStatistics", "Secured"]
@@ -114,12 +115,12 @@ class ActionLayer(Layer):
         component: Callable[[int], int] | None = None,
         predicates: PredicateManager | None = None,
         safe_action: str | Callback | None = None,
-        safe_timeout: float = SAFE_TIMEOUT,
+        safe_timeout: Number = SAFE_TIMEOUT,
         name: str = "action",
     ) -> None:
         super().__init__(name)
         check_seconds(safe_timeout, "safe_timeout", key="safe_timeout")
-        self.safe_timeout = safe_timeout
+        self.safe_timeout = float(safe_timeout)
         self.alarm: Callable[[str], None] | None = None
         self.idle = False
         self.names = names

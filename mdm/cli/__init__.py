@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import mdm
 from mdm.cli.usage import UsageError, complete
+from mdm.compiled import is_compiled
 from mdm.errors import Error
 
 if TYPE_CHECKING:
@@ -63,7 +64,8 @@ def _main(arguments: Sequence[str] | None) -> int:
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"mdm {mdm.__version__}")
+    kind = "compiled" if is_compiled() else "plain Python"
+    parser.add_argument("--version", action="version", version=f"mdm {mdm.__version__} ({kind})")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB")
     for verb in VERBS:
         module = importlib.import_module(f"mdm.cli.{verb}")

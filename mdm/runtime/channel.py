@@ -10,10 +10,12 @@ from mdm.messages import Fault
 from mdm.runtime.handler import check_plain
 from mdm.runtime.statistics import ChannelStatistics
 from mdm.runtime.stream import Stream
+from mdm.runtime.weak import WeaklyHeld
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable
 
+    from mdm.number import Whole
     from mdm.runtime.actor import Actor
     from mdm.runtime.dispatcher import Dispatcher
 
@@ -82,7 +84,7 @@ class Topics:
         self.sole: Subscription[Any] | None = None
 
 
-class Channel(Generic[T]):
+class Channel(WeaklyHeld, Generic[T]):
     """A named stream of messages of one type.
 
     Args:
@@ -94,7 +96,6 @@ class Channel(Generic[T]):
     """
 
     __slots__ = (
-        "__weakref__",
         "_deserted",
         "_dispatcher",
         "_general",
@@ -342,7 +343,7 @@ class Channel(Generic[T]):
         return sum(waiting is subscription for waiting, _ in self._dispatcher.queue)
 
     def stream(
-        self, *, capacity: int = 64, overflow: Literal["drop_oldest", "drop_newest", "error"] = "drop_oldest"
+        self, *, capacity: Whole = 64, overflow: Literal["drop_oldest", "drop_newest", "error"] = "drop_oldest"
     ) -> Stream[T]:
         """Return the messages from now on (and the retained one) for ``async for``, outside the turn.
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from mdm.errors import ConfigError
 from mdm.number import is_number
 from mdm.runtime import timerfd
+from mdm.runtime.reader import steady
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -202,8 +203,7 @@ class WallClock(Clock):
 
     def reader(self) -> Callable[[], int]:
         """Return a function that does as `now`, at two thirds of its cost."""
-        offset = self._offset
-        return lambda: monotonic_ns() + offset
+        return steady(self._offset)
 
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
         """Serve timers on this event loop, through a ``timerfd`` where the platform has one."""

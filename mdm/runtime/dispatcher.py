@@ -18,6 +18,7 @@ from weakref import WeakSet
 from mdm.errors import Error
 from mdm.runtime.inbox import Inbox
 from mdm.runtime.statistics import DispatcherStatistics
+from mdm.runtime.weak import WeaklyHeld
 
 if TYPE_CHECKING:
     import asyncio
@@ -35,7 +36,7 @@ _STRAIGHT = 16
 _OPEN: WeakSet[Dispatcher] = WeakSet()
 
 
-class Dispatcher:
+class Dispatcher(WeaklyHeld):
     """Runs turns on the event loop's thread, and takes messages from other threads.
 
     Args:
@@ -45,7 +46,6 @@ class Dispatcher:
     """
 
     __slots__ = (
-        "__weakref__",
         "_behind",
         "_clock",
         "_forked",

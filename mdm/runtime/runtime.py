@@ -13,6 +13,7 @@ import anyio
 import msgspec
 
 from mdm.choice import check_flag
+from mdm.compiled import is_compiled
 from mdm.errors import Error
 from mdm.messages import Decision, Fault, Mode, StateChange
 from mdm.runtime.actor import Actor
@@ -51,13 +52,17 @@ _OPEN: WeakKeyDictionary[asyncio.AbstractEventLoop, WeakSet[Runtime]] = WeakKeyD
 
 
 class RuntimeStatistics(msgspec.Struct, frozen=True):
-    """A snapshot of everything in a runtime; ``loop`` is None without a watchdog, ``log`` without a log."""
+    """A snapshot of everything in a runtime; ``loop`` is None without a watchdog, ``log`` without a log.
+
+    ``compiled`` tells whether decisions run as machine code, see `mdm.compiled`.
+    """
 
     dispatcher: DispatcherStatistics
     actors: tuple[ActorStatistics, ...]
     channels: tuple[ChannelStatistics, ...]
     log: LogStatistics | None
     loop: LoopStatistics | None
+    compiled: bool
 
 
 class Runtime:
@@ -422,6 +427,7 @@ class Runtime:
             channels=tuple(channel.statistics() for channel in self._channels.values()),
             log=None if self._log is None else self._log.statistics(),
             loop=None if self._watchdog is None else self._watchdog.statistics(),
+            compiled=is_compiled(),
         )
 
 

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from types import TracebackType
     from typing import Self
 
+    from mdm.number import Whole
+
 __all__ = ["Overflow", "Stream"]
 
 T = TypeVar("T")
@@ -38,7 +40,7 @@ class Stream(Generic[T]):
     def __init__(
         self,
         name: str,
-        capacity: int,
+        capacity: Whole,
         overflow: Literal["drop_oldest", "drop_newest", "error"],
         on_drop: Callable[[], None],
     ) -> None:
@@ -46,7 +48,7 @@ class Stream(Generic[T]):
             raise Error(f"a stream on channel {name!r} needs a capacity of at least 1, not {capacity!r}")
         check_choice(overflow, ("drop_oldest", "drop_newest", "error"), f"overflow of a stream on channel {name!r}")
         self._name = name
-        self._capacity = capacity
+        self._capacity = int(capacity)
         self._overflow = overflow
         self._on_drop = on_drop
         self._on_close: Callable[[], None] = lambda: None

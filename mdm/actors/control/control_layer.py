@@ -137,11 +137,13 @@ class ControlLayer(Layer):
         self.controller = Controller(policy, model, agent=agent, **rest)
         self._another = partial(Controller, policy, model, agent=agent, **rest)
         self.drive = drive_of(own.get("drive"))
-        self.deadline: float | None = own.get("deadline")
-        if self.deadline is not None:
-            check_seconds(self.deadline, "a deadline", key="deadline")
-        self.on_no_observation: str = own.get("on_no_observation", "predict")
-        self._no_observation = unobserved(self.on_no_observation, self.controller.symbols.observation_space)
+        deadline = own.get("deadline")
+        if deadline is not None:
+            check_seconds(deadline, "a deadline", key="deadline")
+        self.deadline = None if deadline is None else float(deadline)
+        unseen = own.get("on_no_observation", "predict")
+        self._no_observation = unobserved(unseen, self.controller.symbols.observation_space)
+        self.on_no_observation: str = unseen
         self.guard: Guard | None = None
         self.lead: Lead | None = None
         self.running = False
@@ -172,8 +174,8 @@ class ControlLayer(Layer):
             self.add(self.planner)
         # At its deadline the planner's fallback answers, and the loop may be a little late.
         patience = 0.0 if self.planner is None else PATIENCE
-        deadline = None if self.deadline is None else round((self.deadline + patience) * 1e9)
-        self.output = Output(self.controller, deadline, self._refuses)
+        latest = None if self.deadline is None else round((self.deadline + patience) * 1e9)
+        self.output = Output(self.controller, latest, self._refuses)
 
     # -- Checks --------------------------------------------------------------------------------------------------
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from mypy_extensions import mypyc_attr
+
 from mdm.actors.predicates.backlog import Backlog
 from mdm.actors.predicates.batches import Batch, scope
 from mdm.actors.predicates.declarations import ACTION_END, Declarations
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 
     from mdm.actors.predicates.declarations import Kind
     from mdm.logic import Change
+    from mdm.number import Number
     from mdm.runtime import Channel, Runtime, Supervision, Timer
     from mdm.runtime.dispatcher import Dispatcher
 
@@ -38,6 +41,7 @@ __all__ = ["PredicateManager"]
 T = TypeVar("T")
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class PredicateManager(Actor):
     """Grounds predicates and events on sensors, and derives others by formula.
 
@@ -109,8 +113,8 @@ class PredicateManager(Actor):
         channel: Channel[T] | tuple[str, type[T]] | None = None,
         when: Callable[[T], bool | None] | None = None,
         *,
-        max_age: float | None = None,
-        initial: bool | None = None,
+        max_age: Number | None = None,
+        initial: bool | np.bool_ | None = None,
     ) -> Sensor:
         """Declare a predicate that sensor data decides, and return the handle to set it with.
 
@@ -125,11 +129,11 @@ class PredicateManager(Actor):
             raise ConfigError(f"predicate {name!r} needs a channel and a 'when' function, or neither", key=name)
         if max_age is not None:
             check_seconds(max_age, f"max_age of {name!r}", key=name)
-        initial = truth(name, initial)
+        first = truth(name, initial)
         if when is not None:
             check_plain(when, f"the 'when' of predicate {name!r}")
         self._declare(
-            name, "predicate", lambda network: network.add_input(name, self._initial(name, initial)), sensed=True
+            name, "predicate", lambda network: network.add_input(name, self._initial(name, first)), sensed=True
         )
         if channel is not None and when is not None:
             self._groundings.append((name, channel, when))
@@ -138,7 +142,7 @@ class PredicateManager(Actor):
         sensor = self._sensors[name] = Sensor(name, self)
         return sensor
 
-    def define(self, name: str, formula: Formula | str, *, held_for: float | None = None) -> None:
+    def define(self, name: str, formula: Formula | str, *, held_for: Number | None = None) -> None:
         """Declare a predicate by a formula over others.
 
         Args:

@@ -67,9 +67,9 @@ class Reporting(Robot):
         await super().go(goal)
 
 
-def patroller(robot, navigation, policy, predicates, **options):
+def patroller(navigation, policy, predicates, limits, **options):
     """Return an ensemble whose state is the room, and whose actions are the ways of the map."""
-    actions = navigation.actions(stay="Stay")
+    actions = navigation.actions(stay="Stay", **limits)
     rooms = list(navigation.graph.names)
     return mdm.Ensemble(
         "robot",

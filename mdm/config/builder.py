@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mdm.config.team_file import TeamFile
+    from mdm.maps import Navigation, Places
     from mdm.team import Team
     from mdm.team.transport.transport import Transport
 
@@ -113,15 +114,16 @@ class _Builder:
     def system(self, agent: str | None, **options: Any) -> System:
         """Return the system, or raise all problems."""
         document = self._read()
-        known = ("team", "predicates", "events", "ensembles", "tasks", "emergency")
+        known = ("team", "places", "predicates", "events", "ensembles", "tasks", "emergency")
         for key in document:
             if key not in known:
                 self._problems.add(f"there is no key {key!r} here; the keys are {', '.join(known)}", key)
         described, share = self._share(document, agent)
         declarations = Declarations(self._problems, share)
+        places, navigation = self._places(document, declarations)
         declarations.declare(document)
         declarations.declare_others(document.get("ensembles"))
-        builder = Ensembles(self._path.parent, declarations.manager, self._functions, self._problems, share)
+        builder = Ensembles(self._path.parent, declarations.manager, self._functions, self._problems, share, navigation)
         ensembles = builder.build(document)
         tasks = self._tasks(self._own_tasks(document, share))
         emergency = self._emergency(document.get("emergency"))
@@ -138,7 +140,23 @@ class _Builder:
         if builder.complete:
             declarations.check_ends({name for ensemble in ensembles.values() for name in ensemble.action.names})
         self._problems.raise_all()
-        return System(declarations.manager, ensembles, tasks, member=member, emergency=emergency)
+        return System(declarations.manager, ensembles, tasks, places=places, member=member, emergency=emergency)
+
+    def _places(self, document: dict[str, Any], declarations: Declarations) -> tuple[Places | None, Navigation | None]:
+        """Return the places of the map, or raise their problems: what else uses them would be wrong as well."""
+        if "places" not in document:
+            return None, None
+        if "places" in dict(self._problems.tables(document, "ensembles")):
+            self._problems.add(
+                "an ensemble cannot be called 'places' beside a map: give it another name", "ensembles.places"
+            )
+        from mdm.config.places import read_places  # noqa: PLC0415 - files without a map load nothing of maps
+
+        found = read_places(
+            document["places"], self._path.parent, declarations.manager, self._functions, self._problems
+        )
+        self._problems.raise_all()
+        return found
 
     def _share(self, document: dict[str, Any], agent: str | None) -> tuple[TeamFile, Share] | tuple[None, None]:
         """Return the team, and what of its file is the agent's."""

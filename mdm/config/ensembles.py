@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from mdm.config.functions import Functions
     from mdm.config.problems import Problems
     from mdm.config.share import Share
+    from mdm.maps import Navigation
     from mdm.models import MDP, POMDP
     from mdm.policies import Policy
     from mdm.team import Placement
@@ -51,6 +52,7 @@ class Ensembles:
         functions: Finds the functions that are named.
         problems: Where problems are noted.
         share: In a team's file, whose part it is.
+        navigation: What takes the ways of the file's map.
 
     Attributes:
         joint: The placements of the team's ensembles, by their names: of those that agents decide together.
@@ -63,7 +65,9 @@ class Ensembles:
         functions: Functions,
         problems: Problems,
         share: Share | None = None,
+        navigation: Navigation | None = None,
     ) -> None:
+        self._navigation = navigation
         self._folder = folder
         self._predicates = predicates
         self._functions = functions
@@ -327,10 +331,14 @@ class Ensembles:
             entry: ActionTable | None = self._problems.convert(written, ActionTable, key)
             if entry is None:
                 continue
+            index = int(action) if action.isdecimal() else action
             with self._problems.collecting(key):
+                if entry.way is not None or entry.place is not None:
+                    bindings[index] = self._drive_to(entry, written)
+                    continue
                 target = self._target(entry, key, name, above)
                 if target is not None:
-                    bindings[int(action) if action.isdecimal() else action] = Binding(
+                    bindings[index] = Binding(
                         target,
                         timeout=entry.timeout,
                         grace=entry.grace,
@@ -340,9 +348,21 @@ class Ensembles:
                     )
         return bindings if len(bindings) == len(actions) else None
 
+    def _drive_to(self, entry: ActionTable, keys: Mapping[str, Any]) -> Binding:
+        """Return the action that takes a way of the map, or goes to a place."""
+        what = "way" if entry.place is None else "place"
+        for key in keys:
+            if key not in {what, "timeout", "grace"}:
+                raise ConfigError(f"{key!r} means nothing beside a {what}; its keys are {what}, timeout, grace")
+        if self._navigation is None:
+            raise ConfigError(f"a {what} needs what drives there: give a table [places] with a navigator")
+        if entry.place is not None:
+            return self._navigation.go_to(entry.place, timeout=entry.timeout, grace=entry.grace)
+        return self._navigation.way(str(entry.way), timeout=entry.timeout, grace=entry.grace)
+
     def _target(self, entry: ActionTable, key: str, name: str, above: tuple[str, ...]) -> Any:
         if (entry.call is None) == (entry.ensemble is None):
-            raise ConfigError("an action needs either a function ('call') or an 'ensemble'")
+            raise ConfigError("an action needs either a function ('call'), an 'ensemble', or a 'way' or 'place'")
         if entry.call is not None:
             return self._functions.find(entry.call, key) or nothing  # what else is wrong is told, too
         below = str(entry.ensemble)

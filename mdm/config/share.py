@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Seat", "Share"]
 
-_BINDING = ("call", "ensemble")
+_BINDING = ("call", "ensemble", "way", "place")
 
 
 class Seat(NamedTuple):

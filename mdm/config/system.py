@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mdm.actors import Ensemble, PredicateManager
+    from mdm.maps import Places
     from mdm.team import Member
 
 __all__ = ["System"]
@@ -28,6 +29,7 @@ class System(Actor):
         predicates: The predicate manager that all ensembles share.
         ensembles: All ensembles by name. Those without a parent start with the system.
         tasks: Async functions that take the system and run beside the ensembles, such as sensor drivers.
+        places: Where the robot is, on a map; its tasks tell it poses.
         member: Of a team, this agent's part: its ensembles start with it.
         emergency: A plain function without arguments that the runtime calls as the last resort, besides its own.
     """
@@ -39,6 +41,7 @@ class System(Actor):
         tasks: list[Callable[[System], Any]],
         name: str = "system",
         *,
+        places: Places | None = None,
         member: Member | None = None,
         emergency: Callable[[], object] | None = None,
     ) -> None:
@@ -46,9 +49,12 @@ class System(Actor):
         self.predicates = predicates
         self.ensembles = ensembles
         self.tasks = tasks
+        self.places = places
         self.member = member
         self.emergency = emergency
         self.add(predicates)
+        if places is not None:
+            self.add(places)
         if member is not None:
             self.add(member)
         for ensemble in self.top:

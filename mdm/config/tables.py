@@ -17,6 +17,7 @@ __all__ = [
     "EventTable",
     "ObservationTable",
     "PlacementTable",
+    "PlacesTable",
     "PredicateTable",
     "RestartTable",
     "SearchTable",
@@ -68,10 +69,12 @@ class ObservationTable(_Table, frozen=True):
 
 
 class ActionTable(_Table, frozen=True):
-    """The binding of an action to a function (``call``) or to another ensemble of the file."""
+    """The binding of an action to a function (``call``), another ensemble, or a ``way`` or ``place`` of the map."""
 
     call: str | None = None
     ensemble: str | None = None
+    way: str | None = None
+    place: str | None = None
     timeout: Seconds | None = None
     grace: Seconds = 5.0
     on_repeat: Literal["continue", "restart"] = "continue"
@@ -136,6 +139,22 @@ class PlacementTable(_Table, frozen=True):
     control: str | None = None
     actions: str | dict[str, str] | None = None
     inputs: str | None = None
+
+
+class PlacesTable(_Table, frozen=True):
+    """The places of a map, see `mdm.maps.load_map` and `mdm.maps.Places`; and what drives to them."""
+
+    graph: str
+    grid: str | None = None
+    labels: str | None = None
+    names: str | dict[str, int] | None = None
+    reach: Annotated[float, Meta(gt=0)] | None = None
+    margin: Annotated[float, Meta(ge=0)] = 0.3
+    max_age: Seconds = 0.5
+    tolerance: Annotated[float, Meta(ge=0)] = 0.3
+    prefix: str = ""
+    outside: Literal["unknown", "keep"] = "unknown"
+    navigator: str | None = None
 
 
 class AgentTable(_Table, frozen=True):

@@ -57,8 +57,6 @@ class Navigation:
         navigator: What drives the robot.
         places: Where the robot is: `Places`; or the predicate manager, which has a predicate for each place.
         prefix: Of a predicate manager, what predicates have before the names of places.
-        timeout: Seconds that a drive may take.
-        grace: Seconds that a drive has to end when it is cancelled.
         name: What its channel begins with.
 
     Raises:
@@ -78,8 +76,6 @@ class Navigation:
         places: Places | PredicateManager,
         *,
         prefix: str = "",
-        timeout: float | None = None,
-        grace: float = 5.0,
         name: str = "navigation",
     ) -> None:
         self.graph = floor.graph if isinstance(floor, Map) else floor
@@ -93,7 +89,6 @@ class Navigation:
         self.name = name
         self._reports = _takes_feedback(navigator)
         self._replaces = getattr(navigator, "replaces", False) is True
-        self._options: dict[str, Any] = {"timeout": timeout, "grace": grace}
         self._rooms = {node.name: prefix + node.name for node in self.graph.nodes}
         declared = self.predicates.declared
         for place, room in self._rooms.items():
@@ -103,30 +98,77 @@ class Navigation:
 
     # -- What users call -----------------------------------------------------------------------------------------
 
-    def actions(self, *, stay: str | None = None) -> dict[str, Binding]:
+    def actions(
+        self, *, stay: str | None = None, timeout: float | None = None, grace: float = 5.0
+    ) -> dict[str, Binding]:
         """Return an action for each label of the graph's ways, to be bound in an ensemble.
 
         Args:
             stay: The name of one more action, which stops the robot where it is.
+            timeout: Seconds that a drive may take.
+            grace: Seconds that a drive has to end when it is cancelled.
 
         Raises:
-            ConfigError: If a way has that name.
+            ConfigError: If a way has the name of the action that stays.
         """
-        bound = {label: self._by_label(label) for label in self.graph.labels}
+        bound = {label: self.way(label, timeout=timeout, grace=grace) for label in self.graph.labels}
         if stay is not None:
             if stay in bound:
                 raise ConfigError(f"{stay!r} is a way of the map: give the action that stays another name", key="stay")
             bound[stay] = Binding(_stay)
         return bound
 
-    def go_to(self, name: str) -> Binding:
+    def way(self, label: str, *, timeout: float | None = None, grace: float = 5.0) -> Binding:
+        """Return the action that takes the way of a label, from wherever the robot is.
+
+        Args:
+            label: Of one way at least.
+            timeout: Seconds that a drive may take.
+            grace: Seconds that a drive has to end when it is cancelled.
+
+        Raises:
+            ConfigError: If no way has this label.
+        """
+        if label not in self.graph.labels:
+            raise ConfigError(f"no way is called {label!r}; there are {', '.join(map(repr, self.graph.labels))}")
+        goals: list[Node] = []
+
+        def go() -> Awaitable[None]:
+            goals[:] = [self.target(label)]
+            return self._drive(goals[0])
+
+        def goes_on() -> bool:
+            try:
+                return [self.target(label)] == goals
+            except Error:
+                return False  # it starts anew, and says what is wrong
+
+        return Binding(
+            go,
+            on_repeat="restart",
+            goes_on=goes_on,
+            group=self if self._replaces else None,
+            timeout=timeout,
+            grace=grace,
+        )
+
+    def go_to(self, name: str, *, timeout: float | None = None, grace: float = 5.0) -> Binding:
         """Return the action that goes to a place, wherever the robot is.
+
+        Args:
+            name: The place's.
+            timeout: Seconds that a drive may take.
+            grace: Seconds that a drive has to end when it is cancelled.
 
         Raises:
             MapError: If there is no such place.
         """
         node = self.graph.node(name)
-        return Binding(lambda: self._drive(node), group=self._group, **self._options)
+
+        def go() -> Awaitable[None]:
+            return self._drive(node)
+
+        return Binding(go, group=self if self._replaces else None, timeout=timeout, grace=grace)
 
     def place(self) -> str:
         """Return the name of the place where the robot is, as the predicates have it.
@@ -158,25 +200,6 @@ class Navigation:
         return self.graph.node(name)
 
     # -- Lives ---------------------------------------------------------------------------------------------------
-
-    @property
-    def _group(self) -> Navigation | None:
-        return self if self._replaces else None
-
-    def _by_label(self, label: str) -> Binding:
-        goals: list[Node] = []
-
-        def go() -> Awaitable[None]:
-            goals[:] = [self.target(label)]
-            return self._drive(goals[0])
-
-        def goes_on() -> bool:
-            try:
-                return [self.target(label)] == goals
-            except Error:
-                return False  # it starts anew, and says what is wrong
-
-        return Binding(go, on_repeat="restart", goes_on=goes_on, group=self._group, **self._options)
 
     async def _drive(self, node: Node) -> None:
         navigator: Any = self.navigator

@@ -24,9 +24,9 @@ class Driven:
         self.predicates = mdm.PredicateManager()
         self.predicates.sensor("Other", initial=False)
         self.robot = kind(floor, self.predicates, x, 2.0)
-        self.navigation = Navigation(floor, self.robot, self.robot.places, **(navigation or {}))
+        self.navigation = Navigation(floor, self.robot, self.robot.places)
         policy = policy or {"A": "Right", "B": "Right", "C": "Stay"}
-        self.ensemble = patroller(self.robot, self.navigation, policy, self.predicates, **options)
+        self.ensemble = patroller(self.navigation, policy, self.predicates, navigation or {}, **options)
 
     async def start(self, runtime):
         self.runtime = runtime
@@ -308,6 +308,8 @@ def test_what_does_not_fit_is_refused():
         navigation.actions(stay="Left")
     with pytest.raises(MapError, match="there is no place 'D'; there are A, B, C"):
         navigation.go_to("D")
+    with pytest.raises(ConfigError, match="no way is called 'Up'; there are 'Right', 'Left'"):
+        navigation.way("Up")
     with pytest.raises(ConfigError, match="the prefix is that of the places"):
         Navigation(THREE, robot, robot.places, prefix="In")
     with pytest.raises(ConfigError, match="there is no predicate 'InA', which would tell of the place 'A'"):

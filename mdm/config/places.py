@@ -1,0 +1,85 @@
+"""Places: the map of a TOML file, whose places are predicates, and whose ways are actions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mdm.config.functions import nothing
+from mdm.config.tables import PlacesTable
+from mdm.errors import ConfigError
+from mdm.maps import Navigation, Places, load_map
+from mdm.runtime.supervision import describe
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from mdm.actors import PredicateManager
+    from mdm.config.functions import Functions
+    from mdm.config.problems import Problems
+    from mdm.maps import Map
+
+__all__ = ["read_places"]
+
+
+def read_places(
+    value: Any, folder: Path, predicates: PredicateManager, functions: Functions, problems: Problems
+) -> tuple[Places | None, Navigation | None]:
+    """Return the places of a file, and their navigation where there is a navigator; None where there are problems.
+
+    Args:
+        value: The table ``places``.
+        folder: The file's, to which paths are relative.
+        predicates: Where the places are declared.
+        functions: Finds the function that makes the navigator.
+        problems: Where problems are noted.
+    """
+    table: PlacesTable | None = problems.convert(value, PlacesTable, "places")
+    if table is None:
+        return None, None
+    with problems.collecting("places"):
+        floor = _floor(table, folder)
+        places = Places(
+            floor,
+            predicates,
+            margin=table.margin,
+            max_age=table.max_age,
+            tolerance=table.tolerance,
+            prefix=table.prefix,
+            outside=table.outside,
+        )
+        if table.navigator is None:
+            return places, None
+        with problems.collecting("places.navigator"):
+            make = functions.find(table.navigator, "places.navigator")
+            if make is not None:
+                return places, Navigation(floor, _made(make, table.navigator), places)
+        return places, None
+    return None, None
+
+
+def _floor(table: PlacesTable, folder: Path) -> Map:
+    def path(given: str | None) -> Path | None:
+        if given is not None and (not given or "\0" in given):
+            raise ConfigError(f"the path of a file was expected, not {given!r}")
+        return None if given is None else folder / given
+
+    names = table.names if isinstance(table.names, dict) else path(table.names)
+    return load_map(
+        folder / table.graph, grid=path(table.grid), labels=path(table.labels), names=names, reach=table.reach
+    )
+
+
+def _made(make: Any, reference: str) -> Any:
+    if make is nothing:
+        return _Parked()
+    try:
+        return make()
+    except Exception as error:
+        raise ConfigError(f"navigator {reference!r} cannot be made: {describe(error)}") from error
+
+
+class _Parked:
+    """In place of a navigator that is not to be made."""
+
+    async def go(self, goal: object) -> None:
+        """Stay."""

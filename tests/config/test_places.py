@@ -1,0 +1,146 @@
+"""The table `places` of a file: the map's places as predicates, its ways as actions."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+
+import pytest
+from loading import written
+
+from mdm import ConfigError, Error, load_system
+from mdm.maps import Pose
+from mdm.testing import capture_decisions, run_virtual
+
+GRAPH = """{"type": "FeatureCollection", "features": [
+{"type": "Feature", "properties": {"id": 1, "frame": "map", "metadata": {"name": "Hall"}},
+ "geometry": {"type": "Point", "coordinates": [2.0, 2.0]}},
+{"type": "Feature", "properties": {"id": 2, "frame": "map", "metadata": {"name": "Kitchen"}},
+ "geometry": {"type": "Point", "coordinates": [6.0, 2.0]}},
+{"type": "Feature", "properties": {"id": 3, "startid": 1, "endid": 2, "metadata": {"name": "Right"}},
+ "geometry": {"type": "MultiLineString", "coordinates": [[[2.0, 2.0], [6.0, 2.0]]]}},
+{"type": "Feature", "properties": {"id": 4, "startid": 2, "endid": 1, "metadata": {"name": "Left"}},
+ "geometry": {"type": "MultiLineString", "coordinates": [[[6.0, 2.0], [2.0, 2.0]]]}}]}
+"""
+
+ROBOT = """
+import asyncio
+goals = []
+class Wheels:
+    async def go(self, goal):
+        goals.append(goal.x)
+        await asyncio.sleep(1000)
+class Broken:
+    def __init__(self):
+        raise OSError("no wheels")
+async def localise(system):
+    from mdm.maps import Pose
+    for x in (2.0, 2.0, 6.0):
+        system.places.see(Pose(x, 2.0))
+        await asyncio.sleep(0.4)
+"""
+
+FILE = """
+tasks = ["wheels:localise"]
+
+[places]
+graph = "floor.geojson"
+reach = 1.5
+prefix = "In"
+navigator = "wheels:Wheels"
+
+[predicates]
+Cooks = "InKitchen and not InHall.at_goal"
+
+[ensembles.robot]
+policy = [0, 1]
+
+[ensembles.robot.states]
+place = { predicates = ["InHall", "InKitchen"] }
+
+[ensembles.robot.actions]
+Right = { way = "Right" }
+Home = { place = "Hall", timeout = 60.0 }
+"""
+
+
+@pytest.fixture(autouse=True)
+def _forget(monkeypatch):
+    """Forget the module of one test before the next, and where it was."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield
+    sys.modules.pop("wheels", None)
+
+
+def file(tmp_path, text=FILE):
+    (tmp_path / "floor.geojson").write_text(GRAPH)
+    (tmp_path / "wheels.py").write_text(ROBOT)
+    return written(tmp_path, text, "robot.toml")
+
+
+def problems(tmp_path, text, **options):
+    with pytest.raises(ConfigError) as caught:
+        load_system(file(tmp_path, text), **options)
+    return [(problem.key, problem.message) for problem in caught.value.problems]
+
+
+def test_places_are_predicates_and_ways_are_actions(tmp_path):
+    system = load_system(file(tmp_path))
+    right, home = system.ensembles["robot"].action.bindings
+    assert (right.on_repeat, right.timeout, home.on_repeat, home.timeout) == ("restart", None, "continue", 60.0)
+
+    async def main(runtime):
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(system)
+            await asyncio.sleep(1.2)
+        assert [decision.action_name for decision in decisions] == ["Right", "Home"]
+        assert system.predicates.value("Cooks") is True
+        await asyncio.sleep(0.2)
+        assert system.predicates.value("InKitchen") is None
+
+    run_virtual(main)
+    assert sys.modules["wheels"].goals == [6.0, 2.0]
+
+
+def test_without_a_navigator_there_are_places_alone(tmp_path):
+    text = FILE.replace('navigator = "wheels:Wheels"\n', "").replace('{ way = "Right" }', '"wheels:Wheels"')
+    text = text.replace('{ place = "Hall", timeout = 60.0 }', '"wheels:Wheels"')
+    system = load_system(file(tmp_path, text), callbacks=False)
+    assert system.places.prefix == "In"
+    assert system.places.labels.name(2, 2) == "Hall"
+
+
+def test_a_file_is_checked_without_its_code(tmp_path):
+    system = load_system(file(tmp_path), callbacks=False)
+    assert system.predicates.declared.knows("InHall.arrived") == "event"
+    with pytest.raises(Error, match="has not been started"):
+        system.places.see(Pose(1, 1))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        ('graph = "floor.geojson"', 'graph = "none.geojson"', "places", "none.geojson"),
+        ('graph = "floor.geojson"\n', "", "places", "the required key 'graph' is missing"),
+        ('prefix = "In"', "margins = 1.0", "places.margins", "there is no key 'margins' here; did you mean 'margin'"),
+        ("reach = 1.5", "reach = 1.5\nmargin = 4.0", "places", "could not be entered"),
+        ('"wheels:Wheels"', '"wheels:Broken"', "places.navigator", "cannot be made: OSError: no wheels"),
+        ('"wheels:Wheels"', '"wheels:Feet"', "places.navigator", "has no 'Feet'"),
+        ('"wheels:Wheels"', '"wheels:localise"', "places.navigator", "cannot be made"),
+        ('way = "Right"', 'way = "Up"', "ensembles.robot.actions.Right", "no way is called 'Up'; there are 'Right'"),
+        ('place = "Hall"', 'place = "Cellar"', "ensembles.robot.actions.Home", "there is no place 'Cellar'"),
+        (
+            'way = "Right"',
+            'way = "Right", call = "a:b"',
+            "ensembles.robot.actions.Right",
+            "'call' means nothing beside",
+        ),
+        ('navigator = "wheels:Wheels"\n', "", "ensembles.robot.actions.Right", "a way needs what drives there"),
+        ("[predicates]", "[predicates]\nInHall = {}", "predicates.InHall", "'InHall' is declared twice"),
+        ("[ensembles.robot]", "[ensembles.places]", "ensembles.places", "cannot be called 'places' beside a map"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_key(tmp_path, old, new, key, words):
+    assert old in FILE
+    found = problems(tmp_path, FILE.replace(old, new))
+    assert any(place == key and words in message for place, message in found), found

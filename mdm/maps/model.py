@@ -1,0 +1,278 @@
+"""A model from a map: where a robot is, and factors of its users' own, under the ways of the graph as actions.
+
+The state has the factor `POSITION`, the place, and the users' factors behind it. An action of a way's label leads to
+the next place with its probability of success, else the robot stays; where there is no such way it stays, at a small
+cost, or the action would tie with those that lead nowhere either. What users' factors do depends on the place where
+the robot is next.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage
+
+from mdm.errors import MapError
+from mdm.maps.paths import Paths
+from mdm.models import Durations, Factor, FactoredMDP, FactoredPOMDP, Node, Space, Table, TwoSliceNetwork
+from mdm.number import is_number
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from mdm.maps.graph import Graph
+    from mdm.maps.map import Map
+    from mdm.models.matrices import Vector
+
+__all__ = ["POSITION", "FloorFactor", "arrivals", "chances", "durations", "latch", "model", "sightings"]
+
+POSITION = "position"
+"""The factor of the place."""
+_REACH = 4.0
+"""Standard deviations beyond which a pose's error is left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class FloorFactor:
+    """A factor of a floor's model beside the place.
+
+    Args:
+        name: Its name.
+        values: Its symbols.
+        transitions: P(next value | next place, value): places x values x values.
+        rewards: What the change to a value earns: places x values x values, of the next place, the value, and the next.
+        initial: The distribution of the first value; the first one by default.
+    """
+
+    name: str
+    values: Sequence[str]
+    transitions: npt.NDArray[np.float64]
+    rewards: npt.NDArray[np.float64] | None = None
+    initial: Sequence[float] | None = None
+
+
+def latch(graph: Graph, name: str, *, on: str, off: str, reward: float = 1.0) -> FloorFactor:
+    """Return a factor that remembers which of two places the robot has been in last, as a patrol needs.
+
+    Args:
+        graph: The places.
+        name: Its name; its values are ``no``, the first, and ``yes``.
+        on: The place that makes it ``yes``.
+        off: The place that makes it ``no``.
+        reward: What each change earns.
+
+    Raises:
+        MapError: If there is no such place, or both are the same.
+    """
+    if graph.node(on).name == graph.node(off).name:
+        raise MapError(f"{name!r} would be switched on and off in {on!r}: give it two places")
+    transitions = np.tile(np.eye(2), (len(graph.nodes), 1, 1))
+    rewards = np.zeros_like(transitions)
+    for place, value in ((on, 1), (off, 0)):
+        index = graph.names.index(place)
+        transitions[index] = np.eye(2)[value]
+        rewards[index, 1 - value, value] = reward
+    return FloorFactor(name, ("no", "yes"), transitions, rewards)
+
+
+def model(
+    graph: Graph,
+    *,
+    factors: Sequence[FloorFactor] = (),
+    success: float | npt.NDArray[np.float64] = 0.9,
+    rewards: Mapping[str, float] | None = None,
+    idle_cost: float = 0.01,
+    sightings: npt.NDArray[np.float64] | None = None,
+    discount: float = 0.95,
+    start: str | None = None,
+    stay: str | None = None,
+) -> FactoredMDP | FactoredPOMDP:
+    """Return the model of a robot that goes the ways of a graph.
+
+    Args:
+        graph: The places and ways; the labels of ways are the actions.
+        factors: The users' factors, most significant first, behind the place.
+        success: The probability that a way is gone in one step: one for all, or places x labels, as of `chances`.
+        rewards: What a step earns that ends in a place, by its name.
+        idle_cost: What an action costs that leads nowhere.
+        sightings: P(place that is seen | place), as of `sightings`; without it places are known, and it is an MDP.
+        discount: In (0, 1].
+        start: Where the robot is first; anywhere by default.
+        stay: The name of one more action, which stays at no cost.
+
+    Returns:
+        A factored MDP, or POMDP whose observation is the place that is seen.
+
+    Raises:
+        MapError: If there are no ways, there is no such place, or a probability is none.
+    """
+    if not graph.labels:
+        raise MapError("the graph has no ways, so that there is nothing to decide")
+    labels = graph.labels if stay is None else (*graph.labels, stay)
+    if len(set(labels)) < len(labels):
+        raise MapError(f"{stay!r} is a way of the map: give the action that stays another name")
+    places = len(graph.nodes)
+    moves, costs = _moves(graph, labels, chances(graph, success), idle_cost)
+    earned = np.zeros(places)
+    for name, reward in (rewards or {}).items():
+        earned[graph.names.index(graph.node(name).name)] = reward
+    action, here, there = Node("action", 0), Node("state", 0), Node("next_state", 0)
+    first = np.full(places, 1 / places) if start is None else np.eye(places)[graph.names.index(graph.node(start).name)]
+    initial = [Table([here], first)]
+    transitions = [Table([action, here, there], moves)]
+    utilities = [Table([action, here], moves @ earned - costs)]
+    for index, factor in enumerate(factors, 1):
+        now, later = Node("state", index), Node("next_state", index)
+        size = len(factor.values)
+        shape = places, size, size
+        if np.shape(factor.transitions) != shape:
+            raise MapError(
+                f"the transitions of {factor.name!r} have the shape {np.shape(factor.transitions)}, not {shape}"
+            )
+        initial.append(Table([now], np.eye(size)[0] if factor.initial is None else factor.initial))
+        transitions.append(Table([there, now, later], factor.transitions))
+        if factor.rewards is not None:
+            expected = (factor.transitions * factor.rewards).sum(axis=2)
+            utilities.append(Table([action, here, now], np.einsum("apq,qv->apv", moves, expected)))
+    states = Space([Factor(POSITION, graph.names), *(Factor(factor.name, factor.values) for factor in factors)])
+    actions = Space.single("robot", labels)
+    if sightings is None:
+        network = TwoSliceNetwork(states, actions, initial=initial, transitions=transitions, utilities=utilities)
+        return FactoredMDP(network, discount=discount)
+    network = TwoSliceNetwork(
+        states,
+        actions,
+        Space.single("robot", graph.names),
+        initial=initial,
+        transitions=transitions,
+        observation=[Table([there, Node("observation", 0)], sightings)],
+        utilities=utilities,
+    )
+    return FactoredPOMDP(network, discount=discount)
+
+
+def _moves(graph: Graph, labels: Sequence[str], taken: Vector, idle_cost: float) -> tuple[Vector, Vector]:
+    """Return P(next place | action, place), actions x places x places, and what actions cost, actions x places."""
+    places = len(graph.nodes)
+    moves = np.tile(np.eye(places), (len(labels), 1, 1))
+    costs = np.zeros((len(labels), places))
+    for place, name in enumerate(graph.names):
+        for label, chance in enumerate(taken[place]):
+            target = graph.target(name, labels[label])
+            if target is None:
+                costs[label, place] = idle_cost
+            else:
+                moves[label, place, place] -= chance
+                moves[label, place, graph.names.index(target)] += chance
+    return moves, costs
+
+
+def chances(graph: Graph, success: float | npt.NDArray[np.float64]) -> Vector:
+    """Return the probability that each way is gone in a step, places x labels.
+
+    Raises:
+        MapError: If one is not between 0 and 1, or the shape is another.
+    """
+    shape = len(graph.nodes), len(graph.labels)
+    if not is_number(success) and np.shape(success) != shape:
+        raise MapError(f"the probabilities of success have the shape {np.shape(success)}, not {shape}")
+    taken = np.broadcast_to(np.asarray(success, dtype=np.float64), shape)
+    if not ((taken >= 0) & (taken <= 1)).all():
+        raise MapError(f"{taken[~((taken >= 0) & (taken <= 1))].flat[0]:g} is no probability of success")
+    return taken
+
+
+def arrivals(floor: Map, *, speed: float, radius: float = 0.25) -> Vector:
+    """Return the seconds that each way takes, places x labels: the length of the path between goals, by the speed.
+
+    Where there is no such way, the seconds of the shortest way from that place; of all where there is none at all.
+
+    Args:
+        floor: The map, with its grid.
+        speed: In metres a second.
+        radius: Of the robot, which keeps so far from walls.
+
+    Raises:
+        MapError: If there is no grid, a robot does not fit at a goal, there is no path, or the speed is not above 0.
+    """
+    if floor.grid is None:
+        raise MapError("the lengths of ways need a map with a grid")
+    if not is_number(speed) or not (math.isfinite(speed) and speed > 0):
+        raise MapError(f"a speed of {speed!r} brings no robot anywhere: give metres a second above 0")
+    graph = floor.graph
+    paths = Paths(floor.grid.frame, floor.grid.clearance() > radius)
+    goals = []
+    for node in graph.nodes:
+        try:
+            goals.append(paths.cell(node.goal.x, node.goal.y))
+        except MapError:
+            raise MapError(f"a robot with a radius of {radius:g} m does not fit at the goal of {node.name!r}") from None
+    seconds = np.full((len(graph.nodes), len(graph.labels)), np.nan)
+    for target, name in enumerate(graph.names):
+        edges = [edge for edge in graph.edges if edge.target == name]
+        if not edges:
+            continue
+        lengths, _ = paths.distances([goals[target]])
+        for edge in edges:
+            source = graph.names.index(edge.source)
+            length = lengths[goals[source]]
+            if not math.isfinite(length):
+                raise MapError(f"there is no path from {edge.source!r} to {edge.target!r} for a robot of {radius:g} m")
+            seconds[source, graph.labels.index(edge.label)] = max(length, floor.grid.frame.resolution) / speed
+    least = np.nanmin(seconds) if np.isfinite(seconds).any() else 1.0
+    for row in seconds:
+        known = row[np.isfinite(row)]
+        row[np.isnan(row)] = known.min() if len(known) else least
+    return seconds
+
+
+def durations(model: FactoredMDP, seconds: npt.NDArray[np.float64], *, stages: int = 4) -> Durations:
+    """Return how long the actions of a floor's model take, for solving in real time.
+
+    Args:
+        model: A model from `model`.
+        seconds: Of each place and label, as of `arrivals`; one more action, which stays, takes the mean of them.
+        stages: How little they vary: the standard deviation is the mean divided by the root of this.
+    """
+    actions = len(model.action_space)
+    means = np.full((len(seconds), actions), seconds.mean())
+    means[:, : seconds.shape[1]] = seconds
+    each = len(model.state_space) // len(seconds)
+    return Durations(np.repeat(means, each, axis=0), stages)
+
+
+def sightings(floor: Map, noise: float, *, radius: float = 0.25) -> Vector:
+    """Return P(place that is seen | place): a robot may be anywhere in a place, and its poses have a normal error.
+
+    What falls outside all places is seen as what it would be seen as otherwise: rows sum to 1.
+
+    Args:
+        floor: The map; where it has a grid, a robot is only where it fits.
+        noise: The standard deviation of its poses in each direction, in metres.
+        radius: Of the robot, in metres.
+
+    Raises:
+        MapError: If the noise is negative, or a place has no room for the robot.
+    """
+    if not is_number(noise) or not (math.isfinite(noise) and noise >= 0):
+        raise MapError(f"a noise of {noise!r} is no standard deviation: give metres, 0 or more")
+    labels = floor.labels
+    fits = np.ones(labels.frame.shape, dtype=bool) if floor.grid is None else floor.grid.clearance() > radius
+    cells = noise / labels.frame.resolution
+    seen = np.zeros((len(floor.graph.nodes), len(floor.graph.nodes)))
+    blurred = [
+        ndimage.gaussian_filter(labels.cells(name).astype(np.float64), cells, mode="constant", truncate=_REACH)
+        for name in floor.graph.names
+    ]
+    for place, name in enumerate(floor.graph.names):
+        inside = labels.cells(name) & fits
+        if not inside.any():
+            raise MapError(f"a robot with a radius of {radius:g} m fits nowhere in {name!r}")
+        seen[place] = [mask[inside].mean() for mask in blurred]
+    seen /= seen.sum(axis=1, keepdims=True)
+    return seen

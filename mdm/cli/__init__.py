@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import mdm
 from mdm.cli.usage import UsageError, complete
+from mdm.compile_time import COMPILE_TIME
 from mdm.compiled import is_compiled
 from mdm.errors import Error
 
@@ -100,7 +101,8 @@ def _run(parsed: argparse.Namespace) -> int:
         with warnings.catch_warnings():
             warnings.simplefilter("default")
             warnings.showwarning = _show_warning
-            status = int(module.run(parsed))
+            with COMPILE_TIME.told(lambda: _tell_of_compilation(parsed.command)):
+                status = int(module.run(parsed))
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, where errors are reported
             return status
@@ -138,6 +140,13 @@ def _sentence(error: Exception) -> str:
     if isinstance(error, OSError):
         return f"{error.filename}: {error.strerror}" if error.filename else f"{error.strerror or error}"
     return f"unexpected {type(error).__name__}: {error} (--debug shows where)"
+
+
+def _tell_of_compilation(command: str) -> None:
+    if sys.stderr is None:
+        return
+    start = "\r\x1b[K" if sys.stderr.isatty() else ""  # in place of a line of progress
+    print(f"{start}mdm {command}: compiling, once on this machine; it takes some seconds", file=sys.stderr, flush=True)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:

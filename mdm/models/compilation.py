@@ -13,6 +13,7 @@ from functools import cache
 from importlib.util import find_spec, module_from_spec
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
+from mdm.compile_time import COMPILE_TIME
 from mdm.errors import ModelWarning
 
 if TYPE_CHECKING:
@@ -23,6 +24,9 @@ __all__ = ["can_compile", "compiled", "direct", "may_compile", "plain"]
 
 _Function = TypeVar("_Function", bound="Callable[..., Any]")
 
+
+_COMPILATION, _PASS = "numba:compile", "numba:run_pass"
+"""What numba tells of: functions that are not in its cache, and the passes over each of them."""
 
 _uncompiled: list[str] = []
 """The modules that are being imported as plain Python."""
@@ -40,12 +44,33 @@ def can_compile() -> bool:
     if not may_compile():
         return False
     try:
-        import numba  # noqa: F401, PLC0415 - see above
+        with COMPILE_TIME.loading():
+            import numba  # noqa: F401, PLC0415 - see above
     except Exception as error:  # what a broken library, or one that is too old, raises
         text = f"numba is installed, but cannot be imported ({error}): the work goes on uncompiled, and slower"
         warnings.warn(f"{text}; reinstall it, or set MDM_COMPILE=0", ModelWarning, stacklevel=2)
         return False
+    _measure()
     return True
+
+
+@cache
+def _measure() -> None:
+    """Measure how long the compiler takes from now on."""
+    from numba.core.event import Listener, register  # noqa: PLC0415 - see above
+
+    class Stopwatch(Listener):
+        def on_start(self, event: Any) -> None:
+            if event.kind == _COMPILATION:
+                COMPILE_TIME.begin()
+            COMPILE_TIME.go_on()
+
+        def on_end(self, event: Any) -> None:
+            if event.kind == _COMPILATION:
+                COMPILE_TIME.end()
+
+    for kind in (_COMPILATION, _PASS):
+        register(kind, Stopwatch())  # type: ignore[no-untyped-call]
 
 
 @cache

@@ -9,11 +9,11 @@ import sys
 import threading
 from contextlib import contextmanager
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from mdm.compile_time import working_time
 from mdm.errors import ConfigError, ModelError
 from mdm.solvers.solution import Progress, Reason, Solution
 
@@ -39,7 +39,7 @@ class Limits:
         iterations: Stop after so many sweeps, trials or rounds.
         memory: Stop when the process holds so many bytes; by default 80 % of the machine's memory.
         progress: Called with each `Progress` that is reported.
-        clock: Returns seconds; for tests.
+        clock: Returns seconds; by default those that pass but for compilation.
 
     Raises:
         ConfigError: If a limit is no number from 0 on.
@@ -53,7 +53,7 @@ class Limits:
         iterations: int | None = None,
         memory: int | None = None,
         progress: Callable[[Progress], object] | None = None,
-        clock: Callable[[], float] = perf_counter,
+        clock: Callable[[], float] = working_time,
     ) -> None:
         for name, limit in (("gap", gap), ("time", time), ("iterations", iterations), ("memory", memory)):
             if limit is not None and not _is_limit(limit):

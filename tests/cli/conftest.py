@@ -11,6 +11,7 @@ from places import TIGER_VECTORS
 
 from mdm import load_policy, save_policy
 from mdm.cli import main
+from mdm.compile_time import COMPILE_TIME
 from mdm.policies import AlphaVectors
 
 
@@ -21,6 +22,7 @@ def mdm(capsys, monkeypatch):
     def call(*arguments, stdin=""):
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin.encode())))
         monkeypatch.setattr(sys, "path", list(sys.path))
+        monkeypatch.setattr(COMPILE_TIME, "go_on", lambda: None)  # whether kernels are kept on disk is not its matter
         status = main([str(argument) for argument in arguments])
         captured = capsys.readouterr()
         return status, captured.out.splitlines(), captured.err

@@ -12,6 +12,8 @@ import pytest
 from places import EXAMPLES, TIGER, TIGER_VECTORS
 
 from mdm import FormatError
+from mdm.cli import main
+from mdm.compile_time import COMPILE_TIME
 
 TRACED = ["--model", str(TIGER), "--policy", str(TIGER_VECTORS)]
 VERBS = ("run", "check", "info", "show", "convert", "trace", "simulate", "solve", "evaluate", "compare", "plot")
@@ -208,3 +210,21 @@ def test_wrong_files_give_a_sentence_and_1(mdm, tmp_path, verb, name, content, w
     assert any(word in errors for word in words.split("|"))
     assert "Traceback" not in errors
     assert not (tmp_path / "out.npz").exists()
+
+
+def test_who_waits_for_a_compiler_is_told_in_a_line(monkeypatch, capsys):
+    now = [0.0]
+
+    def compile_slowly(_parsed):
+        for _ in range(3):
+            COMPILE_TIME.begin()
+            now[0] += 5
+            COMPILE_TIME.go_on()
+            COMPILE_TIME.end()
+        return 0
+
+    monkeypatch.setattr(COMPILE_TIME, "_clock", lambda: now[0])
+    monkeypatch.setattr(COMPILE_TIME, "_compiling", 0.0)
+    monkeypatch.setattr("mdm.cli.info.run", compile_slowly)
+    assert main(["info", "x.pomdp"]) == 0
+    assert capsys.readouterr().err == "mdm info: compiling, once on this machine; it takes some seconds\n"

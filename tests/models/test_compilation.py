@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from mdm import ModelWarning
+from mdm.compile_time import COMPILE_TIME
 from mdm.models import compilation
 
 
@@ -57,6 +58,21 @@ def test_a_numba_that_cannot_be_imported_is_told_once_and_done_without(monkeypat
         assert not compilation.can_compile()
     assert not compilation.can_compile()
     assert compilation.compiled(twice) is twice
+
+
+@pytest.mark.skipif(find_spec("numba") is None, reason="numba is not installed")
+def test_what_is_compiled_is_measured(monkeypatch):
+    monkeypatch.delenv("MDM_COMPILE", raising=False)
+    assert compilation.can_compile()
+    import numba
+
+    function = numba.njit(twice)  # not kept on disk
+    before = COMPILE_TIME.seconds
+    assert function(2) == 4
+    after = COMPILE_TIME.seconds
+    assert after > before
+    assert function(3) == 6
+    assert COMPILE_TIME.seconds == after
 
 
 def test_a_module_of_kernels_can_be_had_as_plain_python():

@@ -8,6 +8,7 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from mdm.compile_time import COMPILE_TIME
 from mdm.runtime.frames import HEADER, frame, unframed
 
 if TYPE_CHECKING:
@@ -47,8 +48,9 @@ class SearchProcess:
             OSError: If it could not be started.
         """
         # A session of its own: Ctrl-C is for the program, which then ends it.
+        program = f"from {self._policy.worker} import main; main(tells={COMPILE_TIME.is_told})"
         self._process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-P", "-c", f"from {self._policy.worker} import main; main()"),
+            *(sys.executable, "-P", "-c", program),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},

@@ -11,8 +11,11 @@ from __future__ import annotations
 import os
 import select
 import signal
+import sys
+from contextlib import nullcontext
 from typing import Any
 
+from mdm.compile_time import COMPILE_TIME
 from mdm.runtime.frames import HEADER, frame, unframed
 from mdm.solvers.online.tree_search import Search
 
@@ -48,8 +51,17 @@ def _send(descriptor: int, content: Any) -> None:
         data = data[os.write(descriptor, data) :]
 
 
-def main() -> None:
-    """Answer questions until there are no more."""
+def _tell() -> None:
+    sys.stderr.write("mdm: compiling the tree search, once on this machine; it takes some seconds\n")
+    sys.stderr.flush()
+
+
+def main(*, tells: bool = False) -> None:
+    """Answer questions until there are no more.
+
+    Args:
+        tells: Whether standard error is told when compilation takes long.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     questions, answers = 0, os.dup(1)
     os.dup2(2, 1)  # whatever is printed is no answer
@@ -58,7 +70,8 @@ def main() -> None:
     try:
         tables, options = _receive(questions)
         search = Search(tables, **options)
-        search.prepare()
+        with COMPILE_TIME.told(_tell) if tells else nullcontext():
+            search.prepare()
         os.nice(_NICE)  # from now on: to compile, once after an installation, takes long enough
         _send(answers, None)
         while True:

@@ -38,3 +38,24 @@ def test_it_is_ready_then_answers_each_question():
     assert number == 7
     assert (done.returncode, done.stderr) == (0, b"")
     assert result.action == search.action([0.5, 0.5])
+
+
+@pytest.mark.parametrize("tells", [False, True])
+def test_whoever_asked_is_told_that_it_compiles(tells):
+    program = f"""if True:
+        from mdm.compile_time import COMPILE_TIME
+        from mdm.solvers.online import worker
+
+        def compile_slowly(search):
+            COMPILE_TIME.begin()
+            COMPILE_TIME._began -= 5
+            COMPILE_TIME.go_on()
+            COMPILE_TIME.end()
+
+        worker.Search.prepare = compile_slowly
+        worker.main(tells={tells})
+    """
+    given = frame(TreeSearch(tiger(), expansions=1).parts())
+    done = subprocess.run([sys.executable, "-c", program], input=given, capture_output=True)
+    line = b"mdm: compiling the tree search, once on this machine; it takes some seconds\n"
+    assert done.stderr == (line if tells else b"")

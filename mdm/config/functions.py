@@ -36,6 +36,11 @@ class Functions:
         self._callbacks = callbacks
         self._look = look
 
+    @property
+    def imported(self) -> bool:
+        """Whether what is found is what the file names, and not one that does nothing in its place."""
+        return self._callbacks
+
     def find(self, reference: str, key: str) -> Callable[..., Any] | None:
         """Return the function named ``module:name``; None where there is none, which is noted with its key."""
         with self._problems.collecting(key):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.config.functions import nothing
 from mdm.config.tables import PlacesTable
 from mdm.errors import ConfigError
 from mdm.maps import Navigation, Places, load_map
@@ -52,7 +51,8 @@ def read_places(
         with problems.collecting("places.navigator"):
             make = functions.find(table.navigator, "places.navigator")
             if make is not None:
-                return places, Navigation(floor, _made(make, table.navigator), places)
+                navigator = _made(make, table.navigator) if functions.imported else _Parked()
+                return places, Navigation(floor, navigator, places)
         return places, None
     return None, None
 
@@ -70,8 +70,6 @@ def _floor(table: PlacesTable, folder: Path) -> Map:
 
 
 def _made(make: Any, reference: str) -> Any:
-    if make is nothing:
-        return _Parked()
     try:
         return make()
     except Exception as error:

@@ -168,6 +168,7 @@ class Navigation:
         def go() -> Awaitable[None]:
             return self._drive(node)
 
+        _call(go, "go_to", name)
         return Binding(go, group=self if self._replaces else None, timeout=timeout, grace=grace)
 
     def place(self) -> str:
@@ -218,6 +219,11 @@ class Navigation:
             await navigator.go(node.goal, feedback)
         finally:
             under_way = False
+
+
+def _call(go: Any, name: str, given: str) -> None:
+    """Give an action the name by which it is listed."""
+    go.__name__, go.__qualname__ = name, f"Navigation.{name}({given!r})"
 
 
 def _stay() -> None:

@@ -9,6 +9,7 @@ import pytest
 from loading import written
 
 from mdm import ConfigError, Error, load_system
+from mdm.config.builder import look_over
 from mdm.maps import Pose
 from mdm.testing import capture_decisions, run_virtual
 
@@ -110,8 +111,9 @@ def test_without_a_navigator_there_are_places_alone(tmp_path):
     assert system.places.labels.name(2, 2) == "Hall"
 
 
-def test_a_file_is_checked_without_its_code(tmp_path):
-    system = load_system(file(tmp_path), callbacks=False)
+@pytest.mark.parametrize("look", [True, False])
+def test_a_file_is_checked_without_its_code(tmp_path, look):
+    system = look_over(file(tmp_path)) if look else load_system(file(tmp_path), callbacks=False)
     assert system.predicates.declared.knows("InHall.arrived") == "event"
     with pytest.raises(Error, match="has not been started"):
         system.places.see(Pose(1, 1))

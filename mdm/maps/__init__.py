@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.maps.check import check
 from mdm.maps.draft import draft
-from mdm.maps.files import load_graph, load_grid, load_map
+from mdm.maps.files import load_graph, load_grid, load_map, save_labels
 from mdm.maps.frame import Frame
 from mdm.maps.graph import Edge, Graph, Node, Pose
 from mdm.maps.grid import Grid
@@ -47,6 +47,7 @@ __all__ = [
     "load_grid",
     "load_map",
     "passages",
+    "save_labels",
 ]
 
 _HOMES = {

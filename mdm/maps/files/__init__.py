@@ -1,6 +1,7 @@
 """The files that maps are read from, a module per kind of file."""
 
+from mdm.maps.files.label_image import save_labels
 from mdm.maps.files.load import load_graph, load_map
 from mdm.maps.files.occupancy import load_grid
 
-__all__ = ["load_graph", "load_grid", "load_map"]
+__all__ = ["load_graph", "load_grid", "load_map", "save_labels"]

@@ -109,13 +109,32 @@ class Labels:
         The distance is from centre to centre, 0 where there is no place, infinite where there is no other place.
         """
         depth = np.zeros(self.frame.shape)
-        for label in range(1, len(self.names) + 1):
-            own = self.raster == label
-            if not own.any():
-                continue
-            others = (self.raster != 0) & ~own
-            if others.any():
-                depth[own] = ndimage.distance_transform_edt(~others)[own] * self.frame.resolution
-            else:
-                depth[own] = np.inf
+        for label, box in enumerate(ndimage.find_objects(self.raster), 1):
+            if box is not None:
+                own = self.raster[box] == label
+                depth[box][own] = self._depth(label, box)[own]
         return depth
+
+    def _depth(self, label: int, box: tuple[slice, slice]) -> Vector:
+        """Return how far each cell of the box around a place is from the next cell of another one.
+
+        One looks around the box, and further away until what lies beyond cannot be nearer.
+        """
+        around = max(side.stop - side.start for side in box)
+        while True:
+            window = tuple(
+                slice(max(side.start - around, 0), min(side.stop + around, size))
+                for side, size in zip(box, self.raster.shape, strict=True)
+            )
+            inner = tuple(
+                slice(side.start - wide.start, side.stop - wide.start) for side, wide in zip(box, window, strict=True)
+            )
+            seen = self.raster[window]
+            others = (seen != 0) & (seen != label)
+            far: Vector = np.full(self.raster[box].shape, np.inf)
+            if others.any():
+                far = ndimage.distance_transform_edt(~others)[inner]
+            whole = seen.shape == self.raster.shape
+            if whole or far[self.raster[box] == label].max() <= around:
+                return far * self.frame.resolution
+            around *= 2

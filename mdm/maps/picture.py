@@ -31,6 +31,10 @@ _TINT, _SHADE = 0.42, 0.10
 """How much of a place's colour is on free cells, and on others."""
 _SMOOTH = 2
 """Everything is drawn so many times as large, and made smaller at the end."""
+_LEAST = 3
+"""The rank of texts that may be left out."""
+_WIDE = 2.0
+"""Metres of a passage through which one need not go in the middle."""
 _MOST = 24
 """Pixels of a cell."""
 
@@ -82,7 +86,7 @@ class Picture:
             ((right - left) * self._cell, (bottom - top) * self._cell), image.Resampling.NEAREST
         )
         self._draw = draw.Draw(self._image)
-        self._unit = _SMOOTH * max(1.0, max(self._image.size) / _SMOOTH / 900)
+        self._unit = _SMOOTH * max(1.0, min(self._image.size) / _SMOOTH / 900)
         """So many pixels are one of a picture of usual size."""
         self._font = font.load_default(round(13 * self._unit))
         self._taken: list[Box] = []
@@ -91,18 +95,20 @@ class Picture:
     def passage(self, passage: Passage) -> None:
         """Draw a passage: its border, and how wide it is."""
         self._fill(passage.cells.tolist(), _BORDER)
-        self._write(f"{passage.width:.2f} m", self._at(*passage.middle), fill=_WIDTH, rank=2)
+        self._write(f"{passage.width:.2f} m", self._at(*passage.middle), fill=_WIDTH, rank=_LEAST)
 
-    def graph(self, graph: Graph, doors: Mapping[frozenset[str], tuple[int, int]]) -> None:
-        """Draw the goals of a graph, and its ways as arrows with their labels, through doors where these are known."""
+    def graph(self, graph: Graph, doors: Mapping[frozenset[str], Passage]) -> None:
+        """Draw the goals of a graph, and its ways as arrows with their labels, through passages that are known."""
         places = {node.name: self._place(node.goal) for node in graph.nodes}
         for x, y in places.values():
             self._take(x, y, 11, 11)
         for edge in graph.edges:
             door = doors.get(frozenset((edge.source, edge.target)))
-            line = self._line(places[edge.source], places[edge.target], None if door is None else self._at(*door))
+            start, end = places[edge.source], places[edge.target]
+            line = self._line(start, end, None if door is None else self._through(door, start, end))
             self._arrow(line)
-            self._write(edge.label, _along(line, 0.3), fill=_PAPER, rank=1)
+            if edge.label != f"to {edge.target}":  # which the arrow says
+                self._write(edge.label, _along(line, 0.3), fill=_PAPER, rank=1)
         for node in graph.nodes:
             self._goal(node)
             x, y = places[node.name]
@@ -133,13 +139,13 @@ class Picture:
         margin, unit = 14 * self._unit, self._unit
         x, y = margin, self._image.height - margin
         self._draw.rectangle((x, y - 5 * unit, x + length * per_metre, y), fill=_INK, outline=_PAPER, width=round(unit))
-        self._write(f"{length:g} m", (x + length * per_metre / 2, y - 18 * unit), fill=_PAPER, rank=3)
+        self._write(f"{length:g} m", (x + length * per_metre / 2, y - 18 * unit), fill=_PAPER, rank=2)
 
     def finished(self, title: str = "") -> Any:
         """Return the picture, as an image of Pillow's, with a title below it."""
         image, _, _ = _pillow()
-        for _, text, at, fill, ink in sorted(self._texts, key=lambda each: each[0]):
-            self._text(text, at, fill, ink)
+        for rank, text, at, fill, ink in sorted(self._texts, key=lambda each: each[0]):
+            self._text(text, at, fill, ink, needed=rank != _LEAST)
         whole = self._titled(title) if title else self._image
         wide, high = whole.size
         return whole.resize((max(wide // _SMOOTH, 1), max(high // _SMOOTH, 1)), image.Resampling.LANCZOS)
@@ -194,6 +200,13 @@ class Picture:
         self._draw.polygon(shape(14 * self._unit), fill=_PAPER)
         self._draw.polygon(shape(10.5 * self._unit), fill=self._of(node.name))
 
+    def _through(self, passage: Passage, start: Point, end: Point) -> Point:
+        """Return where a line goes through a passage: in the middle, or in a wide one where that is no detour."""
+        points = [self._at(*passage.middle)]
+        if passage.width > _WIDE:
+            points = [self._at(row, column) for row, column in passage.cells.tolist()]
+        return min(points, key=lambda point: math.dist(start, point) + math.dist(point, end))
+
     def _line(self, start: Point, end: Point, door: Point | None) -> list[Point]:
         """Return the points of a line to the right of the straight one, through a door, short of both ends."""
         if start == end:
@@ -238,8 +251,11 @@ class Picture:
         if 0 <= at[0] < self._image.width and 0 <= at[1] < self._image.height:
             self._texts.append((rank, text, at, fill, ink))
 
-    def _text(self, text: str, at: Point, fill: Ink, ink: Ink) -> None:
-        """Write a text on a plate about a point, or beside it where something is written already."""
+    def _text(self, text: str, at: Point, fill: Ink, ink: Ink, *, needed: bool) -> None:
+        """Write a text on a plate about a point, or beside it where something is written already.
+
+        Where no place is free, what is needed is written over other texts, and what is not is left out.
+        """
         wide, high = self._font.getlength(text) / 2 + 6 * self._unit, 10.5 * self._unit
         steps = [(0.0, 0.0)] + [
             (across * (wide + high) * near, down * 2.1 * high * near)
@@ -247,7 +263,11 @@ class Picture:
             for across, down in ((0, -1), (0, 1), (1, 0), (-1, 0), (0.7, -1), (-0.7, 1), (0.7, 1), (-0.7, -1))
         ]
         boxes = [self._box(at[0] + across, at[1] + down, wide, high) for across, down in steps]
-        box = next((box for box in boxes if not any(_overlap(box, other) for other in self._taken)), boxes[0])
+        box = next((box for box in boxes if not any(_overlap(box, other) for other in self._taken)), None)
+        if box is None:
+            if not needed:
+                return
+            box = boxes[0]
         self._taken.append(box)
         self._draw.rounded_rectangle(box, radius=6 * self._unit, fill=fill, outline=_PAPER, width=round(self._unit))
         self._draw.text(((box[0] + box[2]) / 2, (box[1] + box[3]) / 2), text, font=self._font, fill=ink, anchor="mm")

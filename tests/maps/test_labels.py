@@ -23,6 +23,17 @@ def test_depth_is_the_distance_to_the_nearest_cell_of_another_place(rows, column
         assert labels.depth[cell] == pytest.approx(want)
 
 
+@given(st.lists(st.tuples(st.integers(0, 59), st.integers(0, 39)), min_size=1, max_size=5, unique=True))
+def test_depth_is_right_however_far_apart_places_are(cells):
+    raster = np.zeros((60, 40), dtype=np.uint16)
+    for label, cell in enumerate(cells, 1):
+        raster[cell] = label
+    depth = Labels(Frame(60, 40, 1.0), raster, tuple("abcde"[: len(cells)])).depth
+    for cell in cells:
+        assert depth[cell] == pytest.approx(min((math.dist(cell, c) for c in cells if c != cell), default=math.inf))
+    assert np.count_nonzero(depth) == len(cells)
+
+
 def test_colours_become_places_and_others_are_counted():
     colours = np.array([[7, 7, 0], [9, 3, 0]], dtype=np.uint32)
     labels = Labels.from_colours(Frame(2, 3, 1.0), colours, {"kitchen": 9, "hall": 7})

@@ -53,8 +53,7 @@ def test_goals_ways_passages_and_titles_change_the_picture(floor):
         draw(picture)
         return (pixels(picture) != plain).any(axis=2)
 
-    doors = {pair: door.middle for pair, door in widest(found).items()}
-    graph = drawn(lambda picture: picture.graph(floor.graph, doors))
+    graph = drawn(lambda picture: picture.graph(floor.graph, widest(found)))
     for node in floor.graph.nodes:
         row, column = floor.labels.frame.locate(node.goal.x, node.goal.y)
         assert graph[round(20 * row) + 10, round(20 * column) + 10], node.name

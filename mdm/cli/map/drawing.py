@@ -15,12 +15,17 @@ from mdm.maps.picture import Picture, around
 if TYPE_CHECKING:
     from mdm.maps.files.load import Parts
     from mdm.maps.passages import Passage
+    from mdm.maps.picture import Window
     from mdm.maps.problem import Problem
 
 __all__ = ["check_output", "floor_picture", "keep", "problem_picture"]
 
 _DETAIL = 800
 """Pixels of the longer side of a detail."""
+_USUAL, _LARGEST = 1200, 3000
+"""Pixels of the longer side of a whole floor."""
+_APART = 70
+"""Pixels between goals that are next to each other, in the middle."""
 
 
 def check_output(path: str, *sources: str) -> None:
@@ -46,7 +51,8 @@ def floor_picture(parts: Parts, narrow: float) -> Any:
     corners = [*_goals(parts, parts.graph.names)]
     if len(cells):
         corners += [tuple(cells.min(axis=0)), tuple(cells.max(axis=0))]
-    picture = Picture(parts.labels, parts.grid, around(parts.labels.frame, corners, 1.0))
+    window = around(parts.labels.frame, corners, 1.0)
+    picture = Picture(parts.labels, parts.grid, window, size=_size(parts, window))
     _furnish(picture, parts, [passage for passage in _passages(parts) if passage.width >= narrow])
     return picture.finished()
 
@@ -68,10 +74,21 @@ def problem_picture(parts: Parts, problem: Problem, radius: float, metres: float
     return picture.finished(problem.text)
 
 
+def _size(parts: Parts, window: Window) -> int:
+    """Return the longer side of a picture, in pixels: as much as lets names be read, within limits."""
+    goals = np.array([parts.labels.frame.locate(node.goal.x, node.goal.y) for node in parts.graph.nodes])
+    if len(goals) < 2:
+        return _USUAL
+    apart = np.hypot(*(goals[:, None] - goals[None, :]).transpose(2, 0, 1))
+    near = np.median(np.sort(apart, axis=1)[:, 1])
+    longer = max(window[2] - window[0], window[3] - window[1])
+    return int(min(max(_USUAL, longer * _APART / max(near, 1.0)), _LARGEST))
+
+
 def _furnish(picture: Picture, parts: Parts, shown: list[Passage]) -> None:
     for passage in shown:
         picture.passage(passage)
-    picture.graph(parts.graph, {pair: door.middle for pair, door in widest(_passages(parts)).items()})
+    picture.graph(parts.graph, widest(_passages(parts)))
     picture.scale()
 
 

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 __all__ = ["add_parser", "run"]
 
+_TOLD = 5
+"""Widths of passages between two places that are told one by one."""
+
 
 def add_parser(verbs: Any) -> argparse.ArgumentParser:
     """Add the verb and its arguments."""
@@ -114,8 +117,12 @@ def _tell(facts: dict[str, Any]) -> None:
         print(f"{name:{widths[0]}}  {area:>{widths[1]}}  {goal:{widths[2]}}  {ways}")
     if facts["passages"]:
         print("\npassages")
+        widths_of: dict[tuple[str, ...], list[str]] = {}
         for passage in facts["passages"]:
-            print(f"  {passage['width']:6.2f} m  {' - '.join(passage['between'])}")
+            widths_of.setdefault(tuple(passage["between"]), []).append(f"{passage['width']:.2f}")
+        for pair, all_widths in widths_of.items():
+            more = f" and {len(all_widths) - _TOLD} more" if len(all_widths) > _TOLD else ""
+            print(f"  {' - '.join(pair)}: {', '.join(all_widths[:_TOLD])} m{more}")
 
 
 def _wide(width: float | None) -> str:

@@ -71,8 +71,8 @@ def labels_of(graph: Graph, frame: Frame, reach: float | None) -> Labels:
     empty = [name for name, there in zip(graph.names, present, strict=True) if not there]
     if empty:
         raise MapError(
-            f"no cell of the map belongs to {', '.join(empty)}: the zone lies outside the map, within others' zones, "
-            f"or is smaller than a cell"
+            f"no cell of the map belongs to {', '.join(empty)}: it lies outside the map, within others' zones, at "
+            f"another's goal, or is smaller than a cell"
         )
     if overlaps:
         warnings.warn(MapWarning(_told(overlaps, frame)), stacklevel=2)

@@ -27,8 +27,8 @@ def test_places_and_passages_as_a_table(mdm, floor):
         "store   7.2 m²  (2.00, 3.50, -57°)  Left: hall (0.60 m)",
         "",
         "passages",
-        "    0.60 m  hall - store",
-        "    0.40 m  hall - office",
+        "  hall - store: 0.60 m",
+        "  hall - office: 0.40 m",
     ]
 
 

@@ -13,6 +13,7 @@ import warnings
 from typing import TYPE_CHECKING
 
 import mdm
+from mdm.cli.interruption import Interruption
 from mdm.cli.usage import UsageError, complete
 from mdm.compile_time import COMPILE_TIME
 from mdm.compiled import is_compiled
@@ -45,13 +46,14 @@ GROUPS = ("team", "plot", "map")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a sub-command; return 0 (success), 1 (failure), 2 (wrong usage), or 130 (Ctrl-C)."""
+    interruption = Interruption()
     try:
-        return _main(arguments)
+        return _main(arguments, interruption)
     except KeyboardInterrupt:
-        return 130
+        return interruption.status
 
 
-def _main(arguments: Sequence[str] | None) -> int:
+def _main(arguments: Sequence[str] | None, interruption: Interruption) -> int:
     parser = argparse.ArgumentParser(
         prog="mdm",
         description=(
@@ -86,6 +88,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         parsed.command, parsed.format_usage = "", parser.format_usage
     if unknown:
         return _refuse(parsed, f"there is no argument {' or '.join(unknown)}")
+    parsed.interruption = interruption
     return _run(parsed)
 
 
@@ -114,6 +117,8 @@ def _run(parsed: argparse.Namespace) -> int:
     except Exception as error:
         if parsed.debug:
             raise
+        if _follows_interrupt(error):
+            return int(parsed.interruption.status)
         _flush()
         print(f"mdm {parsed.command}: {_sentence(error)}", file=sys.stderr)
         return 1
@@ -126,6 +131,13 @@ def _flush() -> None:
             sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _follows_interrupt(error: BaseException | None) -> bool:
+    """Return whether an error is what Ctrl-C has become in code that it broke off, such as an import."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _sentence(error: Exception) -> str:

@@ -49,21 +49,28 @@ def run(arguments: argparse.Namespace) -> int:
     pairs = [load_for(model, path, arguments) for path in arguments.policies]
     if notes := {note for _, world in pairs if (note := visibility(world)) is not None}:
         print(f"mdm compare: {notes.pop()}", file=sys.stderr)
-    verdicts = [judge(world, policy, arguments, simulated=True) for policy, world in pairs]
+    verdicts: list[Verdict] = []
+    for place, (policy, world) in enumerate(pairs, 1):
+        told = f"policy {place} of {len(pairs)}  "
+        verdicts.append(judge(world, policy, arguments, simulated=True, what=told))
+        if interrupted := arguments.interruption.number is not None:
+            break
     differences = [_difference(verdict, verdicts[0]) for verdict in verdicts]
     if arguments.json:
-        rows = zip(arguments.policies, verdicts, differences, strict=True)
+        rows = zip(arguments.policies, verdicts, differences, strict=False)
         print(
             as_json(
                 [
-                    {"policy": path} | verdict.facts() | {"difference": difference, "difference_within": within}
+                    {"policy": path}
+                    | verdict.facts()
+                    | {"difference": difference, "difference_within": within, "interrupted": interrupted}
                     for path, verdict, (difference, within) in rows
                 ]
             )
         )
-        return 0
+        return arguments.interruption.status if interrupted else 0
     table = [("policy", "claimed", "exact", "simulated", "", "difference", "")]
-    for path, verdict, (difference, within) in zip(arguments.policies, verdicts, differences, strict=True):
+    for path, verdict, (difference, within) in zip(arguments.policies, verdicts, differences, strict=False):
         result = verdict.simulated
         assert result is not None
         half = (result.interval[1] - result.interval[0]) / 2
@@ -76,7 +83,11 @@ def run(arguments: argparse.Namespace) -> int:
     print(
         f"± is 95 % confidence; {result.episodes} episodes of at most {result.steps} steps each, seed {arguments.seed}"
     )
-    return 0
+    if interrupted:
+        last = verdicts[-1].simulated
+        assert last is not None
+        print(f"interrupted: the last policy above has {last.episodes} episodes, and those after it are not compared")
+    return arguments.interruption.status if interrupted else 0
 
 
 def _number(value: float | None) -> str:

@@ -21,7 +21,8 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         description=(
             "Compute the value of a policy at the initial belief of its model. Tables and controllers have an exact "
             "value. For policies over beliefs, print the value that they claim and an estimate from simulated "
-            "episodes with a 95 % confidence interval, and whether the two contradict each other."
+            "episodes with a 95 % confidence interval, and whether the two contradict each other. Ctrl-C ends the "
+            "simulation, with what is known by then."
         ),
         epilog="example: mdm evaluate tiger.pomdp tiger.vf --seed 1",
     )
@@ -56,9 +57,12 @@ def run(arguments: argparse.Namespace) -> int:
     if (note := visibility(world)) is not None:
         print(f"mdm evaluate: {note}", file=sys.stderr)
     verdict = judge(world, policy, arguments)
+    interrupted = arguments.interruption.number is not None
     if arguments.json:
-        print(as_json(verdict.facts()))
-        return 0
-    for title, text in verdict.lines():
-        print(f"{title:20}{text}")
-    return 0
+        print(as_json(verdict.facts() | {"interrupted": interrupted}))
+    else:
+        for title, text in verdict.lines():
+            print(f"{title:20}{text}")
+        if interrupted:
+            print(f"{'interrupted':20}this is of the episodes that had ended by then")
+    return arguments.interruption.status if interrupted else 0

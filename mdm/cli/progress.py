@@ -1,15 +1,20 @@
-"""Progress of a solver on standard error: one line that changes on a terminal, a few lines elsewhere."""
+"""Progress on standard error: one line that changes on a terminal, a few lines elsewhere."""
 
 from __future__ import annotations
 
 import math
 import sys
+from contextlib import contextmanager
+from time import perf_counter
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from mdm.cli.interruption import Interruption
     from mdm.solvers import Progress
 
-__all__ = ["ProgressLine", "bound"]
+__all__ = ["ProgressLine", "bound", "counting"]
 
 _OFTEN = 0.1
 _SELDOM = 60.0
@@ -32,11 +37,15 @@ class ProgressLine:
         self._shown = False
 
     def __call__(self, progress: Progress) -> None:
-        """Print progress if it is due."""
-        if progress.seconds < self._next or self._stream is None:
+        """Print a solver's progress if it is due."""
+        self.tell(progress.seconds, lambda: _text(progress))
+
+    def tell(self, seconds: float, text_of: Callable[[], str]) -> None:
+        """Print a text after so many seconds, if one is due."""
+        if seconds < self._next or self._stream is None:
             return
-        self._next = progress.seconds + (_OFTEN if self._live else min(max(progress.seconds, 1.0), _SELDOM))
-        text = _text(progress)
+        self._next = seconds + (_OFTEN if self._live else min(max(seconds, 1.0), _SELDOM))
+        text = text_of()
         self._stream.write(f"\r\x1b[K{text}" if self._live else f"{text}\n")
         self._stream.flush()
         self._shown = True
@@ -46,6 +55,28 @@ class ProgressLine:
         if self._live and self._shown:
             self._stream.write("\r\x1b[K")
             self._stream.flush()
+
+
+@contextmanager
+def counting(interruption: Interruption, what: str = "") -> Iterator[Callable[[int, int], bool]]:
+    """Yield what prints how many episodes of how many have ended, and returns True once Ctrl-C or SIGTERM has come.
+
+    Args:
+        interruption: Notes these meanwhile.
+        what: What is printed before the numbers.
+    """
+    line, began = ProgressLine(), perf_counter()
+
+    def count(ended: int, episodes: int) -> bool:
+        seconds = perf_counter() - began
+        line.tell(seconds, lambda: f"{seconds:.1f} s  {what}{ended} of {episodes} episodes")
+        return interruption.number is not None
+
+    with interruption.deferred():
+        try:
+            yield count
+        finally:
+            line.end()
 
 
 def bound(value: float) -> str:

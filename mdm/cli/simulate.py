@@ -20,7 +20,8 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         help="simulate a policy in its model and print the mean return",
         description=(
             "Run episodes of an ensemble in a world that its own model drives, in virtual time, and report the mean "
-            "discounted return with its standard error. Functions of the file are not called."
+            "discounted return with its standard error. Functions of the file are not called. Ctrl-C ends it after the "
+            "episode, with the mean so far."
         ),
         epilog="example: mdm simulate --model tiger.pomdp --policy tiger.vf --episodes 1000 --seed 1",
     )
@@ -39,21 +40,27 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate; return the exit status."""
+    from mdm.cli.progress import counting  # noqa: PLC0415
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.simulation import simulate  # noqa: PLC0415
 
     _check_usage(arguments)
     options = _from_file(arguments) if arguments.file is not None else _from_model(arguments)
-    result = simulate(**options, episodes=arguments.episodes, seed=arguments.seed)
+    with counting(arguments.interruption) as progress:
+        result = simulate(**options, episodes=arguments.episodes, seed=arguments.seed, progress=progress)
+    interrupted = arguments.interruption.number is not None
     if arguments.json:
         fields = ("episodes", "steps", "mean", "standard_error")
-        print(as_json({field: getattr(result, field) for field in fields} | {"seed": arguments.seed}))
+        facts = {field: getattr(result, field) for field in fields}
+        print(as_json(facts | {"seed": arguments.seed, "interrupted": interrupted}))
     else:
         print(
             f"mean discounted return {result.mean:.6g} ± {result.standard_error:.3g} (standard error), "
             f"{result.episodes} episodes of {result.steps} decisions"
         )
-    return 0
+        if interrupted:
+            print(f"interrupted: this is of {result.episodes} episodes, not of {arguments.episodes}")
+    return arguments.interruption.status if interrupted else 0
 
 
 def _check_usage(arguments: argparse.Namespace) -> None:

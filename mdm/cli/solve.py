@@ -11,7 +11,7 @@ from mdm.cli.usage import UsageError, add_discount, add_false_negative, count, l
 
 if TYPE_CHECKING:
     from mdm.models import MDP
-    from mdm.solvers import Solution
+    from mdm.solvers import Progress, Solution
 
 __all__ = ["add_parser", "run"]
 
@@ -26,8 +26,8 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         help="compute a policy for a model, certified by bounds",
         description=(
             "Solve a model and print bounds on its value at the initial belief: the policy's value is at least the "
-            "lower one, and no policy's exceeds the upper. It stops when the bounds are close, a limit is reached or "
-            "Ctrl-C is pressed, and keeps the best policy so far."
+            "lower one, and no policy's exceeds the upper. It stops when the bounds are close, a limit is reached, or "
+            "at Ctrl-C or SIGTERM, and keeps the best policy so far."
         ),
         epilog="example: mdm solve tiger.pomdp -o tiger.npz --gap 0.01",
     )
@@ -79,12 +79,10 @@ class _Solver(argparse.Action):
 def run(arguments: argparse.Namespace) -> int:
     """Solve the model; return the exit status."""
     from mdm.cli.inputs import load, revealed, visibility, with_false_negatives  # noqa: PLC0415
-    from mdm.cli.progress import ProgressLine  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.cli.report import as_json  # noqa: PLC0415
     from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
     from mdm.formats.target import check_place, write_text  # noqa: PLC0415
     from mdm.policies import mismatch  # noqa: PLC0415
-    from mdm.solvers import solve  # noqa: PLC0415
     from mdm.solvers.solve import default_solver  # noqa: PLC0415
 
     for target in (arguments.output, arguments.history):
@@ -101,20 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
         check_policy_file(_kind(solver, world, arguments), arguments.output)
     if (note := visibility(world)) is not None:
         print(f"mdm solve: {note}", file=sys.stderr)
-    line = ProgressLine()
-    try:
-        solution = solve(
-            world,
-            solver,
-            gap=arguments.gap,
-            time=arguments.time,
-            iterations=arguments.iterations,
-            memory=None if arguments.memory is None else int(min(arguments.memory * 1e6, sys.maxsize)),
-            progress=line,
-            **given,
-        )
-    finally:
-        line.end()
+    solution = _solve(world, solver, given, arguments)
     if arguments.output is not None:
         fits = mismatch(solution.policy, model) is None  # not if observations include the observed state
         save_policy(solution.policy, arguments.output, model if fits else world)
@@ -126,7 +111,39 @@ def run(arguments: argparse.Namespace) -> int:
         print(as_json(facts))
     else:
         _print(solution, facts, arguments)
-    return 0
+    return arguments.interruption.status if solution.reason == "interrupted" else 0
+
+
+def _solve(model: MDP, solver: str, options: dict[str, Any], arguments: argparse.Namespace) -> Solution:
+    """Solve a model, and tell how far it has come; Ctrl-C or SIGTERM ends it with what it has."""
+    from mdm.cli.progress import ProgressLine  # noqa: PLC0415
+    from mdm.solvers import solve  # noqa: PLC0415
+
+    interruption, line = arguments.interruption, ProgressLine()
+    warned = arguments.output is not None
+
+    def tell(progress: Progress) -> bool:
+        nonlocal warned
+        if not warned:  # only now, when the solver has taken the model
+            print("mdm solve: without -o the policy is not kept, and its bounds alone are printed", file=sys.stderr)
+            warned = True
+        line(progress)
+        return interruption.number is not None
+
+    with interruption.deferred():
+        try:
+            return solve(
+                model,
+                solver,
+                gap=arguments.gap,
+                time=arguments.time,
+                iterations=arguments.iterations,
+                memory=None if arguments.memory is None else int(min(arguments.memory * 1e6, sys.maxsize)),
+                progress=tell,
+                **options,
+            )
+        finally:
+            line.end()
 
 
 def _check_options(given: dict[str, Any], solver: str) -> None:
@@ -187,7 +204,7 @@ def _print(solution: Solution, facts: dict[str, Any], arguments: argparse.Namesp
         "time": "time limit",
         "iterations": "iteration limit",
         "memory": "memory limit",
-        "interrupted": "interrupted",
+        "interrupted": "interrupted: this is the best so far",
         "converged": "converged",
         "exact": "the result is exact",
     }[solution.reason]

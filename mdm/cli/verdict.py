@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from mdm.cli.document import describe_policy
+from mdm.cli.progress import counting
 from mdm.models.factored.mixed import MixedPOMDP
 from mdm.simulation import Evaluation, evaluate
 from mdm.solvers import exact_values
@@ -52,6 +53,8 @@ class Verdict(msgspec.Struct, frozen=True):
             low = high = self.exact[0]
         else:
             assert self.simulated is not None
+            if not self.simulated.episodes:
+                return 0
             low, high = self.simulated.interval
         margin = _ROUNDING * max(1.0, abs(low), abs(high))
         return int(self.claimed > high + margin) - int(self.claimed < low - margin)
@@ -86,7 +89,9 @@ class Verdict(msgspec.Struct, frozen=True):
                 f"{self.exact[0]:.6g} at the start, {self.exact[1]:.6g} to {self.exact[2]:.6g} over the states",
             )
         result = self.simulated
-        if result is not None:
+        if result is not None and not result.episodes:
+            yield "simulated value", "none: no episode has ended"
+        elif result is not None:
             low, high = result.interval
             yield "simulated value", f"{result.mean:.6g}, with 95 % confidence between {low:.6g} and {high:.6g}"
             each = f"{result.episodes} episodes of at most {result.steps} steps, seed {result.seed}"
@@ -97,7 +102,9 @@ class Verdict(msgspec.Struct, frozen=True):
             yield "contradiction", "the value is more than claimed, as with a lower bound"
 
 
-def judge(model: MDP, policy: Any, arguments: argparse.Namespace, *, simulated: bool = False) -> Verdict:
+def judge(
+    model: MDP, policy: Any, arguments: argparse.Namespace, *, simulated: bool = False, what: str = ""
+) -> Verdict:
     """Evaluate a policy.
 
     Args:
@@ -105,6 +112,7 @@ def judge(model: MDP, policy: Any, arguments: argparse.Namespace, *, simulated: 
         policy: The policy.
         arguments: The sub-command's arguments.
         simulated: Simulate even if the exact value is known.
+        what: What is told with the progress of the simulation.
     """
     values = exact_values(model, policy, steps=arguments.steps)
     exact = None
@@ -112,7 +120,9 @@ def judge(model: MDP, policy: Any, arguments: argparse.Namespace, *, simulated: 
         exact = float(model.initial_belief @ values), float(np.min(values)), float(np.max(values))
     result = None
     if simulated or exact is None or arguments.episodes is not None:
-        result = evaluate(model, policy, episodes=arguments.episodes, steps=arguments.steps, seed=arguments.seed)
+        given = {name: getattr(arguments, name) for name in ("episodes", "steps", "seed")}
+        with counting(arguments.interruption, what) as progress:
+            result = evaluate(model, policy, progress=progress, **given)
     facts = describe_policy(policy)
     size = next((f"{_number(facts[what])} {what}" for what in ("vectors", "nodes", "states") if what in facts), "")
     comparable = arguments.steps is None

@@ -26,6 +26,8 @@ from mdm.policies import mismatch
 from mdm.simulation.episodes import EpisodeBatch, limits, one_by_one
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models import MDP
 
@@ -34,6 +36,8 @@ __all__ = ["Evaluation", "evaluate"]
 _TOGETHER = 2_000
 """States up to which beliefs are kept as a matrix."""
 _CHUNK = 10_000
+_FIRST = 1_000
+"""Episodes of the first part, which is known before the others."""
 _NUMBERS = 4_000_000
 _NORMAL = 1.959963985
 """Standard deviations within which 95 % of a normal distribution lie."""
@@ -43,7 +47,7 @@ class Evaluation(msgspec.Struct, frozen=True):
     """The result of simulated episodes of a policy.
 
     Attributes:
-        mean: The mean of the discounted returns.
+        mean: The mean of the discounted returns; not a number where no episode has ended.
         standard_error: The standard error of the mean; 0 for a single episode.
         returns: The return of each episode.
         steps: The longest episode: in decisions if their number was given, else in time steps.
@@ -62,7 +66,9 @@ class Evaluation(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, returns: Vector, steps: int, seed: int, moves: int, seconds: float) -> Evaluation:
-        """Return the result of some returns."""
+        """Return the result of some returns; of none, it is not a number."""
+        if not len(returns):
+            return cls(math.nan, math.nan, returns, steps, seed, moves, seconds)
         error = float(returns.std(ddof=1)) / math.sqrt(len(returns)) if len(returns) > 1 else 0.0
         return cls(float(returns.mean()), error, returns, steps, seed, moves, seconds)
 
@@ -93,6 +99,7 @@ def evaluate(
     episodes: int | None = None,
     steps: int | None = None,
     seed: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Evaluation:
     """Estimate the value of a policy at the start of its model.
 
@@ -107,6 +114,8 @@ def evaluate(
         episodes: The number of episodes; by default 10,000, or 1,000 if they run one at a time.
         steps: Decisions per episode.
         seed: The same seed gives the same result; by default it is random.
+        progress: Called at each time step with how many episodes have ended, and of how many; where it returns True,
+            the result is of those that are known by then, which may be none.
 
     Raises:
         ConfigError: If the policy does not fit the model, or episodes have no end.
@@ -128,11 +137,11 @@ def evaluate(
     began = time.perf_counter()
     if batch is None:
         count = 1_000 if episodes is None else episodes
-        returns, moves = one_by_one(model, policy, ends, episodes=count, seed=seed)
+        returns, moves = one_by_one(model, policy, ends, episodes=count, seed=seed, progress=progress)
     else:
         run = EpisodeBatch(model, batch, ends, observed=takes != "state")
         chunk = min(_CHUNK, max(_TOGETHER, _NUMBERS // len(model.state_space)))
-        returns, moves = _in_chunks(run, 10_000 if episodes is None else episodes, chunk, seed)
+        returns, moves = _in_chunks(run, 10_000 if episodes is None else episodes, chunk, seed, progress)
     seconds = time.perf_counter() - began
     return Evaluation.of(returns, int(min(ends)), seed, moves, seconds)
 
@@ -149,11 +158,29 @@ def _check(model: MDP, policy: Any, episodes: int | None, steps: int | None) -> 
         raise ConfigError(wrong)
 
 
-def _in_chunks(run: EpisodeBatch, episodes: int, chunk: int, seed: int) -> tuple[Vector, int]:
-    """Run episodes in parts that fit into memory, each with its own random numbers."""
-    sizes = [min(chunk, episodes - first) for first in range(0, episodes, chunk)]
+def _in_chunks(
+    run: EpisodeBatch, episodes: int, chunk: int, seed: int, progress: Callable[[int, int], object] | None
+) -> tuple[Vector, int]:
+    """Run episodes in parts that fit into memory, each with its own random numbers.
+
+    The first parts are smaller, so that something is known soon. They are the same whatever the policy.
+    """
+    sizes: list[int] = []
+    while (left := episodes - sum(sizes)) > 0:
+        sizes.append(min(left, chunk, _FIRST * 4 ** len(sizes)))
     streams = np.random.SeedSequence(seed).spawn(len(sizes))
-    parts = [run(size, np.random.default_rng(stream)) for size, stream in zip(sizes, streams, strict=True)]
-    returns = np.concatenate([part for part, _ in parts])
+    parts: list[tuple[Vector, int]] = []
+    ended = 0
+
+    def ends(more: int) -> bool:
+        return progress is not None and progress(ended + more, episodes) is True
+
+    for size, stream in zip(sizes, streams, strict=True):
+        part = run(size, np.random.default_rng(stream), ends)
+        if part is None:
+            break
+        parts.append(part)
+        ended += size
+    returns = np.concatenate([part for part, _ in parts]) if parts else np.empty(0)
     returns.setflags(write=False)
     return returns, sum(moves for _, moves in parts)

@@ -17,7 +17,7 @@ from mdm.simulation.batch_sampler import BatchSampler, ended_states
 from mdm.simulation.sampler import Sampler
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from mdm.models import MDP
     from mdm.models.matrices import Vector
@@ -79,10 +79,17 @@ class EpisodeBatch:
         self._false_negative = self._sampler.nothing if false_negative is None else false_negative
         self._ends = ends
 
-    def __call__(self, episodes: int, random: np.random.Generator) -> tuple[Vector, int]:
+    def __call__(
+        self, episodes: int, random: np.random.Generator, ends: Callable[[int], bool] = lambda _: False
+    ) -> tuple[Vector, int] | None:
         """Run some episodes; return their discounted returns, and the total number of time steps.
 
         The random numbers of an episode and time step depend neither on the policy nor on other episodes.
+
+        Args:
+            episodes: How many.
+            random: The source of random numbers.
+            ends: Told at each time step how many have ended; where it returns True, there is no result.
         """
         sampler = self._sampler
         returns = np.zeros(episodes)
@@ -98,6 +105,8 @@ class EpisodeBatch:
                 self._batch.keep(goes)
             if not len(going):
                 return returns, moves
+            if ends(episodes - len(going)):
+                return None
             returns[going] += weight * sampler.rewards[states, actions]
             weight *= self._discount
             time += 1
@@ -187,11 +196,27 @@ class EpisodeRunner:
         return current if isinstance(current, np.ndarray | Support) else self._controller.belief
 
 
-def one_by_one(model: MDP, policy: Any, ends: Limits, *, episodes: int, seed: int) -> tuple[Vector, int]:
+def one_by_one(
+    model: MDP,
+    policy: Any,
+    ends: Limits,
+    *,
+    episodes: int,
+    seed: int,
+    progress: Callable[[int, int], object] | None = None,
+) -> tuple[Vector, int]:
     """Run episodes one at a time, for policies of any kind.
 
+    Args:
+        model: The model.
+        policy: The policy.
+        ends: The end of an episode.
+        episodes: How many.
+        seed: Of their random numbers.
+        progress: Told at each time step how many have ended; where it returns True, there are no more.
+
     Returns:
-        The discounted returns, and the total number of time steps.
+        The discounted returns of those that have ended, and the total number of time steps.
     """
     run, rewards, discount = EpisodeRunner(model, policy), model.rewards, model.discount
     returns, moves = np.zeros(episodes), 0
@@ -204,6 +229,8 @@ def one_by_one(model: MDP, policy: Any, ends: Limits, *, episodes: int, seed: in
             decisions += step.decided
             if decisions >= ends.decisions or time >= ends.moves:
                 break
+            if progress is not None and progress(episode, episodes) is True:
+                return returns[:episode], moves
         returns[episode] = total
         moves += time
     return returns, moves

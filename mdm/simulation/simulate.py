@@ -16,6 +16,8 @@ from mdm.simulation.batch import Evaluation
 from mdm.simulation.world import World
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mdm.actors import ControlOptions
     from mdm.loading import GivenModel, GivenPolicy
 
@@ -41,6 +43,7 @@ def simulate(
     *,
     episodes: int,
     steps: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
     **options: Unpack[ControlOptions],
 ) -> Evaluation:
     """Run episodes of a policy in its model through the real decision loop, and return their value.
@@ -53,6 +56,8 @@ def simulate(
         episodes: The number of episodes.
         steps: Decisions per episode, at most those of the policy's plan. By default as many as the plan has, or until
             the discounted weight of the rest is below 1e-4.
+        progress: Called after each episode with how many have ended, and of how many; where it returns True, the
+            result is of these.
         options: Options of the control layer, see `ControlOptions`. The ``seed`` is also the world's: the same seed
             gives the same result; by default it is random.
 
@@ -97,7 +102,8 @@ def simulate(
                 nonlocal moves
                 returns.append(value)
                 moves += world.moves
-                if len(returns) == episodes:
+                enough = progress is not None and progress(len(returns), episodes) is True
+                if enough or len(returns) == episodes:
                     runtime.shut_down()
                     ensemble.stop()
 

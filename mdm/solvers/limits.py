@@ -38,7 +38,7 @@ class Limits:
         time: Stop after so many seconds; None sets no limit.
         iterations: Stop after so many sweeps, trials or rounds.
         memory: Stop when the process holds so many bytes; by default 80 % of the machine's memory.
-        progress: Called with each `Progress` that is reported.
+        progress: Called with each `Progress` that is reported; where it returns True, the run is interrupted.
         clock: Returns seconds; by default those that pass but for compilation.
 
     Raises:
@@ -149,8 +149,8 @@ class Limits:
         last = self._history[-1] if self._history else None
         if last is None or report.seconds - last.seconds >= _KEPT * last.seconds:
             self._history.append(report)
-        if self._progress is not None:
-            self._progress(report)
+        if self._progress is not None and self._progress(report) is True:
+            self._interrupted = True
         if upper - lower <= self.gap:
             self.reason = "gap"
         elif self.reason is not None:

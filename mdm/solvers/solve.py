@@ -80,7 +80,8 @@ def solve(
         time: Stop after so many seconds.
         iterations: Stop after so many sweeps, trials or rounds.
         memory: Stop when the process holds so many bytes; by default 80 % of the machine's memory.
-        progress: Called with each `Progress` that the solver reports.
+        progress: Called with each `Progress` that the solver reports; where it returns True, the solver ends with what
+            it has.
         options: Options of this solver alone, such as ``horizon``.
 
     Raises:

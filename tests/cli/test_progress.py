@@ -6,7 +6,8 @@ import io
 
 import pytest
 
-from mdm.cli.progress import ProgressLine, bound
+from mdm.cli.interruption import Interruption
+from mdm.cli.progress import ProgressLine, bound, counting
 from mdm.solvers import Progress
 
 
@@ -28,6 +29,19 @@ def test_progress_is_a_line_on_a_terminal_and_a_few_lines_elsewhere():
     lines = told.getvalue().splitlines()
     assert [line.split()[0] for line in lines] == ["1.0", "2.0", "4.0"]
     assert "? to 7 " in lines[0]
+
+
+def test_episodes_are_counted(monkeypatch, capsys):
+    seconds = iter(range(100))
+    monkeypatch.setattr("mdm.cli.progress.perf_counter", lambda: float(next(seconds)))
+    interruption = Interruption()
+    with counting(interruption, "policy 1 of 2  ") as count:
+        assert not any(count(ended, 10) for ended in range(10))
+        interruption.number = 2
+        assert count(10, 10)
+    told = capsys.readouterr().err.splitlines()
+    assert told[0] == "1.0 s  policy 1 of 2  0 of 10 episodes"
+    assert [line.split()[0] for line in told] == ["1.0", "2.0", "4.0", "8.0"]
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mdm.cli.inputs import revealed
+from mdm.cli.interruption import Interruption
 from mdm.cli.verdict import Verdict, claimed_value, judge
 from mdm.models import MDP, MixedPOMDP
 from mdm.policies import (
@@ -30,7 +31,7 @@ VALUES = [3.0, 6.0, 2.0]  # 1 / (1 - 0.5) at the end, and backwards
 
 
 def arguments(**given):
-    return Namespace(**{"steps": None, "episodes": None, "seed": 1, **given})
+    return Namespace(**{"steps": None, "episodes": None, "seed": 1, "interruption": Interruption(), **given})
 
 
 def simulated(mean, error):

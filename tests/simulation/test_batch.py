@@ -141,6 +141,43 @@ def test_the_same_seed_gives_the_same_and_another_policy_the_same_luck():
     assert np.array_equal(*(evaluate(chain, table, episodes=500, seed=1).returns for table in tables))
 
 
+def until(least, told):
+    """Return what ends an evaluation once so many episodes have ended."""
+
+    def tell(ended, episodes):
+        told.append((ended, episodes))
+        return ended >= least
+
+    return tell
+
+
+def test_who_is_told_of_progress_may_end_an_evaluation():
+    """What is known by then are the first episodes of the whole evaluation."""
+    told, given = [], (EXAMPLES / "tiger.pomdp", EXAMPLES / "tiger.vf")
+    options = {"episodes": 1500, "seed": 4, "steps": 5}
+    whole = evaluate(*given, **options)
+    part = evaluate(*given, **options, progress=until(1000, told))
+    assert part.episodes == 1000
+    np.testing.assert_array_equal(part.returns, whole.returns[:1000])
+    assert [ended for ended, _ in told] == sorted(ended for ended, _ in told)
+    assert {episodes for _, episodes in told} == {1500}
+    none = evaluate(*given, **options, progress=until(0, told))
+    assert (none.episodes, none.moves) == (0, 0)
+    assert np.isnan([none.mean, none.standard_error, *none.interval]).all()
+    assert evaluate(*given, **options, progress=until(1501, told)).mean == whole.mean
+
+
+def test_who_is_told_of_progress_may_end_episodes_one_by_one():
+    model = load_model(EXAMPLES / "tiger.pomdp")
+    given = (model, load_policy(EXAMPLES / "tiger.vf"), Limits(5, 100))
+    whole, moves = one_by_one(*given, episodes=6, seed=2)
+    told = []
+    part, fewer = one_by_one(*given, episodes=6, seed=2, progress=until(4, told))
+    np.testing.assert_array_equal(part, whole[:4])
+    assert fewer == moves * 4 // 6
+    assert told[-1] == (4, 6)
+
+
 def test_episodes_end_where_nothing_more_is_earned():
     model = MDP([[[0.5, 0.5], [0, 1]]], [[1], [0]], discount=0.999, initial_belief=[1, 0])
     result = evaluate(model, DeterministicPolicy([0, 0]), seed=1)

@@ -67,6 +67,15 @@ def test_steps_and_mistakes():
         World(Ensemble("robot", policy=policy, actions={0: print, 1: print}))
 
 
+def test_who_is_told_of_progress_may_end_a_simulation():
+    told = []
+    given = (EXAMPLES / "tiger.pomdp", EXAMPLES / "tiger.vf")
+    whole = simulate(*given, episodes=8, steps=4, seed=3)
+    part = simulate(*given, episodes=8, steps=4, seed=3, progress=lambda *counts: told.append(counts) or len(told) == 5)
+    np.testing.assert_array_equal(part.returns, whole.returns[:5])
+    assert told == [(count, 8) for count in range(1, 6)]
+
+
 @pytest.mark.parametrize("drive", [None, FixedRate(10)])
 def test_a_joint_plan_is_worth_what_its_solver_says(drive):
     model = dec_tiger()

@@ -55,6 +55,20 @@ def test_every_report_is_told_and_the_history_stays_short():
     assert history[-1].iterations == 1000
 
 
+def test_who_is_told_may_end_a_run():
+    told = []
+
+    def tell(progress):
+        told.append(progress)
+        return len(told) == 3
+
+    limits = Limits(gap=0, progress=tell)
+    with limits:
+        assert [limits.ends(0, 1, iterations=k, size=1) for k in range(3)] == [False, False, True]
+        assert limits.remaining < 0
+    assert limits.reason == "interrupted"
+
+
 def test_what_nothing_stopped_is_exact():
     limits = Limits()
     found = limits.solution("policy", "name", 1.0, 1.0, iterations=7, size=2)

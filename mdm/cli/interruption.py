@@ -1,0 +1,57 @@
+"""Ctrl-C and SIGTERM while something is computed whose result so far is worth having."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["Interruption"]
+
+_NUMBERS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Interruption:
+    """Notes the first Ctrl-C or SIGTERM that comes while it is deferred; the second is a `KeyboardInterrupt`.
+
+    It raises nothing then, so that nothing can swallow it, as compilers do: who computes asks for it now and then.
+
+    Attributes:
+        number: The signal that came; None before.
+    """
+
+    def __init__(self) -> None:
+        self.number: int | None = None
+
+    @property
+    def status(self) -> int:
+        """The exit status that tells of the signal."""
+        return 128 + (self.number or signal.SIGINT)
+
+    @contextmanager
+    def deferred(self) -> Iterator[None]:
+        """Note signals within; those that the program, or whoever has started it, handles or ignores stay so."""
+        ours: dict[int, Any] = {}
+        if threading.current_thread() is threading.main_thread():
+            for number in _NUMBERS:
+                if (found := signal.getsignal(number)) in (signal.default_int_handler, signal.SIG_DFL):
+                    ours[number] = found
+                    signal.signal(number, self._take)
+        try:
+            yield
+        finally:
+            for each, before in ours.items():
+                signal.signal(each, before)
+
+    def _take(self, number: int, _: object) -> None:
+        first = self.number is None
+        if first:
+            self.number = number
+        if number == signal.SIGTERM and signal.getsignal(signal.SIGINT) != self._take:
+            signal.raise_signal(signal.SIGINT)  # a solver takes that to return what it has
+        elif not first:
+            raise KeyboardInterrupt

@@ -1,0 +1,148 @@
+"""Ctrl-C and SIGTERM: what was known by then is printed or kept, and the exit status tells of it."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+
+import pytest
+from places import EXAMPLES, TIGER, TIGER_VECTORS
+
+from mdm import load_policy
+from mdm.cli.interruption import Interruption
+from mdm.cli.progress import ProgressLine
+
+SIGNALS = [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+
+
+@pytest.fixture
+def interrupts(monkeypatch):
+    """Have signals come when progress is told for the n-th time."""
+
+    def at(count, number, times=1):
+        told = []
+
+        def tell(self, seconds, text_of):
+            told.append(text_of())
+            if len(told) == count:
+                for _ in range(times):
+                    signal.raise_signal(number)
+
+        monkeypatch.setattr(ProgressLine, "tell", tell)
+        return told
+
+    return at
+
+
+@pytest.mark.parametrize(("number", "status"), SIGNALS)
+def test_a_signal_is_noted_alone(number, status):
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    interruption = Interruption()
+    with interruption.deferred():
+        assert interruption.number is None
+        signal.raise_signal(number)
+        assert (interruption.number, interruption.status) == (number, status)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def test_handlers_of_others_stay(monkeypatch):
+    heard = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        before = signal.signal(number, lambda found, _: heard.append(found))
+        try:
+            with Interruption().deferred():
+                signal.raise_signal(number)
+        finally:
+            signal.signal(number, before)
+    assert heard == [signal.SIGINT, signal.SIGTERM]
+
+
+def test_other_threads_have_no_signals():
+    entered = []
+
+    def enter():
+        with Interruption().deferred():
+            entered.append(signal.getsignal(signal.SIGTERM))
+
+    thread = threading.Thread(target=enter)
+    thread.start()
+    thread.join()
+    assert entered == [signal.getsignal(signal.SIGTERM)]
+
+
+@pytest.mark.parametrize(("number", "status"), SIGNALS)
+def test_an_evaluation_tells_what_it_knows(mdm, interrupts, number, status):
+    told = interrupts(500, number)  # an episode has 270 steps at most: in the second part
+    found, output, errors = mdm("evaluate", TIGER, TIGER_VECTORS, "--seed", "1")
+    assert (found, errors) == (status, "")
+    assert any(line.startswith("simulated value     19.") for line in output)
+    assert any("1000 episodes of" in line for line in output)
+    assert output[-1].startswith("interrupted ")
+    assert len(told) == 500
+    assert told[-1].endswith(" of 10000 episodes")
+
+
+def test_an_evaluation_of_no_episode_says_so(mdm, interrupts):
+    interrupts(3, signal.SIGINT)
+    status, output, _ = mdm("evaluate", TIGER, TIGER_VECTORS)
+    assert status == 130
+    assert "simulated value     none: no episode has ended" in output
+    interrupts(3, signal.SIGINT)
+    status, output, _ = mdm("evaluate", TIGER, TIGER_VECTORS, "--json")
+    facts = json.loads(output[0])
+    assert (status, facts["interrupted"], facts["episodes"], facts["mean"]) == (130, True, 0, None)
+
+
+def test_a_second_signal_ends_at_once(mdm, interrupts):
+    interrupts(3, signal.SIGINT, times=2)
+    assert mdm("evaluate", TIGER, TIGER_VECTORS) == (130, [], "")
+
+
+def test_a_comparison_tells_what_it_knows(mdm, interrupts):
+    arguments = ("compare", TIGER, TIGER_VECTORS, TIGER_VECTORS, TIGER_VECTORS, "--episodes", "2000", "--seed", "1")
+    interrupts(1000, signal.SIGINT)
+    status, output, _ = mdm(*arguments)
+    assert status == 130
+    assert [str(TIGER_VECTORS) in line for line in output] == [False, True, True, False, False]
+    assert output[-1].startswith("interrupted: the last policy above has 1000 episodes")
+    told = interrupts(600, signal.SIGTERM)
+    status, output, _ = mdm(*arguments, "--json")
+    rows = json.loads(output[0])
+    assert (status, [row["interrupted"] for row in rows]) == (143, [True, True])
+    assert "policy 2 of 3  " in told[-1]
+
+
+@pytest.mark.parametrize(("number", "status"), SIGNALS)
+def test_a_simulation_ends_after_its_episode(mdm, interrupts, number, status):
+    interrupts(7, number)
+    arguments = ("simulate", EXAMPLES / "tiger.toml", "--seed", "1")
+    found, output, _ = mdm(*arguments)
+    assert found == status
+    assert "7 episodes of" in output[0]
+    assert output[1] == "interrupted: this is of 7 episodes, not of 100"
+    assert mdm("simulate", EXAMPLES / "tiger.toml", "--seed", "1", "--episodes", "7")[1] == output[:1]
+
+
+@pytest.mark.parametrize(("number", "status"), SIGNALS)
+@pytest.mark.parametrize("count", [1, 5])
+def test_a_solver_keeps_the_best_so_far(mdm, interrupts, tmp_path, number, status, count):
+    interrupts(count, number)
+    policy = tmp_path / "tiger.vf"
+    found, output, errors = mdm("solve", TIGER, "-o", policy, "--gap", "0")
+    assert (found, errors) == (status, "")
+    assert any(line.startswith("stopped             interrupted: this is the best so far") for line in output)
+    assert load_policy(policy).value([0.5, 0.5]) > -21
+
+
+def test_what_ctrl_c_has_become_while_modules_are_loaded_is_no_error(mdm, monkeypatch):
+    def load(*_, **__):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            raise ImportError("numpy failed to load") from None
+
+    monkeypatch.setattr("mdm.cli.inputs.load", load)
+    assert mdm("evaluate", TIGER, TIGER_VECTORS) == (130, [], "")

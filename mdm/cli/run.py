@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import sys
+from collections import Counter
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -20,9 +21,12 @@ if TYPE_CHECKING:
 
     from mdm.config import System
     from mdm.messages import Decision
+    from mdm.runtime import Runtime
     from mdm.team.member import Member
 
 __all__ = ["add_arguments", "add_parser", "run"]
+
+_FAILURES = {"failed", "timed_out", "abandoned"}
 
 
 def add_parser(verbs: Any) -> argparse.ArgumentParser:
@@ -32,7 +36,8 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         help="run the ensembles of a TOML file, or one agent of a team's",
         description=(
             "Run the ensembles of a TOML file, of a team's file those of one agent, until Ctrl-C, SIGTERM, --seconds, "
-            "or --epochs decisions of the first one. SIGUSR1 releases those that are safe: kill -USR1 PID."
+            "or --epochs decisions of the first one. SIGUSR1 releases those that are safe: kill -USR1 PID. The exit "
+            "status is 1 if something failed that nobody could help, or if of a robot alone every action has failed."
         ),
         epilog="example: mdm run examples/patrol/patrol.toml --virtual --epochs 20",
     )
@@ -72,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     attached = Attached() if arguments.attached else None
     system = _load(arguments)
-    first = system.top[0]
+    first, ended = system.top[0], Counter[str]()
 
     async def main() -> None:
         log = Log(arguments.log, debug=arguments.debug, decisions=in_words(system.ensembles.values()))
@@ -96,18 +101,37 @@ def run(arguments: argparse.Namespace) -> int:
 
                     teammates = runtime.channel(f"{member.path}/teammates", Teammates, retain=True)
                     teammates.subscribe(lambda _: runtime.shut_down() if member.link.refusal is not None else None)
-                with anyio.move_on_after(arguments.seconds):
-                    await runtime.wait()
+                try:
+                    with anyio.move_on_after(arguments.seconds):
+                        await runtime.wait()
+                finally:
+                    ended.update(_ended(runtime))
 
     try:
         run_program(main, virtual=arguments.virtual)
     except DeadlockError:
         print("mdm run: ended, because no timer is pending and no input can come", file=sys.stderr)
     finally:
-        failings = [] if system.member is None else system.member.failings()
+        failings = system.member.failings() if system.member is not None else _nothing_but_failures(ended)
         for failing in failings:
             print(f"mdm {arguments.command}: {failing}", file=sys.stderr)
     return 1 if failings else 0
+
+
+def _nothing_but_failures(ended: Counter[str]) -> list[str]:
+    """Return that every action has failed, if so; an agent's process says nothing of it, but would be started again."""
+    return [f"every action that ended has failed: {ended.total()}"] if ended and set(ended) <= _FAILURES else []
+
+
+def _ended(runtime: Runtime) -> dict[str, int]:
+    """Return how the actions of all ensembles have ended, and how many of them."""
+    from mdm.actors.action_layer import ActionStatistics  # noqa: PLC0415
+
+    counts: Counter[str] = Counter()
+    for statistics in runtime.statistics().actors:
+        if isinstance(statistics, ActionStatistics):
+            counts.update(statistics.ended)
+    return counts
 
 
 def _only(system: System) -> Member | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from mdm.messages import Fault
 from mdm.runtime import Actor, ActorFailure
 from mdm.runtime.supervision import describe
 
@@ -92,9 +93,15 @@ class System(Actor):
     async def _run_task(self, task: Callable[[System], Any]) -> None:
         try:
             await task(self)
-            self.report("task", f"task {task.__name__!r} has returned: what it drove gets nothing more from it")
         except Exception as error:
-            raise ActorFailure(f"task {task.__name__!r} failed: {describe(error)}") from error
+            failure = ActorFailure(f"task {task.__name__!r} failed: {describe(error)}")
+            failure.escalated = True  # it is told here, with its own place in the code alone
+            self._tell(task, str(failure))
+            raise failure from error
+        self._tell(task, f"task {task.__name__!r} has returned: what it drove gets nothing more from it")
+
+    def _tell(self, task: Callable[[System], Any], detail: str) -> None:
+        self.runtime.faults.publish(Fault(self.runtime.clock.now(), f"tasks/{task.__name__}", "task", detail))
 
     def tree(self) -> str:
         """Return the names of all ensembles, indented below their parents."""

@@ -123,6 +123,33 @@ def test_a_failing_system_exits_with_1_after_the_safe_action(tmp_path):
     assert done.stdout == "safe\nsafe\n"
     assert done.stderr.splitlines()[-1].startswith("mdm run: task 'live' failed: ValueError: sensor unplugged (at ")
     assert "Traceback" not in done.stderr
+    (told,) = [line for line in done.stderr.splitlines() if " fault " in line and "sensor unplugged" in line]
+    assert "source=tasks/live kind=task" in told
+    assert told.count("(at ") == 1
+    assert "failing_robot.py:2)" in told
+
+
+@pytest.mark.parametrize(
+    ("code", "status", "last"),
+    [
+        ("raise ValueError('no arm')", 1, "mdm run: every action that ended has failed: 3"),
+        ("calls.append(1)\n    if len(calls) != 2:\n        raise ValueError('no arm')", 0, None),
+    ],
+)
+def test_a_robot_whose_every_action_fails_does_not_end_well(mdm, tmp_path, code, status, last):
+    module = f"acting_robot_{status}"
+    (tmp_path / f"{module}.py").write_text(f"calls = []\ndef listen():\n    {code}\n")
+    for name in ("tiger.pomdp", "tiger.vf"):
+        (tmp_path / name).write_text((EXAMPLES / name).read_text())
+    actions = "\n".join(f"{name} = '{module}:listen'" for name in ("listen", "open-left", "open-right"))
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        "[ensembles.robot]\nmodel = 'tiger.pomdp'\npolicy = 'tiger.vf'\ndrive = 1.0\n"
+        f"[ensembles.robot.actions]\n{actions}"
+    )
+    found, _, errors = mdm("run", path, "--virtual", "--epochs", "3")
+    assert found == status
+    assert (errors.splitlines()[-1] == last) == (status == 1)
 
 
 def test_the_emergency_of_a_file_is_called_while_an_action_holds_the_loop(tmp_path):

@@ -138,7 +138,7 @@ def test_wrong_usage(mdm, arguments, words):
     ("arguments", "words"),
     [
         (["--solver", "value-iteration"], "solves MDPs"),
-        (["--discount", "1"], "discount"),
+        (["--discount", "1"], "or plan for a horizon (--solver perseus --horizon)"),
     ],
 )
 def test_what_cannot_be_solved_is_told_in_a_sentence(mdm, arguments, words):

@@ -38,6 +38,8 @@ __all__ = ["evaluate", "improve_policies", "modified_policy_iteration", "policy_
 
 _BETTER = 1e-11
 """An action replaces another if it is better by this share of the values: more than rounding."""
+_BACKUPS = 50
+"""The backups between one evaluation and the next, where the discount is 1."""
 _EACH = 15
 """One of so many sweeps finds the best actions. The number is odd, so that these go forward and backward in turn."""
 
@@ -112,7 +114,26 @@ def steps(dynamics: Dynamics) -> Iterator[Step]:
         stable = not better.any()
         policy = np.where(better, best, policy)
         upper = np.inf if endless else float(gains.max()) / (1 - dynamics.discount)
+        if endless and not stable:
+            policy = _ahead(dynamics, values, policy)
         yield Step(values, table, policy, 0.0 if stable else upper, stable)
+
+
+def _ahead(dynamics: Dynamics, values: Vector, policy: Actions) -> Actions:
+    """Return a policy that some more backups have improved, from values that the policy's own are no lower than.
+
+    They are much cheaper than an evaluation. Values only rise, so that an action that is better than the policy's own
+    does not lead in a circle without an end, as it might among actions of equal values.
+    """
+    states = np.arange(dynamics.num_states)
+    for _ in range(_BACKUPS):
+        table = dynamics.q_values(values)
+        best = table.argmax(axis=1)
+        own = table[states, policy]
+        better = table[states, best] - own > _BETTER * (1 + np.abs(own).max())
+        policy = np.where(better, best, policy)
+        values = np.where(better, table[states, best], own)
+    return policy
 
 
 def improve_policies(dynamics: Dynamics, belief: Vector, limits: Limits, solver: str) -> Solution:
@@ -148,7 +169,7 @@ def evaluate(dynamics: Dynamics, policy: Actions) -> Vector:
     values = np.zeros(dynamics.num_states)
     moving = np.arange(dynamics.num_states)
     if dynamics.discount == 1:
-        moving = np.flatnonzero(~resting(matrix, rewards, dynamics))
+        moving = np.flatnonzero(~resting(matrix, rewards, policy, dynamics))
         matrix, rewards = matrix[moving][:, moving], rewards[moving]
     if not len(moving):
         return values

@@ -18,21 +18,29 @@ from mdm.models.compressed import csr, is_compressed
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from mdm.models import MDP
     from mdm.models.dynamics import Dynamics
     from mdm.models.matrices import Matrix, Vector
 
     Mask = npt.NDArray[np.bool_]
 
-__all__ = ["first_policy", "resting"]
+__all__ = ["first_policy", "remedy", "resting"]
 
-_REMEDY = "give a discount below 1, or a horizon"
+_NAMED = 3
+"""The most states that an error names."""
+
+
+def remedy(model: MDP) -> str:
+    """Return what to do about a model whose values have no bound, for the end of an error."""
+    solver = "perseus" if model.kind == "POMDP" else "value-iteration"
+    return f"give a discount below 1 (--discount), or plan for a horizon (--solver {solver} --horizon)"
 
 
 def first_policy(dynamics: Dynamics) -> npt.NDArray[np.intp]:
     """Return a policy that comes to rest from every state.
 
     Raises:
-        ModelError: If there is none.
+        ModelError: If there is none; it names the states from which no policy comes to rest.
     """
     policy, rest = _rest(dynamics)
     rows, columns = _entries(dynamics.matrix)
@@ -41,10 +49,12 @@ def first_policy(dynamics: Dynamics) -> npt.NDArray[np.intp]:
     actions = lowest[blocks]
     reached, following = _leading_to(states, columns, rest)
     if not reached.all():
-        name = dynamics.model.state_space.names[int((~reached).argmax())]
+        first, *others = np.flatnonzero(~reached).tolist()
+        names = dynamics.model.state_space.names
+        also = f", nor from {_listed([repr(names[state]) for state in others])}" if others else ""
         raise ModelError(
-            f"the discount is 1, but from state {name!r} no policy comes to where nothing more is earned or paid: "
-            f"{_REMEDY}"
+            f"the discount is 1, but from state {names[first]!r} no policy comes to where nothing more is earned or "
+            f"paid{also}: {remedy(dynamics.model)}"
         )
     towards = (columns == following[states]) & ~rest[states]
     policy[~rest] = dynamics.num_actions
@@ -52,20 +62,52 @@ def first_policy(dynamics: Dynamics) -> npt.NDArray[np.intp]:
     return policy
 
 
-def resting(matrix: Matrix, rewards: Vector, dynamics: Dynamics) -> Mask:
-    """Return the states from which a policy earns nothing more, given its transitions and rewards.
+def resting(matrix: Matrix, rewards: Vector, policy: npt.NDArray[np.intp], dynamics: Dynamics) -> Mask:
+    """Return the states from which a policy earns nothing more.
+
+    Args:
+        matrix: Its transitions.
+        rewards: Its rewards.
+        policy: Its action in each state.
+        dynamics: The model.
 
     Raises:
         ModelError: If it never comes there from some state. Policy iteration takes up such a policy only where its
-            rewards have no end.
+            rewards have no end: the error names a cycle of states and actions that has them.
     """
     states, columns = _entries(matrix)
     active, _ = _leading_to(states, columns, rewards != 0)
     reached, _ = _leading_to(states, columns, ~active)
     if not reached.all():
-        name = dynamics.model.state_space.names[int((~reached).argmax())]
-        raise ModelError(f"the discount is 1, and from state {name!r} rewards can be earned without end: {_REMEDY}")
+        model, cycle = dynamics.model, _cycle(matrix, ~reached)
+        states, actions = model.state_space.names, model.action_space.names
+        steps = _listed([f"{actions[policy[state]]!r} in {states[state]!r}" for state in cycle])
+        raise ModelError(
+            f"the discount is 1, and from state {states[cycle[0]]!r} rewards can be earned without end, by {steps} "
+            f"again and again: {remedy(model)}"
+        )
     return ~active
+
+
+def _cycle(matrix: Matrix, endless: Mask) -> list[int]:
+    """Return states of a policy, among some that it never leaves, that all lead to each other and nowhere else."""
+    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415 - imported where it is needed
+
+    states = np.flatnonzero(endless)
+    among = matrix[states][:, states]
+    _, component = connected_components(csr(among), directed=True, connection="strong")
+    rows, columns = _entries(among)
+    left = component[rows[component[rows] != component[columns]]]
+    cycle: list[int] = states[component == np.setdiff1d(component, left)[0]].tolist()
+    return cycle
+
+
+def _listed(names: list[str]) -> str:
+    """Return the first names, and how many more there are, as words."""
+    words = names[:_NAMED]
+    if len(names) > _NAMED:
+        words.append(f"{len(names) - _NAMED} more")
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
 def _rest(dynamics: Dynamics) -> tuple[npt.NDArray[np.intp], Mask]:

@@ -91,7 +91,7 @@ def perseus(
     if horizon is not None and horizon < 1:
         raise ConfigError(f"a horizon is a number of decisions from 1 on, not {horizon}", key="horizon")
     if model.discount >= 1 and horizon is None:
-        raise ModelError("Perseus needs a discount below 1, or a horizon: give one (--discount)")
+        raise ModelError("Perseus needs a discount below 1, or a horizon: give one (--discount, --horizon)")
     random = np.random.default_rng(seed)
     with Limits() if limits is None else limits as run:
         flat, first = model.flatten(), starts(model)

@@ -29,6 +29,7 @@ from mdm.policies import AlphaVectors, MixedAlphaVectors
 from mdm.solvers.bounds import blind_values, informed_values
 from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.limits import Limits
+from mdm.solvers.mdp.undiscounted import remedy
 from mdm.solvers.sarsop.condensation import Vectors, condensed
 from mdm.solvers.sarsop.graph import (
     LINKS,
@@ -89,7 +90,7 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
     """
     model = model.revealed()
     if model.discount >= 1:
-        raise ModelError("SARSOP needs a discount below 1: bounds without end never meet; give one (--discount)")
+        raise ModelError(f"SARSOP needs a discount below 1, for bounds without end never meet: {remedy(model)}")
     _check_compiler()
     with Limits() if limits is None else limits as run:
         search = _Search(model, run)

@@ -18,10 +18,7 @@ if TYPE_CHECKING:
     from mdm.actors import PredicateManager
     from mdm.maps.graph import Graph, Node, Pose
 
-__all__ = ["Feedback", "Navigation", "Navigator", "ReportingNavigator"]
-
-Feedback = "Callable[[float], object]"
-"""Takes the metres that remain to the goal."""
+__all__ = ["Navigation", "Navigator", "ReportingNavigator"]
 
 
 class Navigator(Protocol):

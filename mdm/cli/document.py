@@ -112,6 +112,7 @@ def describe_model(model: MDP) -> dict[str, Any]:
         "actions_per_agent": [len(factor) for factor in model.action_space.factors],
         "observations_per_agent": [] if observations is None else [len(factor) for factor in observations.factors],
         "state_factors": [{"name": factor.name, "size": len(factor)} for factor in model.state_space.factors],
+        "state_names": [list(factor.names) for factor in model.state_space.factors],
         "fully_observed": [f.name for f, s in zip(model.state_space.factors, seen, strict=False) if s],
         "event_observations": isinstance(model, POMDP) and model.event_observations,
         "false_negative": None

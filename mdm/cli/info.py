@@ -8,10 +8,16 @@ from mdm.cli.usage import UsageError, add_import
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterator
 
+    from mdm.models import MDP
     from mdm.team import Team
 
 __all__ = ["add_parser", "run"]
+
+_NAMES = ("state_names", "action_names", "observation_names")
+_ROOM = 80
+"""Characters of a line for names."""
 
 
 def add_parser(verbs: Any) -> argparse.ArgumentParser:
@@ -52,11 +58,38 @@ def run(arguments: argparse.Namespace) -> int:
     elif isinstance(document.content, System):
         print("\n".join([document.content.tree(), *lines(document.content)]))
     else:
-        for key, value in document.facts().items():
+        facts = document.facts()
+        names = {key: facts.pop(key) for key in _NAMES if key in facts}
+        for key, value in facts.items():
             if value is None or value == []:
                 continue
             print(f"{key.replace('_', ' '):24}{_text(value)}")
+        if names:
+            print("\n".join(_names(document.content, names)))
     return 0
+
+
+def _names(model: MDP, names: dict[str, list[list[str]]]) -> Iterator[str]:
+    """Yield the names of a model's states, actions and observations, a line for each factor or agent."""
+    spaces = {"state_names": model.state_space, "action_names": model.action_space}
+    spaces["observation_names"] = getattr(model, "observation_space", model.action_space)
+    for key, each in names.items():
+        title = key.replace("_", " ")
+        for factor, own in zip(spaces[key].factors if each else (), each, strict=True):
+            whose = f"{factor.name}: " if len(each) > 1 else ""
+            yield f"{title:24}{whose}{_shortened(own)}"
+            title = ""
+
+
+def _shortened(names: list[str]) -> str:
+    """Return names in as many words as a line has room for, and how many there are if these are not all."""
+    text = ", ".join(names)
+    if len(text) <= _ROOM:
+        return text
+    count = 1
+    while len(", ".join(names[: count + 1])) + len(names[-1]) <= _ROOM:
+        count += 1
+    return f"{', '.join(names[:count])}, …, {names[-1]} ({len(names)})"
 
 
 def _tell_team(arguments: argparse.Namespace, team: Team) -> int:

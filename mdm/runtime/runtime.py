@@ -64,6 +64,16 @@ class RuntimeStatistics(msgspec.Struct, frozen=True):
     loop: LoopStatistics | None
     compiled: bool
 
+    def __str__(self) -> str:
+        """Return a table of what is not zero: a line for each actor, and for each channel that something crossed."""
+        rows = [("dispatcher", self.dispatcher.told())]
+        rows += [(what, each.told()) for what, each in (("log", self.log), ("loop", self.loop)) if each is not None]
+        rows += [(f"actor {actor.path}", actor.told("path", "since")) for actor in self.actors]
+        used = [channel for channel in self.channels if channel.published or channel.dropped or channel.unheard]
+        rows += [(f"channel {channel.name}", channel.told("name", "last")) for channel in used]
+        width = max(len(what) for what, _ in rows)
+        return "\n".join(f"{what:{width}}  {told}" for what, told in rows if told)
+
 
 class Runtime:
     """Runs actors inside a program that already has a running asyncio event loop.

@@ -29,6 +29,19 @@ class _Snapshot(msgspec.Struct, frozen=True):
         told = [f"{name}={value!r}" for name in self.__struct_fields__ if (value := getattr(self, name))]
         return f"{type(self).__name__}({', '.join(told)})"
 
+    def told(self, *others: str) -> str:
+        """Return what is not zero or empty in words, but for some fields, for a line of its own."""
+        told = ((name, getattr(self, name)) for name in self.__struct_fields__ if name not in others)
+        return "  ".join(f"{name.replace('_', ' ')} {_in_words(value)}" for name, value in told if value)
+
+
+def _in_words(value: object) -> str:
+    if isinstance(value, Histogram):
+        return f"{value.total / value.count:.3g} s (at most {value.maximum:.3g} s)"
+    if isinstance(value, dict):
+        return ", ".join(f"{count} {what}" for what, count in value.items())
+    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
 
 class ChannelStatistics(_Snapshot, frozen=True):
     """What crossed a channel.

@@ -7,6 +7,7 @@ import json
 from places import EXAMPLES, TIGER
 
 from mdm import load_model, save_model
+from mdm.problems import grid_world
 
 
 def test_info(mdm):
@@ -30,6 +31,23 @@ def test_info(mdm):
     system = json.loads(mdm("info", EXAMPLES / "patrol" / "patrol.toml", "--json")[1][0])
     assert system["ensembles"][0]["actions"]["Patrol"]["model"]["states"] == 12
     assert any("discount" in line for line in mdm("info", EXAMPLES / "tiger.pomdp")[1])
+
+
+def test_info_prints_names(mdm, tmp_path):
+    told = [line.split(maxsplit=2) for line in mdm("info", TIGER)[1]]
+    assert ["state", "names", "tiger-left, tiger-right"] in told
+    assert ["observation", "names", "hear-left, hear-right"] in told
+    lines = mdm("info", EXAMPLES / "patrol" / "rooms.pomdpx")[1]
+    place = next(index for index, line in enumerate(lines) if line.startswith("state names"))
+    assert lines[place].split(maxsplit=2)[2] == "robot: Lobby, Office, Lab"
+    assert lines[place + 1].strip() == "fire: nowhere, Lobby, Office, Lab"
+    save_model(grid_world("\n".join(["." * 30] * 30 + ["." * 29 + "+"])), tmp_path / "g.npz")
+    status, lines, errors = mdm("info", tmp_path / "g.npz")
+    assert (status, errors) == (0, "")
+    (names,) = [line for line in lines if line.startswith("state names")]
+    assert len(names) < 130
+    assert names.endswith(f", …, end ({30 * 31 + 1})")
+    assert len(json.loads(mdm("info", tmp_path / "g.npz", "--json")[1][0])["state_names"][0]) == 30 * 31 + 1
 
 
 def test_info_tells_the_false_negative(mdm, tmp_path):

@@ -46,6 +46,21 @@ def test_statistics_print_what_is_not_zero():
     run_virtual(main)
 
 
+def test_statistics_of_a_runtime_print_as_a_table():
+    async def main(runtime):
+        await runtime.start(Ensemble("robot", policy=[0, 0], actions={"Wait": lambda: None}))
+        for state in (0, 1, 0):
+            runtime.root.children[0].publish_state(state)
+        return str(runtime.statistics())
+
+    rows = dict(line.split("  ", 1) for line in run_virtual(main).splitlines())
+    assert {name.split()[0] for name in rows} == {"dispatcher", "actor", "channel"}
+    assert rows["channel robot/state"].strip().startswith("published 3")
+    assert "ended 3 succeeded" in rows["actor robot/action"]
+    assert " 0" not in "".join(rows.values()).replace(" 0.", "").replace("latency 0 s (at most 0 s)", "")
+    assert not any("[" in row or "=" in row for row in rows.values())
+
+
 def test_a_histogram_prints_in_one_line():
     latencies = Latencies()
     assert repr(latencies.snapshot()) == "Histogram(count=0)"

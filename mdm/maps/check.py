@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
+from mdm.maps.lookup import border_distance
 from mdm.maps.passages import passages, widest
 from mdm.maps.problem import Problem
 
@@ -26,6 +27,7 @@ RADIUS = 0.25
 """The radius of a robot, in metres, if nobody says another."""
 MARGIN = 0.3
 """How deep inside a place a robot must be that comes into it, in metres, if nobody says another."""
+_SLACK = 1e-9
 _SHOWN = 200
 """Cells of a stray colour that a problem names."""
 
@@ -34,7 +36,7 @@ def check(floor: Map, *, radius: float = RADIUS, margin: float = MARGIN) -> tupl
     """Return what is wrong with a map.
 
     * A goal lies outside its own place, or so near to what is not free that the robot does not fit.
-    * A place is nowhere so deep that a robot in it is known to be there.
+    * A place, or its goal, is not so far from other places that a robot there counts as having come.
     * A way joins places that do not touch, or by a passage that is too narrow; or a place with itself. Places touch by
       a passage that is wide enough, and there is no way.
     * Not all places can be reached from each other.
@@ -65,11 +67,15 @@ def examine(
     yield from _strays(labels, colours)
     if colours is not None and grid is not None:
         yield from _unnamed(labels, grid, colours)
+    inside = border_distance(labels)
     clearance = None if grid is None else grid.clearance()
+    shallow = {problem.places[0]: problem for problem in _shallow(labels, grid, inside, margin)}
     for node in graph.nodes:
         if node.name in labels.names:
             yield from _goal(node, labels, clearance, radius)
-    yield from _shallow(labels, grid, margin)
+            if node.name not in shallow:
+                yield from _shallow_goal(node, labels, inside, margin)
+    yield from shallow.values()
     if grid is not None:
         yield from _ways(labels, graph, grid, radius)
     for edge in graph.edges:
@@ -125,19 +131,33 @@ def _goal(node: Node, labels: Labels, clearance: NDArray[np.float64] | None, rad
         yield Problem("goals", text, (node.name,), [cell])
 
 
-def _shallow(labels: Labels, grid: Grid | None, margin: float) -> Iterator[Problem]:
-    depth = labels.depth if grid is None else np.where(grid.free, labels.depth, 0.0)
+def _shallow_goal(node: Node, labels: Labels, inside: NDArray[np.float64], margin: float) -> Iterator[Problem]:
+    cell = labels.frame.cell(node.goal.x, node.goal.y)
+    if cell is not None and labels.name(node.goal.x, node.goal.y) == node.name and inside[cell] < margin - _SLACK:
+        text = (
+            f"the goal of {node.name!r}, ({node.goal.x:g}, {node.goal.y:g}), is {inside[cell]:.2f} m behind the border "
+            f"of its place, and a robot counts as having come there only at {margin:g} m"
+        )
+        yield Problem("goals", text, (node.name,), [cell])
+
+
+def _shallow(labels: Labels, grid: Grid | None, inside: NDArray[np.float64], margin: float) -> Iterator[Problem]:
     for name in labels.names:
         own = labels.cells(name)
         if not own.any():
             continue  # told as a colour that nothing has
-        deepest = np.where(own, depth, -1.0)
-        best = np.unravel_index(int(deepest.argmax()), depth.shape)
-        if depth[best] == 0:
-            yield Problem("rooms", f"{name!r} has no free cell", (name,), [(int(best[0]), int(best[1]))])
-        elif depth[best] < margin:
-            text = f"{name!r} is nowhere deeper than {depth[best]:.2f} m, and counts as entered only at {margin:g} m"
-            yield Problem("rooms", text, (name,), [(int(best[0]), int(best[1]))])
+        free = own if grid is None else own & grid.free
+        deepest = np.where(free if free.any() else own, inside, -1.0)
+        row, column = np.unravel_index(int(deepest.argmax()), deepest.shape)
+        cells = [(int(row), int(column))]
+        if not free.any():
+            yield Problem("rooms", f"{name!r} has no free cell", (name,), cells)
+        elif deepest[row, column] < margin - _SLACK:
+            text = (
+                f"{name!r} is nowhere further than {deepest[row, column]:.2f} m from its border, and a robot counts as "
+                f"having come there only at {margin:g} m"
+            )
+            yield Problem("rooms", text, (name,), cells)
 
 
 def _ways(labels: Labels, graph: Graph, grid: Grid, radius: float) -> Iterator[Problem]:

@@ -102,7 +102,7 @@ def test_stray_colours(tmp_path):
 
 @pytest.mark.parametrize("margin", [0.3, 0.45])
 def test_a_place_that_is_nowhere_deep_enough(tmp_path, margin):
-    """A strip of four cells between two places: nowhere deeper than two cells of 0.1 m."""
+    """A strip of four cells between two places: in the middle it is one and a half cells of 0.1 m from both."""
     raster = rooms()
     raster[1:20, 1:19] = "hall"
     raster[20, 1:19] = "hall"
@@ -113,8 +113,20 @@ def test_a_place_that_is_nowhere_deep_enough(tmp_path, margin):
     raster[32:35, 19] = "store"
     some = floor(tmp_path, raster, GRAPH.replace("0.0 5.0", "0.0 3.9").replace("2.0 3.5", "2.0 2.5"))
     shallow = [text for kind, text in told(some, margin=margin) if kind == "rooms"]
-    assert shallow == [f"'office' is nowhere deeper than 0.20 m, and counts as entered only at {margin} m"]
-    assert [kind for kind, _ in told(some, margin=0.2)] == []
+    (text,) = shallow
+    assert text.startswith("'office' is nowhere further than 0.15 m from its border, and a robot counts as having come")
+    assert text.endswith(f"only at {margin} m")
+    assert told(some, margin=0.15) == []
+
+
+def test_a_goal_that_is_so_near_to_the_border_that_a_robot_there_does_not_count(tmp_path):
+    some = moved(floor(tmp_path), "hall", 0.0, 3.83)  # the door's upper edge is 0.15 m away
+    assert told(some, radius=0.1, margin=0.1) == []
+    ((kind, text),) = told(some, radius=0.1)
+    assert kind == "goals"
+    assert text.startswith(
+        "the goal of 'hall', (0, 3.83), is 0.15 m behind the border of its place, and a robot counts"
+    )
 
 
 def test_a_place_without_a_free_cell(tmp_path):

@@ -171,32 +171,59 @@ class StateLayer(Layer):
         )
 
     def _update(self, update: PredicateUpdate) -> None:  # noqa: C901 - hot path, no calls
-        """Hot path: about 0.5 µs for one predicate of a binary factor."""
+        """Hot path: about 0.3 µs for one predicate of a binary factor."""
         slots, digits = self._slots, self._digits
         index, found = self._index, False
-        several: list[_Value] = []
+        several: list[_Value] | None = None
         for name in update.rising:
             for value, bit in slots.get(name, ()):
                 found = True
                 if not value.binary:
                     value.true |= bit
                     value.unknown &= ~bit
+                    if several is None:
+                        several = []
                     several.append(value)
-                elif digits[value.position] != value.positive:
-                    index += self._set(value, value.positive)
+                    continue
+                old, new = digits[value.position], value.positive
+                if old != new:
+                    digits[value.position] = new
+                    if old is None:
+                        self._missing -= 1
+                        old = 0
+                    index += (new - old) * value.stride
         for name in update.falling:
             for value, bit in slots.get(name, ()):
                 found = True
                 if not value.binary:
                     value.true &= ~bit
                     value.unknown &= ~bit
+                    if several is None:
+                        several = []
                     several.append(value)
-                elif digits[value.position] != value.negative:
-                    index += self._set(value, value.negative)
+                    continue
+                old, new = digits[value.position], value.negative
+                if old != new:
+                    digits[value.position] = new
+                    if old is None:
+                        self._missing -= 1
+                        old = 0
+                    index += (new - old) * value.stride
         if update.unknown:
-            several += self._forget(update.unknown)
-        if found or several:
-            self._publish(several, index, update.time)
+            several = [*(several or ()), *self._forget(update.unknown)]
+        if several is not None:
+            for value in several:
+                digit = self._evaluate(value, update.time)
+                if digit != digits[value.position]:
+                    index += self._set(value, digit)
+        elif not found:
+            return
+        if self._missing:
+            self._lost(update.time)
+        elif index != self._index or not self._known:
+            self._index = index
+            self._known = True
+            self._published.emit_last(State(update.time, index, tuple(digits)))
 
     def _set(self, value: _Value, digit: int | None) -> int:
         """Take a factor's value; return by how much the joint index changes."""
@@ -213,25 +240,6 @@ class StateLayer(Layer):
             value.true &= ~bit
             value.unknown |= bit
         return [value for value, _ in places]
-
-    def _publish(self, several: list[_Value], index: int, time: int) -> None:
-        """Publish the state, if it has changed, as the last thing of a turn's handler.
-
-        Args:
-            several: The factors that are yet to be evaluated.
-            index: The joint index by the others.
-            time: The stimulus'.
-        """
-        for value in several:
-            new = self._evaluate(value, time)
-            if new != self._digits[value.position]:
-                index += self._set(value, new)
-        if self._missing:
-            self._lost(time)
-        elif index != self._index or not self._known:
-            self._index = index
-            self._known = True
-            self._published.emit_last(State(time, index, tuple(self._digits)))
 
     def _evaluate(self, value: _Value, time: int) -> int | None:
         true, factor = value.true, value.factor

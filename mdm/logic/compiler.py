@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import ast
 from typing import TYPE_CHECKING, cast
+from weakref import WeakValueDictionary
 
 from mdm.logic.formula import And, Constant, Formula, Implies, Not, Or, P, Xor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from types import CodeType
 
 __all__ = ["CODES", "FALSE", "TRUE", "UNKNOWN", "compile_formula", "compile_hold", "compile_latch"]
 
@@ -24,6 +26,9 @@ _TABLES = {
     "XOR": tuple(UNKNOWN if UNKNOWN in pair else TRUE * (pair[0] != pair[1]) for pair in _PAIRS),
     "IMPLIES": tuple(max(TRUE - left, right) for left, right in _PAIRS),
 }
+_SCOPE: dict[str, object] = dict(_TABLES)
+# Networks that are alike, such as those of many robots, share their functions: what is shared stays in the cache.
+_FUNCTIONS: WeakValueDictionary[CodeType, Callable[[list[int]], int]] = WeakValueDictionary()
 _CONNECTIVES = {And: "AND", Or: "OR", Xor: "XOR", Implies: "IMPLIES"}
 
 
@@ -60,7 +65,11 @@ def compile_hold(formula: int, flag: int) -> Callable[[list[int]], int]:
 def _function(body: ast.expr) -> Callable[[list[int]], int]:
     arguments = ast.arguments(posonlyargs=[], args=[ast.arg("v")], kwonlyargs=[], kw_defaults=[], defaults=[])
     tree = ast.fix_missing_locations(ast.Expression(ast.Lambda(arguments, body)))
-    return cast("Callable[[list[int]], int]", eval(compile(tree, "<formula>", "eval"), dict(_TABLES)))  # noqa: S307
+    code = compile(tree, "<formula>", "eval")
+    found = _FUNCTIONS.get(code)
+    if found is None:
+        found = _FUNCTIONS[code] = cast("Callable[[list[int]], int]", eval(code, _SCOPE))  # noqa: S307
+    return found
 
 
 def _expression(formula: Formula, index: Mapping[str, int]) -> ast.expr:

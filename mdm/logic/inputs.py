@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mdm.errors import Error
-from mdm.logic.compiler import CODES
+from mdm.logic.compiler import CODES, TRUE
 from mdm.logic.declarations import similar
 from mdm.logic.memory import Memory
 
@@ -13,10 +13,28 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from mdm.logic.declarations import Declaration
+    from mdm.logic.plan import Plan
 
-__all__ = ["Inputs"]
+__all__ = ["Given", "Inputs"]
 
 _FEW = 8
+
+
+class Given:
+    """Values of inputs, or events, that are given together.
+
+    Args:
+        places: The place of each and the code of its value.
+
+    Attributes:
+        plan: What they touch, where all of them change; None where that is not known yet.
+    """
+
+    __slots__ = ("places", "plan")
+
+    def __init__(self, places: tuple[tuple[int, int], ...]) -> None:
+        self.places = places
+        self.plan: Plan | None = None
 
 
 class Inputs:
@@ -27,8 +45,8 @@ class Inputs:
         index: Their places.
 
     Attributes:
-        readings: Places and codes of values that were given before.
-        raisings: Places of events that were raised before.
+        readings: Values that were given before.
+        raisings: Events that were raised before.
     """
 
     __slots__ = ("_index", "_nodes", "raisings", "readings")
@@ -36,11 +54,11 @@ class Inputs:
     def __init__(self, nodes: Mapping[str, Declaration], index: Mapping[str, int]) -> None:
         self._nodes = nodes
         self._index = index
-        self.readings: Memory[Sequence[tuple[str, bool | None]], tuple[tuple[int, int], ...]] = Memory()
-        self.raisings: Memory[Sequence[str], tuple[int, ...]] = Memory()
+        self.readings: Memory[Sequence[tuple[str, bool | None]], Given] = Memory()
+        self.raisings: Memory[Sequence[str], Given] = Memory()
 
-    def read(self, inputs: Sequence[tuple[str, bool | None]]) -> tuple[tuple[int, int], ...]:
-        """Return the place and the code of each input's value, the last one of several.
+    def read(self, inputs: Sequence[tuple[str, bool | None]]) -> Given:
+        """Return what values of inputs mean, the last one of several for one.
 
         Raises:
             Error: If a name is unknown or not an input, or a value is not a truth value.
@@ -54,11 +72,11 @@ class Inputs:
                 places[self._index[name]] = CODES[value]
             except (KeyError, TypeError):
                 raise Error(f"predicate {name!r} is True, False or None (unknown), not {value!r}") from None
-        read = tuple(places.items())
+        read = Given(tuple(places.items()))
         return self.readings.keep(inputs, read) if isinstance(inputs, tuple) and len(inputs) <= _FEW else read
 
-    def raised(self, events: Sequence[str]) -> tuple[int, ...]:
-        """Return the place of each event, once.
+    def raised(self, events: Sequence[str]) -> Given:
+        """Return what events mean, each counted once.
 
         Raises:
             Error: If a name is unknown, or not an event that is raised from outside.
@@ -67,8 +85,20 @@ class Inputs:
             node = self._nodes.get(name)
             if node is None or node.kind != "event":
                 raise self._refusal(name)
-        raised = tuple(dict.fromkeys(self._index[name] for name in events))
+        raised = Given(tuple([(at, TRUE) for at in dict.fromkeys(self._index[name] for name in events)]))
         return self.raisings.keep(events, raised) if isinstance(events, tuple) and len(events) <= _FEW else raised
+
+    def together(self, inputs: Sequence[tuple[str, bool | None]], events: Sequence[str]) -> Given:
+        """Return what values of inputs and events mean that are given together.
+
+        Raises:
+            Error: As `read` and `raised` do.
+        """
+        if not events:
+            return self.read(inputs)
+        if not inputs:
+            return self.raised(events)
+        return Given((*self.read(inputs).places, *self.raised(events).places))
 
     def _refusal(self, name: str) -> Error:
         if name not in self._index:

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import msgspec
-
 from mdm.errors import Error
 from mdm.logic.compiler import FALSE, TRUE, UNKNOWN, compile_formula, compile_hold, compile_latch
 from mdm.logic.declarations import Declaration, Declarations
-from mdm.logic.inputs import Inputs
-from mdm.logic.memory import Memory
+from mdm.logic.inputs import Given, Inputs
+from mdm.logic.memory import MOST, Memory
+from mdm.logic.plan import Change, Plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,45 +23,7 @@ __all__ = ["Change", "Network"]
 _VALUE = (False, None, True)
 _FEW = 8
 _LONGEST = 64
-
-
-class Change(msgspec.Struct, frozen=True, gc=False):
-    """The changes of an update, by name: predicates that became true, false or unknown; events that occurred.
-
-    ``armed`` are the holds whose formula became true, which starts their time; ``disarmed`` those whose formula ceased
-    to be true. ``number`` tells changes that recur: equal numbers are equal changes; others have -1.
-    """
-
-    rising: tuple[str, ...] = ()
-    falling: tuple[str, ...] = ()
-    unknown: tuple[str, ...] = ()
-    events: tuple[str, ...] = ()
-    armed: tuple[str, ...] = ()
-    disarmed: tuple[str, ...] = ()
-    number: int = -1
-
-
-class _Plan:
-    """What a set of changes touches.
-
-    Attributes:
-        order: All that is downstream of them, in order.
-        dirty: What depends on them immediately.
-        formulas: What is downstream with its functions, if these are few and plain formulas: then to evaluate all is
-            quicker than to find out which must be.
-    """
-
-    __slots__ = ("dirty", "formulas", "order")
-
-    def __init__(
-        self,
-        order: tuple[int, ...],
-        dirty: frozenset[int],
-        formulas: tuple[tuple[int, Callable[[list[int]], int]], ...] | None,
-    ) -> None:
-        self.order = order
-        self.dirty = dirty
-        self.formulas = formulas
+_STAYS = 3
 
 
 class Network(Declarations):
@@ -70,7 +31,6 @@ class Network(Declarations):
 
     # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
     __slots__ = (
-        "_changes",
         "_plans",
         "_raisings",
         "_readings",
@@ -91,12 +51,11 @@ class Network(Declarations):
         self._rises: dict[int, int] = {}
         self._special: frozenset[int] = frozenset()
         self._ended: dict[int, tuple[int, ...]] = {}
-        # What recurs: inputs and events, by what was given; what changes touch; the changes that this makes.
+        # What recurs: inputs and events, by what was given; what changes touch, and how many changes this has made.
         self._inputs = Inputs(self._nodes, self._index)
         self._readings, self._raisings = self._inputs.readings, self._inputs.raisings
-        self._plans: Memory[tuple[int, ...], _Plan] = Memory()
-        self._changes: Memory[tuple[int, ...], Change] = Memory()
-        self._numbers = 0
+        self._plans: Memory[tuple[int, ...], Plan] = Memory()
+        self._kept = 0
 
     # -- Compilation ---------------------------------------------------------------------------------------------
 
@@ -178,8 +137,12 @@ class Network(Declarations):
             self._downstream[index] = order
         return order
 
-    def _plan(self, roots: tuple[int, ...]) -> _Plan:
-        """Return what changes of some nodes touch."""
+    def _plan(self, codes: tuple[int, ...]) -> Plan:
+        """Return what changes touch: four times a node's place, and its value, of each."""
+        found = self._plans.get(codes)
+        if found is not None:
+            return found
+        roots = tuple([code >> 2 for code in codes])
         if len(roots) == 1:
             order = self._below(roots[0])
         else:
@@ -190,7 +153,9 @@ class Network(Declarations):
         )
         functions = [(at, self._functions[at]) for at in order] if plain else []
         formulas = tuple((at, function) for at, function in functions if function is not None)
-        return _Plan(order, dirty, formulas if plain else None)
+        raised = tuple([at for at in roots if at in self._ended])
+        plan = Plan(codes, order, dirty, formulas if plain else None, raised)
+        return self._plans.keep(codes, plan) if _recurs(plan) else plan
 
     def _first(self) -> Change:
         order = tuple(index for index, function in enumerate(self._functions) if function is not None)
@@ -248,59 +213,72 @@ class Network(Declarations):
         Raises:
             Error: If a name is unknown or not an input, or a value is not a truth value; nothing is changed then.
         """
+        if elapsed:
+            return self._update_elapsed(inputs, events, elapsed)
         try:
-            places = self._readings[inputs]
+            if not events:
+                given = self._readings[inputs]
+            elif not inputs:
+                given = self._raisings[events]
+            else:
+                given = Given((*self._readings[inputs].places, *self._raisings[events].places))
         except (KeyError, TypeError):
-            places = self._inputs.read(inputs)
-        raised: tuple[int, ...] = ()
-        if events:
-            try:
-                raised = self._raisings[events]
-            except (KeyError, TypeError):
-                raised = self._inputs.raised(events)
+            given = self._inputs.together(inputs, events)
+        places = given.places
         values = self._values
-        changed: list[int] = []  # four times the node's place, and its value
+        changed: list[int] = []
         for at, code in places:
             if values[at] != code:
                 values[at] = code
                 changed.append(4 * at + code)
-        if elapsed:
-            return self._settle([*(code >> 2 for code in changed), *self._elapse(elapsed)], raised)
-        for at in raised:
-            values[at] = TRUE
-            changed.append(4 * at + TRUE)
         if not changed:
             return None
-        key = tuple(changed)
-        plan = self._plans.get(key)
-        if plan is None:
-            plan = self._plan(tuple([code >> 2 for code in key]))
-            if len(plan.order) <= _LONGEST and len(key) <= _LONGEST:
-                self._plans.keep(key, plan)
+        plan = given.plan
+        if plan is None or len(changed) != len(places):
+            plan = self._plan(tuple(changed))
+            if len(changed) == len(places) and _recurs(plan):
+                given.plan = plan
         if plan.formulas is None:
-            return self._settle([code >> 2 for code in changed[: len(changed) - len(raised)]], raised, plan)
+            return self._settle([code >> 2 for code in changed[: len(changed) - len(plan.raised)]], plan.raised, plan)
+        outcome = 0
         for at, function in plan.formulas:
             value = function(values)
             if value != values[at]:
                 values[at] = value
-                changed.append(4 * at + value)
-        for at in raised:
+                outcome = 4 * outcome + value
+            else:
+                outcome = 4 * outcome + _STAYS
+        for at in plan.raised:
             values[at] = FALSE
-        if plan.formulas:
-            key = tuple(changed)
-        change = self._changes.get(key)
-        return self._recurring(key) if change is None else change
+        change = plan.changes.get(outcome)
+        return self._recurring(plan, outcome) if change is None else change
 
-    def _recurring(self, key: tuple[int, ...]) -> Change:
-        """Return the change that nodes make: their places times four, with their values."""
-        recurs = len(key) <= _LONGEST
-        self._numbers += recurs
-        places = [code >> 2 for code in key]
-        changed = [at for at in places if at not in self._ended]
-        raised = [at for at in places if at in self._ended]
-        change = self._change(changed, raised, [], [], self._numbers if recurs else -1)
+    def _recurring(self, plan: Plan, outcome: int) -> Change:
+        """Return the change that comes of a plan with that outcome of its formulas, and remember it."""
+        changed = [code >> 2 for code in plan.codes if code >> 2 not in self._ended]
+        formulas = plan.formulas or ()
+        for power, (at, _) in zip(range(len(formulas) - 1, -1, -1), formulas, strict=True):
+            if outcome >> 2 * power & 3 != _STAYS:
+                changed.append(at)
+        change = self._change(changed, list(plan.raised), [], [])
         assert change is not None
-        return self._changes.keep(key, change) if recurs else change
+        if self._kept >= MOST:
+            self._kept = 0
+            for memory in (self._plans, self._readings, self._raisings):
+                memory.clear()
+        self._kept += 1
+        plan.changes[outcome] = change
+        return change
+
+    def _update_elapsed(
+        self, inputs: Sequence[tuple[str, bool | None]], events: Sequence[str], elapsed: Sequence[str]
+    ) -> Change | None:
+        """As `update`, where the time of holds ends."""
+        places, raised = self._inputs.read(inputs).places, self._inputs.raised(events).places
+        changed = [at for at, code in places if self._values[at] != code]
+        for at, code in places:
+            self._values[at] = code
+        return self._settle([*changed, *self._elapse(elapsed)], tuple([at for at, _ in raised]))
 
     def _elapse(self, holds: Sequence[str]) -> list[int]:
         """End the time of holds; return the places that have changed."""
@@ -310,7 +288,7 @@ class Network(Declarations):
             self._values[flag] = TRUE
         return changed
 
-    def _settle(self, changed: list[int], given: tuple[int, ...], plan: _Plan | None = None) -> Change | None:
+    def _settle(self, changed: list[int], given: tuple[int, ...], plan: Plan | None = None) -> Change | None:
         """Update everything downstream of changed inputs and raised events; return the change."""
         for at in given:
             self._values[at] = TRUE
@@ -318,7 +296,7 @@ class Network(Declarations):
         if not changed and not raised:
             return None
         if plan is None:
-            plan = self._plan((*changed, *given))
+            plan = self._plan(tuple([4 * at + self._values[at] for at in (*changed, *given)]))
         armed: list[str] = []
         disarmed: list[str] = []
         if plan.dirty:
@@ -371,9 +349,7 @@ class Network(Declarations):
             for formula in self._ended[at]:
                 values[formula] = self._functions[formula](values)  # type: ignore[misc]
 
-    def _change(
-        self, changed: list[int], raised: list[int], armed: list[str], disarmed: list[str], number: int = -1
-    ) -> Change | None:
+    def _change(self, changed: list[int], raised: list[int], armed: list[str], disarmed: list[str]) -> Change | None:
         rising: list[str] = []
         falling: list[str] = []
         unknown: list[str] = []
@@ -392,5 +368,9 @@ class Network(Declarations):
             tuple([str(names[at]) for at in raised]) if raised else (),
             tuple(armed),
             tuple(disarmed),
-            number,
         )
+
+
+def _recurs(plan: Plan) -> bool:
+    """Whether a plan is short enough to be kept."""
+    return len(plan.order) <= _LONGEST and len(plan.codes) <= _LONGEST

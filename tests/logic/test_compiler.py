@@ -31,6 +31,13 @@ def test_it_looks_at_its_own_places_alone():
         compile_formula(P("c"), {"a": 0})
 
 
+def test_equal_formulas_over_equal_places_are_one_function():
+    first = compile_formula(P("a") & ~P("b"), {"a": 0, "b": 1})
+    assert compile_formula(P("x") & ~P("y"), {"x": 0, "y": 1}) is first
+    assert compile_formula(P("a") & ~P("b"), {"a": 1, "b": 0}) is not first
+    assert compile_formula(P("a") | ~P("b"), {"a": 0, "b": 1}) is not first
+
+
 @pytest.mark.parametrize("own", [FALSE, TRUE])
 def test_a_latch_turns_on_and_off_and_off_wins(own):
     latch = compile_latch(P("on"), P("off"), {"on": 0, "off": 1}, 2)

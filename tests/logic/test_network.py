@@ -131,7 +131,8 @@ def test_agrees_with_a_plain_recomputation(described, data):
         new = data.draw(st.lists(st.tuples(st.sampled_from(sorted(inputs)), values), max_size=3))
         fired = data.draw(st.lists(st.sampled_from(events), max_size=2, unique=True)) if events else []
         elapsed = sorted(name for name in armed if data.draw(st.booleans())) if holds else []
-        change = network.update(new, fired, elapsed)
+        as_given = data.draw(st.sampled_from([list, tuple]))  # of tuples what recurs is remembered
+        change = network.update(as_given(new), as_given(fired), elapsed)
         expected, raised = plain.update(dict(new), fired, elapsed)
         seen = {}
         if change is not None:

@@ -17,7 +17,6 @@ from mdm.actors.predicates.follower import Follower
 from mdm.actors.predicates.sensor import EventSource, Sensor, truth
 from mdm.errors import ConfigError, Error
 from mdm.logic import Formula, Network, parse
-from mdm.logic.memory import Memory
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdate
 from mdm.runtime import Actor
 from mdm.runtime.channel import Topics
@@ -66,9 +65,7 @@ class PredicateManager(Actor):
         "_network",
         "_now",
         "_raised",
-        "_raisings",
         "_senses",
-        "_told",
         "action_ends",
         "events",
         "map",
@@ -101,9 +98,6 @@ class PredicateManager(Actor):
         self._home: Runtime | None = None
         self.action_ends: frozenset[str] = frozenset()
         self._first_events: EventUpdate | None = None
-        # Who hears of changes that recur, by their numbers: of predicates alone, and of events alone.
-        self._told: Memory[int, Topics] = Memory()
-        self._raisings: Memory[int, Topics] = Memory()
 
     # -- Declarations --------------------------------------------------------------------------------------------
 
@@ -311,8 +305,6 @@ class PredicateManager(Actor):
         if self._begun:
             self._backlog.expire(now, self._max_age)
         self._network = self.network()
-        self._told.clear()
-        self._raisings.clear()
         for name in self._max_age:
             self._seen[name] = self._backlog.told(name, now) if self._begun else now
         self._backlog.clear()
@@ -390,18 +382,16 @@ class PredicateManager(Actor):
 
     def _publish(self, time: int, change: Change) -> None:
         """Tell what has changed, as the last thing that a turn's handler does."""
-        topics = self._told.get(change.number)
-        if topics is not None and not self.map.heard:  # hot path: predicates alone have changed, as often before
+        topics: Topics | None = change.noted
+        if topics is None or self.map.heard:
+            self._publish_both(time, change)
+        elif change.events:  # hot path: events alone, as often before
+            self._event_counter = counter = self._event_counter + 1
+            self.events.emit_last_on(EventUpdate(time, counter, change.events), topics)
+        else:  # hot path: predicates alone have changed, as often before
             self._counter = counter = self._counter + 1
             message = PredicateUpdate(time, counter, change.rising, change.falling, change.unknown)
             self.updates.emit_last_on(message, topics)
-            return
-        topics = self._raisings.get(change.number)
-        if topics is not None:  # the same for events
-            self._event_counter = counter = self._event_counter + 1
-            self.events.emit_last_on(EventUpdate(time, counter, change.events), topics)
-            return
-        self._publish_both(time, change)
 
     def _publish_both(self, time: int, change: Change) -> None:
         """Publish a change of predicates, of holds, and events; what recurs is quicker from now on."""
@@ -422,11 +412,8 @@ class PredicateManager(Actor):
         if events:
             self._event_counter = counter = self._event_counter + 1
             self.events.emit_on(EventUpdate(time, counter, events), raised)
-        if change.number >= 0:
-            if not events:
-                self._told.keep(change.number, moved)
-            elif not moved.names:
-                self._raisings.keep(change.number, raised)
+        if not (change.armed or change.disarmed or (events and moved.names)):
+            change.noted = raised if events else moved
 
     def _arm(self, name: str, since: int) -> None:
         def held() -> None:

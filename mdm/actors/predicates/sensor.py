@@ -37,12 +37,14 @@ class Sensor:
         manager: Its predicate manager.
     """
 
-    __slots__ = ("_manager", "_readings", "name")
+    __slots__ = ("_false", "_manager", "_true", "_unknown", "name")
 
     def __init__(self, name: str, manager: PredicateManager) -> None:
         self.name = name
         self._manager = manager
-        self._readings: dict[bool | None, Reading] = {value: ((name, value),) for value in (True, False, None)}
+        self._true: Reading = ((name, True),)
+        self._false: Reading = ((name, False),)
+        self._unknown: Reading = ((name, None),)
 
     def set(self, value: bool | np.bool_ | None) -> None:
         """Say whether the predicate holds; None says that it is unknown.
@@ -52,7 +54,7 @@ class Sensor:
         """
         if value is not True and value is not False and value is not None:
             value = truth(self.name, value)
-        self._manager.take(self._readings[value])
+        self._manager.take(self._true if value is True else self._false if value is False else self._unknown)
 
     @property
     def value(self) -> bool | None:

@@ -73,6 +73,7 @@ ACROSS = {
     "team/test_sweep.py": "that larger searches find what small ones do",
     "test_benchmarks.py": "programs beside the package",
     "test_examples.py": "programs beside the package",
+    "test_trees_and_machines.py": "programs beside the package: trees and state machines as actions",
     "test_documentation.py": "pages",
     "test_docstrings.py": "docstrings",
     "test_public.py": "the public names",

@@ -1,0 +1,62 @@
+"""The tasks of a tree's leaves: what one leaf has begun ends before another begins."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+
+class Tasks:
+    """What the leaves of a tree have begun.
+
+    A tree halts one leaf and starts another within a tick, while the work of the first may take its time to end, as a
+    robot that brakes. So work begins when all that was cancelled has ended.
+    """
+
+    def __init__(self) -> None:
+        self._tasks: set[asyncio.Task[object]] = set()
+        self._change = asyncio.Event()
+
+    def begin(self, work: Callable[[], Awaitable[object]]) -> asyncio.Task[object]:
+        """Run an async function as a task."""
+        task = asyncio.create_task(self._run(work))
+        self._tasks.add(task)
+        task.add_done_callback(self._ended)
+        return task
+
+    async def _run(self, work: Callable[[], Awaitable[object]]) -> object:
+        while ending := [task for task in self._tasks if task.cancelling()]:
+            await asyncio.wait(ending)
+        return await work()
+
+    def _ended(self, task: asyncio.Task[object]) -> None:
+        self._change.set()
+        if task.cancelled() or task.exception() is None:
+            self._tasks.discard(task)
+
+    async def change(self, period: float | None) -> None:
+        """Wait until work has ended, so that a tick makes sense, or so many seconds have passed.
+
+        Raises:
+            RuntimeError: If there is nothing to wait for.
+        """
+        if period is None and not self._tasks:
+            raise RuntimeError("the tree runs, but none of its leaves waits for work: give it a period")
+        try:
+            async with asyncio.timeout(period):
+                await self._change.wait()
+        except TimeoutError:
+            pass
+        self._change.clear()
+
+    async def end(self) -> None:
+        """Cancel all work, wait until it has ended, and raise what was raised on the way."""
+        for task in self._tasks:
+            cancel(task)
+        for result in await asyncio.gather(*self._tasks, return_exceptions=True):
+            if isinstance(result, Exception):
+                raise result
+
+
+def cancel(task: asyncio.Task[object]) -> None:
+    """Cancel a task once: a second time would cut off what it does to come to its end."""
+    if not task.cancelling():
+        task.cancel()

@@ -18,16 +18,19 @@ from mdm.views.grid import action_colours
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mdm.models import MDP
+    from mdm.models import MDP, Space
     from mdm.models.matrices import Vector
     from mdm.simulation.episodes import EpisodeStep
 
-__all__ = ["belief_figure", "two_state_figure"]
+__all__ = ["belief_figure", "state_name", "two_state_figure"]
 
 _POINTS = 401
 _EPISODES = 20
 _STEPS = 50
 _LIKELY = 6
+_PAIRS = 50
+_FEW = 11
+"""Pairs of states that are tried, and beliefs in a pair."""
 _ROWS = 25
 _NAMED = 30
 """Number of decisions up to which actions and observations are labelled."""
@@ -39,7 +42,8 @@ def two_state_figure(model: MDP, policy: Any, states: Sequence[str] | None, seed
     Args:
         model: The model.
         policy: The policy.
-        states: The two states; by default those that share most belief in simulated episodes.
+        states: The two states; by default those that share most belief in simulated episodes, of states between
+            which the action changes if there are such.
         seed: Seed of these episodes.
     """
     if states is None:
@@ -53,7 +57,7 @@ def two_state_figure(model: MDP, policy: Any, states: Sequence[str] | None, seed
     beliefs[:, pair[0]], beliefs[:, pair[1]] = 1 - shares, shares
     values = np.array([policy.value(belief) for belief in beliefs])
     actions = np.array([policy.action(belief) for belief in beliefs])
-    names = [model.state_space.names[state] for state in pair]
+    names = [state_name(model.state_space, state) for state in pair]
     figure, axes = pyplot().subplots(figsize=(8, 5))
     colours, handles = action_colours(model, sorted(set(actions.tolist())))
     edges = np.flatnonzero(np.diff(actions)) + 1
@@ -77,7 +81,7 @@ def two_state_figure(model: MDP, policy: Any, states: Sequence[str] | None, seed
 
 
 def _most_confused_pair(model: MDP, policy: Any, seed: int) -> tuple[int, int]:
-    """Return the two states with the greatest mean product of beliefs."""
+    """Return the two states with the greatest mean product of beliefs between which the action changes, or of all."""
     shared: defaultdict[tuple[int, int], float] = defaultdict(float)
     run = EpisodeRunner(model, policy)
     for stream in np.random.SeedSequence(seed).spawn(_EPISODES):
@@ -86,10 +90,20 @@ def _most_confused_pair(model: MDP, policy: Any, seed: int) -> tuple[int, int]:
             likely = sorted(np.argsort(-belief, kind="stable")[:_LIKELY].tolist())
             for one, other in combinations(likely, 2):
                 shared[one, other] += float(belief[one] * belief[other])
-    pair = max(shared, key=shared.__getitem__, default=None)
-    if pair is None or not shared[pair] > 0:
+    pairs = [pair for pair in sorted(shared, key=lambda pair: -shared[pair]) if shared[pair] > 0]
+    if not pairs:
         raise Error("this model's state is always certain: name two states with --states")
-    return pair
+    return next((pair for pair in pairs[:_PAIRS] if _changes(model, policy, pair)), pairs[0])
+
+
+def _changes(model: MDP, policy: Any, pair: tuple[int, int]) -> bool:
+    """Return whether the action changes between two states."""
+    belief = np.zeros(len(model.state_space))
+    actions = set()
+    for share in np.linspace(0, 1, _FEW):
+        belief[pair[0]], belief[pair[1]] = 1 - share, share
+        actions.add(policy.action(belief))
+    return len(actions) > 1
 
 
 def belief_figure(model: MDP, policy: Any, steps: int, seed: int) -> Any:
@@ -117,15 +131,14 @@ def belief_figure(model: MDP, policy: Any, steps: int, seed: int) -> Any:
     kept = np.sort(np.argsort(-peak, kind="stable")[: min(_ROWS, int((peak > 1e-3).sum()))])
     width = 0.32 * len(moments) + 2
     figure, axes = pyplot().subplots(figsize=(float(np.clip(width, 6, 16)), 0.3 * len(kept) + 2))
-    shades = axes.imshow(beliefs[kept], cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    shades = axes.imshow(beliefs[kept], cmap="Blues", vmin=0, vmax=float(beliefs.max()), aspect="auto")
     figure.colorbar(shades, ax=axes, fraction=0.04, pad=0.02, label="probability")
     shown = np.isin(true, kept)
     axes.plot(
         np.flatnonzero(shown), np.searchsorted(kept, true[shown]), "o", ms=5, mfc="none", mec="C3", label="true state"
     )
     axes.legend(loc="lower right", bbox_to_anchor=(1, 1.01), frameon=False, fontsize=8)
-    names = model.state_space.names
-    axes.set_yticks(range(len(kept)), [names[int(state)] for state in kept], fontsize=8)
+    axes.set_yticks(range(len(kept)), [state_name(model.state_space, int(state)) for state in kept], fontsize=8)
     if len(moments) <= _NAMED:
         acts, sights = model.action_space.names, model.observation_space.names
         labels = [
@@ -137,6 +150,14 @@ def belief_figure(model: MDP, policy: Any, steps: int, seed: int) -> Any:
     else:
         axes.set_xlabel("decision")
     return figure
+
+
+def state_name(space: Space, state: int) -> str:
+    """Return the name of a state; of several factors each with its own name."""
+    if len(space.factors) == 1:
+        return space.names[state]
+    pairs = zip(space.factors, space.unravel(state), strict=True)
+    return ", ".join(f"{factor.name}={factor.names[value]}" for factor, value in pairs)
 
 
 def _dense(belief: Vector | Support | None, model: MDP) -> Vector:

@@ -19,9 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["action_colours", "grid_figure"]
 
-_NAMED = 150
-"""Number of cells up to which short names of actions are written into them."""
-_SHORT = 6
+_LETTER, _LINE = 4.8, 10.0
+"""The width of a letter and the height of a line, in points: names of actions stand in the cells that they fit into."""
 _TICKS = 30
 _ARROWS = {"north": "↑", "up": "↑", "south": "↓", "down": "↓", "east": "→", "right": "→", "west": "←", "left": "←"}
 
@@ -67,11 +66,11 @@ def grid_figure(model: MDP, policy: Any, axes: Sequence[str] | None, columns: in
     right.imshow(image, aspect="auto")
     right.set_title("action", fontsize=10)
     right.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False, fontsize=8)
-    if states.size <= _NAMED:
-        for row, column in zip(*np.nonzero(used), strict=True):
-            name = _arrow(model.action_space.names[actions[row, column]])
-            if len(name) <= _SHORT:
-                right.text(column, row, name, ha="center", va="center", fontsize=8)
+    wide, high = 72 * (size[0] - 2.5) / 2 / width, 72 * (size[1] - 1) / rows
+    for row, column in zip(*np.nonzero(used), strict=True):
+        name = _arrow(model.action_space.names[actions[row, column]])
+        if high >= _LINE and wide >= max(_LINE, _LETTER * len(name)):
+            right.text(column, row, name, ha="center", va="center", fontsize=8)
     for each in (left, right):
         _label(each, labels)
     right.set_ylabel("")

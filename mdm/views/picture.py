@@ -16,6 +16,8 @@ __all__ = ["draw"]
 _COLOURS = {"state": "#cfe2f3", "next_state": "#cfe2f3", "action": "#f9cb9c", "observation": "#d9ead3"}
 _REWARD = "#fff2cc"
 _WIDTH = 5.0
+_GAP, _APART = 0.2, 0.09
+"""Half the room between two boxes, and how far arrows through it are apart."""
 
 
 def draw(network: TwoSliceNetwork, path: str) -> None:
@@ -44,13 +46,48 @@ def draw(network: TwoSliceNetwork, path: str) -> None:
     figure.canvas.draw()  # boxes have no size before this
     inverse = axes.transData.inverted()
     spans = {name: box.get_bbox_patch().get_window_extent().transformed(inverse) for name, box in boxes.items()}
-    for child, parent in _edges(network):
+    edges = _edges(network)
+    far = [(child, parent) for child, parent in edges if places[child][0] - places[parent][0] > _WIDTH]
+    middle = (min(spans[name].x0 for name in columns[1]), max(spans[name].x1 for name in columns[1]))
+    heights = _heights(far, places, [places[name][1] for name in columns[1]])
+    for child, parent in edges:
         same = places[child][0] == places[parent][0]
         start = (spans[parent].x0 if same else spans[parent].x1, places[parent][1])
-        arrow = {"arrowstyle": "-|>", "color": "#888888", "shrinkA": 1, "shrinkB": 1}
+        if (child, parent) in heights:
+            start = _pass(axes, start, middle, heights[child, parent])
+        arrow = {"arrowstyle": "-|>", "color": "#888888", "shrinkA": 0, "shrinkB": 1}
         arrow["connectionstyle"] = f"arc3,rad={0.4 if same else 0.04}"
         axes.annotate("", xy=(spans[child].x0, places[child][1]), xytext=start, arrowprops=arrow, zorder=1)
     keep(figure, path)
+
+
+def _heights(
+    edges: list[tuple[Any, Any]], places: dict[Any, tuple[float, float]], rows: list[float]
+) -> dict[tuple[Any, Any], float]:
+    """Return the height at which each edge over the middle column passes between its boxes, side by side."""
+    gaps: dict[float, list[tuple[Any, Any]]] = {}
+    free = [max(rows) + 0.5, *(row - 0.5 for row in rows)]
+    for child, parent in edges:
+        straight = (places[child][1] + places[parent][1]) / 2
+        gaps.setdefault(min(free, key=lambda gap: abs(gap - straight)), []).append((child, parent))
+    heights: dict[tuple[Any, Any], float] = {}
+    for gap, those in gaps.items():
+        those.sort(key=lambda edge: -places[edge[1]][1])
+        apart = min(_APART, 2 * _GAP / len(those))
+        heights |= {edge: gap + ((len(those) - 1) / 2 - place) * apart for place, edge in enumerate(those)}
+    return heights
+
+
+def _pass(axes: Any, start: tuple[float, float], middle: tuple[float, float], height: float) -> tuple[float, float]:
+    """Draw a line past the middle column at a height; return where it ends."""
+    from matplotlib.patches import PathPatch  # noqa: PLC0415 - an extra
+    from matplotlib.path import Path  # noqa: PLC0415
+
+    (first, last), half = middle, (start[0] + middle[0]) / 2
+    points = [start, (half, start[1]), (half, height), (first, height), (last, height)]
+    codes = [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4, Path.LINETO]
+    axes.add_patch(PathPatch(Path(points, codes), edgecolor="#888888", facecolor="none", lw=1.0, zorder=1))
+    return last, height
 
 
 def _columns(network: TwoSliceNetwork) -> list[dict[Any, tuple[str, str]]]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from places import TIGER, TIGER_VECTORS
+from places import EXAMPLES, TIGER, TIGER_VECTORS
 
 from mdm import BeliefTracker, Error, ModelError, load_model, load_policy
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors
-from mdm.views.belief import belief_figure, two_state_figure
+from mdm.views.belief import belief_figure, state_name, two_state_figure
 
 pytest.importorskip("matplotlib")
 
@@ -48,3 +48,32 @@ def test_two_states_are_named_or_told_apart_by_nothing():
     seen = POMDP([np.eye(2)], [np.eye(2)], [[1.0], [0]], discount=0.5, initial_belief=[1, 0])
     with pytest.raises(Error, match="state is always certain: name two states"):
         two_state_figure(seen, AlphaVectors([[2.0, 0]], [0], 1), None, 0)
+
+
+def test_states_of_several_factors_are_told_with_their_names():
+    model = load_model(EXAMPLES / "patrol" / "rooms.pomdpx")
+    policy = load_policy(EXAMPLES / "patrol" / "rooms.vf", model)
+    axes = belief_figure(model, policy, 5, 1).axes[0]
+    told = [label.get_text() for label in axes.get_yticklabels()]
+    assert "robot=Lobby, fire=nowhere" in told
+    assert state_name(model.state_space, 1) == "robot=Lobby, fire=Lobby"
+    assert (
+        "belief in 'robot=Lobby, fire=nowhere'" in two_state_figure(model, policy, ["1", "0"], 0).axes[0].get_xlabel()
+    )
+
+
+def test_shades_go_up_to_the_largest_belief():
+    size = 100
+    model = POMDP([np.eye(size)], [np.ones((size, 1))], np.ones((size, 1)), discount=0.5)
+    image = belief_figure(model, AlphaVectors([[2.0] * size], [0], 1), 4, 0).axes[0].images[0]
+    assert image.get_clim() == pytest.approx((0, 1 / size))
+
+
+def test_states_between_which_the_action_changes_are_drawn():
+    """Of the pairs that share most belief all choose the same action; another pair tells more."""
+    start = [0.3, 0.3, 0.25, 0.15]
+    model = POMDP([np.eye(4)] * 2, [np.ones((4, 1))] * 2, np.ones((4, 2)), discount=0.5, initial_belief=start)
+    policy = AlphaVectors([[5.0, 5, 5, 0], [0, 0, 0, 9]], [0, 1], 2)
+    assert "'3'" in two_state_figure(model, policy, None, 0).axes[0].get_xlabel()
+    same = AlphaVectors([[5.0, 5, 5, 5]], [0], 2)
+    assert two_state_figure(model, same, None, 0).axes[0].get_xlabel() == "belief in '1', the rest in '0'"

@@ -8,6 +8,8 @@ from drawn import grid
 from places import TIGER, TIGER_VECTORS
 
 from mdm import ModelError, load_model, load_policy
+from mdm.models import MDP
+from mdm.policies import DeterministicPolicy
 from mdm.solvers import exact_values
 from mdm.views.grid import action_colours, grid_figure
 
@@ -54,3 +56,14 @@ def test_each_action_has_a_colour_of_its_own():
 def test_axes_that_are_no_two_factors_are_refused(tmp_path, axes, words):
     with pytest.raises(ModelError, match=words):
         grid_figure(*grid(tmp_path), axes, None)
+
+
+def test_names_of_actions_stand_where_there_is_room():
+    def names(width):
+        model = MDP([np.eye(2 * width)] * 2, np.ones((2 * width, 2)), discount=0.5, actions=["GoToTheOffice", "up"])
+        policy = DeterministicPolicy([0] * width + [1] * width, 2)
+        return [text.get_text() for text in grid_figure(model, policy, None, width).axes[1].texts]
+
+    assert names(2) == ["GoToTheOffice"] * 2 + ["↑"] * 2
+    assert names(15) == ["↑"] * 15
+    assert names(200) == []

@@ -114,7 +114,10 @@ class Limits:
 
     def part(self, share: float) -> Callable[[], bool]:
         """Return a function that tells whether there is time left of a share of what remains now."""
-        end = self.seconds + share * self.remaining
+        return self.until(self.seconds + share * self.remaining)
+
+    def until(self, end: float) -> Callable[[], bool]:
+        """Return a function that tells whether so many seconds of the run have not passed yet."""
         return lambda: not self._interrupted and self.seconds < end
 
     @property

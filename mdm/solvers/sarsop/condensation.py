@@ -13,6 +13,7 @@ choose among.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -61,10 +62,17 @@ class Vectors(NamedTuple):
 
 
 class Condensed(NamedTuple):
-    """The vectors of a plan, and the plan's value at the initial belief."""
+    """A plan.
+
+    Attributes:
+        vectors: Its nodes.
+        lower: Its value at the initial belief.
+        followers: The nodes that may follow each node.
+    """
 
     vectors: Vectors
     lower: float
+    followers: list[Indices]
 
 
 class _Steps(NamedTuple):
@@ -123,10 +131,12 @@ class Controller:
         after = self._after[nodes][:, steps.observations]
         return np.where(after >= 0, after, self._defaults[steps.blocks])
 
-    def visits(self, start: Vector, before: Vector | None = None) -> Vector:
+    def visits(self, start: Vector, before: Vector | None, goes_on: Callable[[], bool]) -> Vector:
         """Return the discounted number of visits to each state with each node, N x Y, as far as some steps tell."""
         visits = start if before is None else before
         for _ in range(_PUSHES):
+            if not goes_on():
+                break
             ahead: Vector = start.ravel().copy()
             for group, steps, _, _ in self._groups(np.flatnonzero(visits.any(axis=1))):
                 weights = self._layout.discount * (steps.transposed @ visits[group].T).T
@@ -176,6 +186,14 @@ class Controller:
         near = scores[rows, other] >= scores[rows, best] - slack * seen.sum(axis=1)
         return np.asarray(nodes[np.where(near, other, best)])
 
+    def followers(self) -> list[Indices]:
+        """Return the nodes that may follow each node."""
+        result = [np.empty(0, dtype=np.intp)] * len(self._after)
+        for group, steps, _, _ in self._groups(np.arange(len(self._after))):
+            for node, after in zip(group.tolist(), self._followers(group, steps), strict=True):
+                result[node] = np.unique(after)
+        return result
+
     def reached(self, roots: Indices) -> Controller:
         """Return the controller of some nodes and all that may follow them, with those of blocks by default."""
         kept = np.zeros(len(self._after), dtype=np.bool_)
@@ -193,8 +211,11 @@ class Controller:
         result._steps = self._steps
         return result
 
-    def evaluated(self) -> Vectors:
-        """Return the vectors with lower bounds of the nodes' own values, near to them where the system is solved."""
+    def evaluated(self, goes_on: Callable[[], bool] = lambda: True) -> Vectors:
+        """Return the vectors with lower bounds of the nodes' own values, near to them where the system is solved.
+
+        Where it may not go on, the bounds are those that begin it, with what is lost for ever.
+        """
         from scipy.sparse.linalg import LinearOperator, bicgstab  # noqa: PLC0415 - slow to import
 
         begin = self._vectors.values
@@ -211,8 +232,14 @@ class Controller:
 
         system = LinearOperator((begin.size, begin.size), matvec=lambda x: x - ahead(x), dtype=np.float64)
         close = _CLOSE * (1 - discount)
-        with np.errstate(all="ignore"):  # it may break down
-            found, _ = bicgstab(system, rewards, x0=begin.ravel(), rtol=close, atol=0.0, maxiter=_ITERATIONS)
+
+        def check(_: Vector) -> None:
+            if not goes_on():
+                raise TimeoutError
+
+        found = begin.ravel()
+        with np.errstate(all="ignore"), suppress(TimeoutError):  # it may break down
+            found, _ = bicgstab(system, rewards, x0=found, rtol=close, atol=0.0, maxiter=_ITERATIONS, callback=check)
         if not np.isfinite(found).all():
             found = begin.ravel()
         least = 0.0
@@ -220,6 +247,8 @@ class Controller:
             backed = rewards + ahead(found)
             least = float((backed - found).min())
             found = backed
+            if not goes_on():
+                break
         # What a backup lowers by no more than so much is a bound when it is lowered by that for ever.
         loss = min(0.0, discount * least / (1 - discount)) - _ROUNDING * float(np.abs(found).max())
         return self._vectors._replace(values=(found + loss).reshape(begin.shape))
@@ -267,6 +296,7 @@ def condensed(
     *,
     slack: float,
     goes_on: Callable[[], bool] = lambda: True,
+    evaluates_on: Callable[[], bool] = lambda: True,
 ) -> Condensed:
     """Return the vectors of a small plan.
 
@@ -277,18 +307,20 @@ def condensed(
         start: The initial belief, X x Y: a row for each block.
         roots: The best vector in each block of the initial belief.
         slack: What may be lost at a belief for a vector less.
-        goes_on: False ends it.
+        goes_on: False ends the search for a plan.
+        evaluates_on: False ends the evaluation of the one that was found.
     """
     controller = Controller(layout, vectors, defaults)
     begin = np.zeros_like(vectors.values)
     begin[roots] = start[vectors.blocks[roots]]
     visits: Vector | None = None
     for _ in range(_ROUNDS):
-        visits = controller.visits(begin, visits)
+        visits = controller.visits(begin, visits, goes_on)
         if not controller.choose(visits, slack, goes_on) or not goes_on():
             break
-    found = controller.reached(roots).evaluated()
+    reached = controller.reached(roots)
+    found = reached.evaluated(evaluates_on)
     lower = 0.0
     for block in np.flatnonzero(start.any(axis=1)):
         lower += float((found.values[found.blocks == block] @ start[block]).max())
-    return Condensed(found, lower)
+    return Condensed(found, lower, reached.followers())

@@ -30,7 +30,7 @@ from mdm.solvers.bounds import blind_values, informed_values
 from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.undiscounted import remedy
-from mdm.solvers.sarsop.condensation import Vectors, condensed
+from mdm.solvers.sarsop.condensation import Condensed, Vectors, condensed
 from mdm.solvers.sarsop.graph import (
     LINKS,
     NODES,
@@ -65,6 +65,12 @@ _LEAST_VECTORS = 200
 _LEAST_NODES = 50_000
 _CONDENSATION = 0.5, 0.1
 """The seconds, and the part of the time so far, that a policy may take to be made small: the larger of them."""
+_FIRST_PLAN, _LEAST_PLAN = 1.0, 0.1
+"""The seconds before a plan is looked for, and that the search for one may take at least."""
+_PLANS = 0.1
+"""The part of the time that goes into plans; a fourth of it where they are of no use."""
+_GAIN = 1e-3
+"""What a plan must raise the lower bound by, as a share of the gap, to be taken into the search."""
 _SHORT = 1.0
 """The seconds that a small model has to be solved in by plain Python before compiled code is called for."""
 _SMALL = 5_000
@@ -82,8 +88,9 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
     Args:
         model: The model; its observations tell of states or are events. Factored ones are flattened.
         limits: When to stop, and where to report.
-        whole: Whether the policy has all vectors that its value was built from. By default it has the few that a good
-            plan uses, with values that hold for these alone: it is certified anew, and its lower bound is no worse.
+        whole: Whether the policy has all vectors that its value was built from, by backups alone. By default plans are
+            looked for beside these, which raises the lower bound sooner, and the policy has the few vectors that a good
+            plan uses, with values that hold for these alone: it is certified anew.
 
     Raises:
         ModelError: If the discount is 1.
@@ -98,6 +105,8 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
         while not run.ends(lower, upper, iterations=search.backups, size=search.size):
             search.compile(run)
             search.run(run)
+            if not whole:
+                search.condense(run)
             lower, upper = search.bounds()
             if run.gap < upper - lower <= search.rounding:
                 run.reason = "converged"
@@ -159,6 +168,7 @@ class _Search:
         self._room = np.array([room[count] for count in range(8)], dtype=np.int64)
         self.backups = 0
         self._budget = 16
+        self._next_plan, self._share = _FIRST_PLAN, _PLANS
         self._start(blind)
         self._kept_vectors = self.size
         self._kept_points = 0
@@ -270,14 +280,16 @@ class _Search:
             self._roots = forget_nodes(self._graph, self._roots)
             self._kept_nodes = int(counts[NODES])
         if self.size > 1.5 * self._kept_vectors + _LEAST_VECTORS:
-            lower, upper = self.bounds()
-            slack = min(1e-2 * goal, 1e-5 * (upper - lower))
-            kept = needed_vectors(self._graph, self._layout, self._roots, slack)
-            prune_vectors(self._graph, self._layout, kept)
-            self._kept_vectors = self.size
+            self._prune_vectors(goal)
         if counts[POINTS] > 1.5 * self._kept_points + _LEAST_VECTORS:
             prune_points(self._graph)
             self._kept_points = int(counts[POINTS])
+
+    def _prune_vectors(self, goal: float) -> None:
+        lower, upper = self.bounds()
+        slack = min(1e-2 * goal, 1e-5 * (upper - lower))
+        prune_vectors(self._graph, self._layout, needed_vectors(self._graph, self._layout, self._roots, slack))
+        self._kept_vectors = self.size
 
     def whole(self) -> Vectors:
         """Return the best vectors at the roots, and all that they are made of.
@@ -291,8 +303,43 @@ class _Search:
         needed[graph.default_vector] = True
         return self._vectors(np.flatnonzero(parts_of(graph, needed)))
 
+    def condense(self, limits: Limits) -> None:
+        """Add the vectors of a good plan, with the values that they have there, for a part of the time."""
+        began = limits.seconds
+        if began < self._next_plan:
+            return
+        lower, upper = self.bounds()
+        found = self._plan(limits, _FEWER[1] * (upper - lower), max(_LEAST_PLAN, _PLANS * began))
+        gains = found is not None and found.lower > lower + _GAIN * (upper - lower)
+        if found is not None and gains:
+            self._add(found)
+            self._prune_vectors(limits.gap)
+        # Where plans are of no use, less and less time goes into them.
+        self._share = _PLANS if gains else max(self._share / 2, _PLANS / 4)
+        self._next_plan = limits.seconds + (limits.seconds - began) / self._share
+
+    def _add(self, plan: Condensed) -> None:
+        first = int(self._graph.counts[VECTORS])
+        for values, action, block, followers in zip(*plan.vectors, plan.followers, strict=True):
+            self._grow()
+            vector = self._steps.add_vector(self._layout, self._graph, int(block), int(action))
+            self._link(vector, first + followers)
+            self._part(vector)[:] = values
+
     def condensed(self, limits: Limits, lower: float, upper: float) -> tuple[Vectors, float] | None:
         """Return few vectors and their lower bound; None where they would not keep the bound that was found."""
+        least, part = _CONDENSATION
+        end = limits.seconds + max(least, part * limits.seconds)
+        enough = min(lower, upper - limits.gap) if limits.reason == "gap" else lower - self.rounding
+        for share in _FEWER:
+            found = self._plan(limits, share * max(upper - lower, 0.0), (end - limits.seconds) / 2)
+            if found is not None and found.lower >= enough:
+                return found.vectors, found.lower
+            if limits.seconds >= end:
+                break
+        return None
+
+    def _plan(self, limits: Limits, slack: float, seconds: float) -> Condensed | None:
         graph = self._graph
         active = np.union1d(np.flatnonzero(graph.is_active[: graph.counts[VECTORS]]), graph.default_vector)
         vectors = self._vectors(active)
@@ -300,26 +347,16 @@ class _Search:
         if 16 * vectors.values.nbytes >= limits.room:
             return None
         start = self._model.initial_belief[self._order].reshape(-1, vectors.values.shape[1])
-        defaults = np.searchsorted(active, graph.default_vector)
-        roots = np.searchsorted(active, graph.best[self._roots])
-        least, part = _CONDENSATION
-        end = limits.seconds + max(least, part * limits.seconds)
-        enough = min(lower, upper - limits.gap) if limits.reason == "gap" else lower - self.rounding
-        for share in _FEWER:
-            found = condensed(
-                self._layout,
-                vectors,
-                defaults,
-                start,
-                roots,
-                slack=share * max(upper - lower, 0.0),
-                goes_on=lambda: limits.seconds < end,
-            )
-            if found.lower >= enough:
-                return found.vectors, found.lower
-            if limits.seconds >= end:
-                break
-        return None
+        return condensed(
+            self._layout,
+            vectors,
+            np.searchsorted(active, graph.default_vector),
+            start,
+            np.searchsorted(active, graph.best[self._roots]),
+            slack=slack,
+            goes_on=limits.until(limits.seconds + seconds),
+            evaluates_on=limits.until(limits.seconds + 2 * seconds),
+        )
 
     def _vectors(self, which: npt.NDArray[np.intp]) -> Vectors:
         graph = self._graph

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import subprocess
@@ -17,6 +18,7 @@ from sarsop_models import mixed
 
 from mdm import ConfigError, ModelError, ModelWarning, load_model, load_policy
 from mdm.models import POMDP, MixedPOMDP
+from mdm.models.compilation import plain
 from mdm.solvers import Limits, solve
 from mdm.solvers.sarsop import sarsop, solver
 
@@ -100,6 +102,52 @@ def test_a_policy_is_worth_its_lower_bound_whenever_it_was_pruned(seed, backups,
         found = sarsop(model, limits=Limits(gap=1e-6, iterations=backups))
     assert found.policy.value(model.initial_belief) == pytest.approx(found.lower, abs=1e-9)
     assert_worth_what_it_claims(model, found.policy, np.random.default_rng(seed))
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.integers(10, 1000), st.booleans())
+def test_plans_that_are_taken_into_the_search_are_worth_what_they_claim(seed, backups, seen):
+    model = mixed(seed) if seen else small(seed, discount=0.9)
+    limits = Limits(gap=1e-6, iterations=backups, clock=ticks())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solver, "_LEAST_VECTORS", 3)
+        patch.setattr(solver, "_FIRST_PLAN", 1e-3)
+        patch.setattr(solver, "_PLANS", 1e9)
+        patch.setattr(solver._Search, "condensed", lambda *_: None)
+        found = sarsop(model, limits=limits)
+    assert found.lower <= sarsop(model, limits=Limits(gap=1e-5, time=5)).upper + 1e-9
+    assert_worth_what_it_claims(model, found.policy, np.random.default_rng(seed))
+
+
+def test_a_plan_raises_the_lower_bound(monkeypatch):
+    taken = []
+    add = solver._Search._add
+    monkeypatch.setattr(solver._Search, "_add", lambda self, plan: (taken.append(plan.lower), add(self, plan)))
+    monkeypatch.setattr(solver, "_FIRST_PLAN", 1e-3)
+    monkeypatch.setattr(solver, "_PLANS", 1e9)
+    model = load_model(TIGER).with_discount(0.95)
+    found = sarsop(model, limits=Limits(gap=0, iterations=200, clock=ticks()))
+    assert taken
+    assert max(taken) <= found.lower + 1e-9
+    assert found.lower <= 19.3714
+
+
+def ticks():
+    """Return a clock on which no work takes long enough to be compiled."""
+    times = itertools.count(0, 1e-5)
+    return lambda: next(times)
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_bounds_hold_for_what_beliefs_leave_out(seed):
+    model = small(seed, discount=0.6)
+    tight = sarsop(model, limits=Limits(gap=1e-5, time=5))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plain(solver._STEPS), "_NEGLIGIBLE", 0.2)
+        rough = sarsop(model, limits=Limits(gap=1e-5, iterations=300))
+    assert rough.lower <= tight.upper + 1e-9
+    assert rough.upper >= tight.lower - 1e-9
 
 
 def test_tiger_is_solved_to_a_thousandth():

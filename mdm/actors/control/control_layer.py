@@ -107,7 +107,6 @@ class ControlLayer(Layer):
 
     # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
     __slots__ = (
-        "_act_last",
         "_acts",
         "_event_driven",
         "_held",
@@ -117,6 +116,7 @@ class ControlLayer(Layer):
         "_state",
         "_tell",
         "controller",
+        "output",
         "planner",
         "running",
     )
@@ -218,7 +218,6 @@ class ControlLayer(Layer):
         self.output.open(self)
         # What a handler of its own does last; whoever leads the layer has more to do behind it.
         self._tell = self.output.publish_last if self.lead is None else self.output.publish
-        self._act_last = self.output.act_last
         self._acts = self._takes_states and self.lead is None and self.planner is None
         self.running = self._held = False
         self._ticker = None
@@ -458,7 +457,7 @@ class ControlLayer(Layer):
             if self.guard is not None and (index is None or self._held):
                 self._on_state_aside(state)
             return
-        if self._acts and self._act_last(index, state.time):
+        if self._acts and self.output.act_last(index, state.time):
             return
         cause = "episode" if self.controller.epoch >= self._last_epoch else "state"
         if self.planner is not None:

@@ -53,7 +53,6 @@ class Output:
         "_deadline",
         "_decisions",
         "_do",
-        "_emit_last",
         "_has_belief",
         "_latencies",
         "_now",
@@ -90,7 +89,6 @@ class Output:
         self._actions = actions = channel("action", Action)
         self._do: Callable[[Action], object] = actions.emit
         self._alone = True
-        self._emit_last = actions.emit_last
         self._rewards = channel("reward", Reward, retain=True)
         self._beliefs = channel("belief", Belief, retain=True)
         self._decisions = layer.runtime.decisions
@@ -153,7 +151,8 @@ class Output:
             self._rewards.emit(Reward(time, step.epoch, reward))
         if self._has_belief:
             self._publish_belief(time)
-        self._emit_last(Action(time, step.epoch, action))
+        assert self._actions is not None
+        self._actions.emit_last(Action(time, step.epoch, action))
 
     def act_last(self, state: int, time: int) -> bool:
         """Decide on a state by a table, and publish the action, as the last thing that a handler does.
@@ -172,7 +171,8 @@ class Output:
         if len(self._pending) >= FULL:
             self._latencies.fold()
         self.acted = action
-        self._emit_last(Action(time, epoch, action))
+        assert self._actions is not None
+        self._actions.emit_last(Action(time, epoch, action))
         return True
 
     def _publish_belief(self, time: int) -> None:

@@ -68,7 +68,7 @@ _CONDENSATION = 0.5, 0.1
 _FIRST_PLAN, _LEAST_PLAN = 1.0, 0.1
 """The seconds before a plan is looked for, and that the search for one may take at least."""
 _PLANS = 0.1
-"""The part of the time that goes into plans; a fourth of it where they are of no use."""
+"""The part of the time that goes into plans; half of it where they are of no use."""
 _GAIN = 1e-3
 """What a plan must raise the lower bound by, as a share of the gap, to be taken into the search."""
 _SHORT = 1.0
@@ -168,7 +168,7 @@ class _Search:
         self._room = np.array([room[count] for count in range(8)], dtype=np.int64)
         self.backups = 0
         self._budget = 16
-        self._next_plan, self._share = _FIRST_PLAN, _PLANS
+        self._next_plan = _FIRST_PLAN
         self._start(blind)
         self._kept_vectors = self.size
         self._kept_points = 0
@@ -314,9 +314,8 @@ class _Search:
         if found is not None and gains:
             self._add(found)
             self._prune_vectors(limits.gap)
-        # Where plans are of no use, less and less time goes into them.
-        self._share = _PLANS if gains else max(self._share / 2, _PLANS / 4)
-        self._next_plan = limits.seconds + (limits.seconds - began) / self._share
+        share = _PLANS if gains else _PLANS / 2
+        self._next_plan = limits.seconds + (limits.seconds - began) / share
 
     def _add(self, plan: Condensed) -> None:
         first = int(self._graph.counts[VECTORS])

@@ -171,6 +171,7 @@ def _text(ensemble: str, told: Told) -> list[str]:
     ]
     if told.difference is not None:
         text.append(f"  first: {told.difference}")
+        text.append("  (agents of a communicating team decide each on what it knows, and may differ; others may not)")
     if told.before is not None:
         text.append(f"  longest time without a decision: {told.pause:.3f} s, from {told.before}, to {told.after}")
     return text

@@ -50,6 +50,7 @@ def test_it_says_what_differs_first(mdm, folder):
         "  2 of them told by more than one agent, and 1 of these differ",
         "  first: step 2 of term 1, which 'a' leads: action is 'open' at 'c' and 'listen' at 'a'",
     ]
+    assert out[3] == "  (agents of a communicating team decide each on what it knows, and may differ; others may not)"
     status, out, _ = mdm("team", "decisions", folder, "--json")
     assert status == 1
     told = json.loads(out[0])["joint"]

@@ -1,4 +1,4 @@
-"""The `mdm` command: one module per sub-command, each with ``add_parser`` and ``run``.
+"""The `mdm` command: one module per sub-command, each with ``add_parser`` and ``run``, in folders by what it is about.
 
 Exit statuses are those that its help tells: 0, 1 for what failed, 2 for wrong usage, 128 and more for a signal.
 """
@@ -24,22 +24,23 @@ if TYPE_CHECKING:
 
 __all__ = ["GROUPS", "VERBS", "main"]
 
-VERBS = (
-    "run",
-    "team",
-    "check",
-    "info",
-    "show",
-    "convert",
-    "problem",
-    "trace",
-    "simulate",
-    "solve",
-    "evaluate",
-    "compare",
-    "plot",
-    "map",
-)
+VERBS = {
+    "run": "mdm.cli.robots.run",
+    "team": "mdm.cli.team",
+    "check": "mdm.cli.files.check",
+    "info": "mdm.cli.files.info",
+    "show": "mdm.cli.files.show",
+    "convert": "mdm.cli.files.convert",
+    "problem": "mdm.cli.files.problem",
+    "trace": "mdm.cli.robots.trace",
+    "simulate": "mdm.cli.policies.simulate",
+    "solve": "mdm.cli.policies.solve",
+    "evaluate": "mdm.cli.policies.evaluate",
+    "compare": "mdm.cli.policies.compare",
+    "plot": "mdm.cli.policies.plot",
+    "map": "mdm.cli.map",
+}
+"""The verbs, and the module of each."""
 GROUPS = ("team", "plot", "map")
 """Verbs with verbs of their own."""
 
@@ -70,8 +71,8 @@ def _main(arguments: Sequence[str] | None, interruption: Interruption) -> int:
     kind = "compiled" if is_compiled() else "plain Python"
     parser.add_argument("--version", action="version", version=f"mdm {mdm.__version__} ({kind})")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB")
-    for verb in VERBS:
-        module = importlib.import_module(f"mdm.cli.{verb}")
+    for verb, place in VERBS.items():
+        module = importlib.import_module(place)
         verb_parser: argparse.ArgumentParser = module.add_parser(verbs)
         if verb not in GROUPS:  # whose own verbs have it
             complete(verb_parser, verb)
@@ -99,7 +100,7 @@ def _refuse(parsed: argparse.Namespace, why: object) -> int:
 
 
 def _run(parsed: argparse.Namespace) -> int:
-    module = importlib.import_module(f"mdm.cli.{parsed.verb}")
+    module = importlib.import_module(VERBS[parsed.verb])
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("default")
@@ -135,9 +136,13 @@ def _flush() -> None:
 
 def _follows_interrupt(error: BaseException | None) -> bool:
     """Return whether an error is what Ctrl-C has become in code that it broke off, such as an import."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
+    known: list[BaseException] = []  # an error raised anew is in its own context
+    while error is not None and error not in known:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        known.append(error)
         error = error.__cause__ or error.__context__
-    return error is not None
+    return False
 
 
 def _sentence(error: Exception) -> str:

@@ -225,6 +225,6 @@ def test_who_waits_for_a_compiler_is_told_in_a_line(monkeypatch, capsys):
 
     monkeypatch.setattr(COMPILE_TIME, "_clock", lambda: now[0])
     monkeypatch.setattr(COMPILE_TIME, "_compiling", 0.0)
-    monkeypatch.setattr("mdm.cli.info.run", compile_slowly)
+    monkeypatch.setattr("mdm.cli.files.info.run", compile_slowly)
     assert main(["info", "x.pomdp"]) == 0
     assert capsys.readouterr().err == "mdm info: compiling, once on this machine; it takes some seconds\n"

@@ -11,7 +11,7 @@ from places import EXAMPLES, TIGER, TIGER_VECTORS
 
 from mdm import load_policy
 from mdm.cli.interruption import Interruption
-from mdm.cli.progress import ProgressLine
+from mdm.cli.policies.progress import ProgressLine
 
 SIGNALS = [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
 
@@ -144,5 +144,5 @@ def test_what_ctrl_c_has_become_while_modules_are_loaded_is_no_error(mdm, monkey
         except KeyboardInterrupt:
             raise ImportError("numpy failed to load") from None
 
-    monkeypatch.setattr("mdm.cli.inputs.load", load)
+    monkeypatch.setattr("mdm.cli.policies.inputs.load", load)
     assert mdm("evaluate", TIGER, TIGER_VECTORS) == (130, [], "")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.run import add_arguments, run as run_alone
+from mdm.cli.robots.run import add_arguments, run as run_alone
 
 if TYPE_CHECKING:
     import argparse

@@ -9,7 +9,7 @@ from mdm.cli.usage import add_import
 if TYPE_CHECKING:
     import argparse
 
-    from mdm.cli.check import Findings
+    from mdm.cli.files.check import Findings
     from mdm.team import Team
 
 __all__ = ["add_parser", "examine", "run"]
@@ -34,7 +34,7 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the file; return the exit status."""
-    from mdm.cli.check import report  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.files.check import report  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.cli.team.file import team_of  # noqa: PLC0415
     from mdm.errors import ConfigError  # noqa: PLC0415
 
@@ -55,7 +55,7 @@ def examine(file: str, team: Team, *, imports: bool) -> Findings:
         team: Its team.
         imports: Whether functions are imported.
     """
-    from mdm.cli.inputs import load_ensembles  # noqa: PLC0415
+    from mdm.cli.policies.inputs import load_ensembles  # noqa: PLC0415
     from mdm.cli.team.file import check_zenoh, systems_of  # noqa: PLC0415
     from mdm.errors import Error  # noqa: PLC0415
 

@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _of_policy(arguments: argparse.Namespace) -> Any:
-    from mdm.cli.inputs import load, load_for  # noqa: PLC0415
+    from mdm.cli.policies.inputs import load, load_for  # noqa: PLC0415
     from mdm.errors import Error  # noqa: PLC0415
     from mdm.views.belief import belief_figure, two_state_figure  # noqa: PLC0415
     from mdm.views.grid import grid_figure  # noqa: PLC0415

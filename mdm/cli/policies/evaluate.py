@@ -49,9 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate; return the exit status."""
-    from mdm.cli.inputs import load, load_for, visibility  # noqa: PLC0415
+    from mdm.cli.policies.inputs import load, load_for, visibility  # noqa: PLC0415
+    from mdm.cli.policies.verdict import judge  # noqa: PLC0415
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.cli.verdict import judge  # noqa: PLC0415
 
     policy, world = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
     if (note := visibility(world)) is not None:

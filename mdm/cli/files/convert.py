@@ -40,7 +40,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 
 def run(arguments: argparse.Namespace) -> int:
     """Convert the file; return the exit status."""
-    from mdm.cli.document import Document, is_policy, load  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.files.document import Document, is_policy, load  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.cli.usage import UsageError  # noqa: PLC0415
     from mdm.config import System  # noqa: PLC0415
     from mdm.formats import load_model, load_policy, save_model, save_policy  # noqa: PLC0415

@@ -78,7 +78,7 @@ class _Solver(argparse.Action):
 
 def run(arguments: argparse.Namespace) -> int:
     """Solve the model; return the exit status."""
-    from mdm.cli.inputs import load, revealed, visibility, with_false_negatives  # noqa: PLC0415
+    from mdm.cli.policies.inputs import load, revealed, visibility, with_false_negatives  # noqa: PLC0415
     from mdm.cli.report import as_json  # noqa: PLC0415
     from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
     from mdm.formats.target import check_place, write_text  # noqa: PLC0415
@@ -116,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _solve(model: MDP, solver: str, options: dict[str, Any], arguments: argparse.Namespace) -> Solution:
     """Solve a model, and tell how far it has come; Ctrl-C or SIGTERM ends it with what it has."""
-    from mdm.cli.progress import ProgressLine  # noqa: PLC0415
+    from mdm.cli.policies.progress import ProgressLine  # noqa: PLC0415
     from mdm.solvers import solve  # noqa: PLC0415
 
     interruption, line = arguments.interruption, ProgressLine()
@@ -179,7 +179,7 @@ def _kind(solver: str, model: MDP, arguments: argparse.Namespace) -> type:
 
 
 def _facts(solution: Solution, arguments: argparse.Namespace) -> dict[str, Any]:
-    from mdm.cli.document import describe_policy  # noqa: PLC0415
+    from mdm.cli.files.document import describe_policy  # noqa: PLC0415
 
     return {
         "model": arguments.model,
@@ -197,7 +197,7 @@ def _facts(solution: Solution, arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _print(solution: Solution, facts: dict[str, Any], arguments: argparse.Namespace) -> None:
-    from mdm.cli.progress import bound  # noqa: PLC0415
+    from mdm.cli.policies.progress import bound  # noqa: PLC0415
 
     why = {
         "gap": f"the gap is at most {arguments.gap:g}",

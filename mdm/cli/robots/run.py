@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import anyio
 
-from mdm.cli.attached import Attached
-from mdm.cli.decision import in_words
+from mdm.cli.robots.attached import Attached
+from mdm.cli.robots.decision import in_words
 from mdm.cli.usage import UsageError, count, seconds
 
 if TYPE_CHECKING:

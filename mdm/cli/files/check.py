@@ -100,8 +100,8 @@ def grouped(problems: list[str]) -> list[str]:
 
 def _examine(arguments: argparse.Namespace) -> Findings:
     """Return a file's kind of content, its problems, and notes on oddities."""
-    from mdm.cli.document import Document  # noqa: PLC0415
-    from mdm.cli.inputs import load_ensembles  # noqa: PLC0415
+    from mdm.cli.files.document import Document  # noqa: PLC0415
+    from mdm.cli.policies.inputs import load_ensembles  # noqa: PLC0415
     from mdm.cli.team.check import examine  # noqa: PLC0415
     from mdm.config import load_team  # noqa: PLC0415
     from mdm.errors import ConfigError, FormatError  # noqa: PLC0415
@@ -136,7 +136,7 @@ def _examine(arguments: argparse.Namespace) -> Findings:
 
 
 def _holds_policy(file: str) -> bool:
-    from mdm.cli.document import is_policy, load  # noqa: PLC0415
+    from mdm.cli.files.document import is_policy, load  # noqa: PLC0415
     from mdm.errors import FormatError  # noqa: PLC0415
     from mdm.models import MDP  # noqa: PLC0415
 

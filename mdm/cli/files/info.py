@@ -40,9 +40,9 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 
 def run(arguments: argparse.Namespace) -> int:
     """Describe the file; return the exit status."""
-    from mdm.cli.document import load  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.files.document import load  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.cli.report import as_json  # noqa: PLC0415
-    from mdm.cli.wiring import lines  # noqa: PLC0415
+    from mdm.cli.robots.wiring import lines  # noqa: PLC0415
     from mdm.config import System, load_team  # noqa: PLC0415
     from mdm.formats.source import suffixes  # noqa: PLC0415
 
@@ -94,10 +94,10 @@ def _shortened(names: list[str]) -> str:
 
 def _tell_team(arguments: argparse.Namespace, team: Team) -> int:
     """Describe a team's file: the team, and what each agent runs of it."""
-    from mdm.cli.document import Document  # noqa: PLC0415
-    from mdm.cli.inputs import load_ensembles  # noqa: PLC0415
+    from mdm.cli.files.document import Document  # noqa: PLC0415
+    from mdm.cli.policies.inputs import load_ensembles  # noqa: PLC0415
     from mdm.cli.report import as_json  # noqa: PLC0415
-    from mdm.cli.wiring import lines  # noqa: PLC0415
+    from mdm.cli.robots.wiring import lines  # noqa: PLC0415
 
     names, imports = [agent.name for agent in team.agents], arguments.imports
     systems = {name: load_ensembles(arguments.file, name, imports=imports) for name in names}

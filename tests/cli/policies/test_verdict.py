@@ -7,9 +7,9 @@ from argparse import Namespace
 import numpy as np
 import pytest
 
-from mdm.cli.inputs import revealed
 from mdm.cli.interruption import Interruption
-from mdm.cli.verdict import Verdict, claimed_value, judge
+from mdm.cli.policies.inputs import revealed
+from mdm.cli.policies.verdict import Verdict, claimed_value, judge
 from mdm.models import MDP, MixedPOMDP
 from mdm.policies import (
     AlphaVectors,

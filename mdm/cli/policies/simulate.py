@@ -40,7 +40,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate; return the exit status."""
-    from mdm.cli.progress import counting  # noqa: PLC0415
+    from mdm.cli.policies.progress import counting  # noqa: PLC0415
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.simulation import simulate  # noqa: PLC0415
 
@@ -77,7 +77,7 @@ def _check_usage(arguments: argparse.Namespace) -> None:
 
 
 def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
-    from mdm.cli.inputs import load, load_for, visibility  # noqa: PLC0415
+    from mdm.cli.policies.inputs import load, load_for, visibility  # noqa: PLC0415
 
     policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
     if sentence := visibility(model):

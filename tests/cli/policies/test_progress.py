@@ -7,7 +7,7 @@ import io
 import pytest
 
 from mdm.cli.interruption import Interruption
-from mdm.cli.progress import ProgressLine, bound, counting
+from mdm.cli.policies.progress import ProgressLine, bound, counting
 from mdm.solvers import Progress
 
 
@@ -33,7 +33,7 @@ def test_progress_is_a_line_on_a_terminal_and_a_few_lines_elsewhere():
 
 def test_episodes_are_counted(monkeypatch, capsys):
     seconds = iter(range(100))
-    monkeypatch.setattr("mdm.cli.progress.perf_counter", lambda: float(next(seconds)))
+    monkeypatch.setattr("mdm.cli.policies.progress.perf_counter", lambda: float(next(seconds)))
     interruption = Interruption()
     with counting(interruption, "policy 1 of 2  ") as count:
         assert not any(count(ended, 10) for ended in range(10))

@@ -40,7 +40,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the part; return the exit status."""
-    from mdm.cli.document import is_policy  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.files.document import is_policy  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.cli.report import as_json  # noqa: PLC0415
     from mdm.cli.usage import UsageError  # noqa: PLC0415
     from mdm.errors import Error  # noqa: PLC0415

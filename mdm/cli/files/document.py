@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from mdm.cli.inputs import load_ensembles
-from mdm.cli.wiring import definitions, wiring
+from mdm.cli.policies.inputs import load_ensembles
+from mdm.cli.robots.wiring import definitions, wiring
 from mdm.config import System
 from mdm.errors import FormatError
 from mdm.formats import load_model, load_policy

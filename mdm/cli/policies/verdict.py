@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from mdm.cli.document import describe_policy
-from mdm.cli.progress import counting
+from mdm.cli.files.document import describe_policy
+from mdm.cli.policies.progress import counting
 from mdm.models.factored.mixed import MixedPOMDP
 from mdm.simulation import Evaluation, evaluate
 from mdm.solvers import exact_values

@@ -6,13 +6,13 @@ import math
 import sys
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.evaluate import add_arguments
+from mdm.cli.policies.evaluate import add_arguments
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
-    from mdm.cli.verdict import Verdict
+    from mdm.cli.policies.verdict import Verdict
 
 __all__ = ["add_parser", "run"]
 
@@ -39,9 +39,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Compare; return the exit status."""
     import numpy as np  # noqa: PLC0415 - `mdm --help` needs no numpy
 
-    from mdm.cli.inputs import load, load_for, visibility  # noqa: PLC0415
+    from mdm.cli.policies.inputs import load, load_for, visibility  # noqa: PLC0415
+    from mdm.cli.policies.verdict import judge  # noqa: PLC0415
     from mdm.cli.report import as_json  # noqa: PLC0415
-    from mdm.cli.verdict import judge  # noqa: PLC0415
 
     if arguments.seed is None:
         arguments.seed = int(np.random.SeedSequence().generate_state(1)[0])

@@ -14,7 +14,7 @@ from mdm.cli.usage import UsageError, add_discount, add_false_negative, count, s
 if TYPE_CHECKING:
     import argparse
 
-    from mdm.cli.stimulus import Stimulus
+    from mdm.cli.robots.stimulus import Stimulus
     from mdm.config import System
     from mdm.messages import Decision
     from mdm.runtime import Runtime
@@ -69,7 +69,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 
 def run(arguments: argparse.Namespace) -> int:
     """Trace the stimuli; return the exit status."""
-    from mdm.cli.stimulus import read_stimuli  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.robots.stimulus import read_stimuli  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.errors import Error  # noqa: PLC0415
     from mdm.runtime import (  # noqa: PLC0415
         ActorFailure,

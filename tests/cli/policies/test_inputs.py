@@ -8,7 +8,7 @@ import pytest
 from places import TIGER, TIGER_VECTORS
 
 from mdm import FormatError, load_model, load_policy, save_policy
-from mdm.cli.inputs import load, load_for, revealed, visibility
+from mdm.cli.policies.inputs import load, load_for, revealed, visibility
 from mdm.policies import (
     AlphaVectors,
     FiniteStateController,

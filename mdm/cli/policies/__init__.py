@@ -1,0 +1,1 @@
+"""Verbs that compute policies, and tell what they are worth."""

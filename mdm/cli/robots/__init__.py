@@ -1,0 +1,1 @@
+"""Verbs that run ensembles: in the world, or on given stimuli."""

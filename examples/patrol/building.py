@@ -1,130 +1,100 @@
-"""A simulated building: one robot that drives and sees, people and intruders that come and go, fires.
+"""The demo's building: a floor with one simulated robot; people, intruders and fires come and go.
 
-A real robot's code would stand in its place: sensors that set predicates and raise events, and async functions that
-move the robot and can be cancelled at any ``await``.
+A real robot's code would stand in its place: what tells poses, what drives, sensors that set predicates, and async
+functions that can be cancelled at any ``await``.
 """
 
 from __future__ import annotations
 
 import asyncio
-import random
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from mdm.maps import Pose, load_map
+from mdm.messages import PoseUpdate
+from mdm.simulation.building import Building, Visits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import mdm
+    from mdm.simulation.building import Visit
 
-DRIVE = 1.0  # seconds from room to room
-ROOMS = ("Lobby", "Office", "Lab")
-
-Tell = "Callable[[str], None]"
-
-
-class Building:
-    """What is where. ``tell`` is called with a sentence for everything that happens."""
-
-    def __init__(self, seed: int) -> None:
-        self.random = random.Random(seed)
-        self.room = "Lobby"
-        self.fire: str | None = None
-        self.system: mdm.System | None = None
-        self.tell: Callable[[str], None] = lambda _: None
-
-    def sense(self, predicate: str, value: bool) -> None:
-        """Set a predicate, as a sensor's driver would."""
-        assert self.system is not None
-        self.system.predicates.sense(predicate, value)
-
-    async def drive(self, room: str) -> None:
-        """Drive to a room; leaves the robot where it is when cancelled on the way."""
-        if room != self.room:
-            await asyncio.sleep(DRIVE)
-            self.room = room
-
-    def look(self) -> None:
-        """Raise what the camera sees in this room; it is wrong now and then."""
-        assert self.system is not None
-        smoke = self.random.random() < (0.85 if self.fire == self.room else 0.1)
-        self.system.predicates.occur("SeesSmoke" if smoke else "SeesClear")
+HERE = Path(__file__).parent
+floor = load_map(HERE / "floor.xml", grid=HERE / "floor.yaml", labels=HERE / "labels.png")
+building = Building(
+    floor,
+    visits=[
+        Visits("person", every=25.0, stay=90.0),  # seconds
+        Visits("intruder", every=60.0, stay=40.0),
+        Visits("fire", every=60.0),  # burns until it is put out
+    ],
+    seed=5,
+)
+robot = building.robot("robot", at="ElevatorHallway", speed=1.0, noise=0.05)
 
 
-building = Building(seed=4)
+class World:
+    """What else is known of the robot. ``tell`` is called with a sentence for everything that happens."""
+
+    tell: Callable[[str], None] = staticmethod(lambda _: None)
 
 
 async def live(system: mdm.System) -> None:
-    """What happens in the building, at its times."""
-    building.system = system
-    await asyncio.sleep(4)
-    building.tell("a person presses the call button in the lobby")
-    building.sense("PersonIsWaiting", True)
-    await asyncio.sleep(6)
-    building.fire = "Lab"
-    building.tell("a fire breaks out in the lab; nobody knows yet")
-    await asyncio.sleep(10)
-    building.tell("a camera sees an intruder, and a person presses the button")
-    with system.predicates.batch():
-        building.sense("IntruderIsSeen", True)
-        building.sense("PersonIsWaiting", True)
+    """Let the building live, and tell the system's sensors of it."""
+    runtime = system.runtime
+    assert system.places is not None
+    see = system.places.see
+    runtime.channel("building/robot/pose", PoseUpdate).subscribe(lambda pose: see(Pose(pose.x, pose.y, pose.yaw)))
+    await runtime.start(building)
+    known: dict[int, str] = {}
+    while True:
+        there = {visit.number: visit for kind in ("person", "intruder", "fire") for visit in building.present(kind)}
+        for number in known.keys() - there.keys():
+            World.tell(f"{known.pop(number)} is gone")
+        for number, visit in there.items():
+            if number not in known and (visit.kind == "person" or robot.sees(visit.x, visit.y, reach=6.0)):
+                known[number] = f"the {visit.kind} in {visit.place}"
+                World.tell(f"a person calls from {visit.place}" if visit.kind == "person" else f"sees {known[number]}")
+        for predicate, kind in (("PersonIsWaiting", "person"), ("IntruderIsSeen", "intruder"), ("FireIsSeen", "fire")):
+            seen = any(visit.kind == kind and number in known for number, visit in there.items())
+            system.predicates.sense(predicate, seen)
+        await asyncio.sleep(0.2)
+
+
+def drive() -> object:
+    """Return what drives the robot: the building's robot is a navigator itself."""
+    return robot
 
 
 # -- Actions of the top level ------------------------------------------------------------------------------------
 
 
 async def assist() -> None:
-    """Drive to the person and help."""
-    await building.drive("Lobby")
-    await asyncio.sleep(1.5)
-    building.tell("the person has been helped and leaves")
-    building.sense("PersonIsWaiting", False)
+    """Drive to a person and help."""
+    for person in building.present("person"):
+        await _attend(person, 1.5, "the person has been helped, and leaves")
 
 
 async def warn_intruder() -> None:
-    """Warn the intruder until they leave."""
-    await asyncio.sleep(2.0)
-    building.tell("the intruder runs away")
-    building.sense("IntruderIsSeen", False)
+    """Drive to an intruder, who leaves then."""
+    for intruder in building.present("intruder"):
+        await _attend(intruder, 1.0, "the intruder runs away")
 
 
 async def fight_fire() -> None:
-    """Drive to the fire and put it out."""
-    if building.fire is not None:
-        await building.drive(building.fire)
-    await asyncio.sleep(2.0)
-    building.tell("there was no fire" if building.fire is None else "the fire is out")
-    building.fire = None
+    """Drive to a fire and put it out."""
+    for fire in building.present("fire"):
+        await _attend(fire, 2.0, "the fire is out")
+
+
+async def _attend(visit: Visit, seconds: float, told: str) -> None:
+    await robot.go(floor.graph.node(visit.place).goal)
+    await asyncio.sleep(seconds)
+    World.tell(told)
+    building.go(visit)
 
 
 def stop_motors() -> None:
     """Stand still, whatever else happens."""
-    building.tell("the robot's motors are off")
-
-
-# -- Actions of the patrol ---------------------------------------------------------------------------------------
-
-
-async def go_lobby() -> None:
-    """Drive to the lobby and look."""
-    await _go("Lobby")
-
-
-async def go_office() -> None:
-    """Drive to the office and look."""
-    await _go("Office")
-
-
-async def go_lab() -> None:
-    """Drive to the lab and look."""
-    await _go("Lab")
-
-
-async def _go(room: str) -> None:
-    if room == building.room:
-        await asyncio.sleep(DRIVE / 2)  # turn around once
-    await building.drive(room)
-    building.look()
-
-
-async def report_fire() -> None:
-    """Call for help; that it has succeeded is what confirms the fire."""
-    await asyncio.sleep(0.5)
+    World.tell("the robot's motors are off")

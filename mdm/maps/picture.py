@@ -91,6 +91,7 @@ class Picture:
         self._font = font.load_default(round(13 * self._unit))
         self._taken: list[Box] = []
         self._texts: list[tuple[int, str, Point, Ink, Ink]] = []
+        self._marks: list[tuple[Pose, float, Ink, str]] = []
 
     def passage(self, passage: Passage) -> None:
         """Draw a passage: its border, and how wide it is."""
@@ -125,6 +126,26 @@ class Picture:
             for radius, width, ink in ((24, 7, _PAPER), (23, 4, _MARK)):
                 self._ring(x, y, radius * self._unit, round(width * self._unit), ink)
 
+    def name(self, node: Node) -> None:
+        """Write the name of a place at its goal."""
+        self._write(node.name, self._place(node.goal), fill=self._of(node.name), ink=_PAPER, rank=0)
+
+    def mark(self, pose: Pose, radius: float, ink: Ink, letter: str = "") -> None:
+        """Put a disc of a radius in metres at a pose, with a letter, or a nose that points where it looks, above all."""
+        self._marks.append((pose, radius, ink, letter))
+
+    def _disc(self, pose: Pose, radius: float, ink: Ink, letter: str) -> None:
+        x, y = self._place(pose)
+        size = max(radius / self.frame.resolution * self._cell, 9 * self._unit)
+        for wide, fill in ((size + 2 * self._unit, _PAPER), (size, ink)):
+            self._draw.ellipse((x - wide, y - wide, x + wide, y + wide), fill=fill)
+        if letter:
+            self._draw.text((x, y), letter, font=self._font, fill=_PAPER, anchor="mm")
+        else:
+            yaw = pose.yaw - self.frame.yaw
+            nose = x + size * math.cos(yaw), y - size * math.sin(yaw)
+            self._draw.line(((x, y), nose), fill=_PAPER, width=round(3 * self._unit))
+
     def circle(self, pose: Pose, radius: float) -> None:
         """Draw a circle of a radius in metres around a pose, such as a robot."""
         x, y = self._place(pose)
@@ -146,6 +167,8 @@ class Picture:
         image, _, _ = _pillow()
         for rank, text, at, fill, ink in sorted(self._texts, key=lambda each: each[0]):
             self._text(text, at, fill, ink, needed=rank != _LEAST)
+        for pose, radius, ink, letter in self._marks:
+            self._disc(pose, radius, ink, letter)
         whole = self._titled(title) if title else self._image
         wide, high = whole.size
         return whole.resize((max(wide // _SMOOTH, 1), max(high // _SMOOTH, 1)), image.Resampling.LANCZOS)

@@ -2,17 +2,29 @@
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
+DEMO := .venv/.demo
 
 .PHONY: demo test wheel-test chaos lint types docs bench clean
 
-$(READY): pyproject.toml constraints.txt
-	$(PYTHON) -c 'import sys; sys.exit("mdm needs Python 3.11 or later" if sys.version_info < (3, 11) else 0)'
-	$(PYTHON) -m venv .venv
-	MDM_WHEEL=plain $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
-	touch $@
+# The virtual environment: with all that a contributor needs, or at first with what the demo needs alone.
+.venv/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit("mdm needs Python 3.11 or later" if sys.version_info < (3, 11) else 0)'
+	@echo 'Making a virtual environment in .venv'
+	@$(PYTHON) -m venv .venv
 
-demo: $(READY)
-	$(BIN)/python examples/patrol/patrol.py
+$(READY): pyproject.toml constraints.txt | .venv/bin/python
+	@echo 'Installing what tests, lint and types need; this takes a minute or two'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@ $(DEMO)
+
+$(DEMO): pyproject.toml constraints.txt | .venv/bin/python
+	@echo 'Installing what the demo needs: numpy, scipy and a simulator of robots'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[demo]'
+	@touch $@
+
+demo: $(DEMO)
+	@echo 'A robot patrols a floor for 40 seconds (examples/patrol/patrol.py; --help tells more)'
+	@$(BIN)/python examples/patrol/patrol.py $(DEMO_OPTIONS)
 
 # In parallel, a test file on one worker as far as may be: its fixtures are made once. For one file, call pytest itself.
 test: $(READY)

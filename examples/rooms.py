@@ -64,7 +64,7 @@ patrol = mdm.Ensemble(
     predicates=predicates,
     states=[
         mdm.StateFactor("way", ["IsOnTheWayBack"]),
-        mdm.StateFactor("place", [f"{room}.at_goal" for room in rooms]),
+        mdm.StateFactor("place", [f"{room}.reached" for room in rooms]),
     ],
     actions=Navigation(floor, robot, places).actions(),
 )

@@ -78,51 +78,68 @@ def test_external_belief():
 
 def test_rooms():
     lines = run("rooms.py").splitlines()
-    reached = [line.split()[2] for line in lines if ".at_goal" in line and "Lab.at_goal and" not in line]
-    assert "Lab.at_goal and IsOnTheWayBack: true" in lines[7]
+    reached = [line.split()[-2].rstrip(":") for line in lines if ".reached" in line]
+    assert "Lab.at_goal and Lab.reached and IsOnTheWayBack: true" in lines[7]
     assert [line.split()[-2:] for line in lines[1:6]] == [
         ["Right", "running"],
         ["Office:", "true"],
-        ["Office.at_goal:", "true"],
+        ["Office.reached:", "true"],
         ["Right", "preempted"],
         ["Right", "running"],
     ]
-    assert reached == ["Lobby", "Office.at_goal:", "Office.at_goal:", "Lobby.at_goal:", "Office.at_goal:"]
+    office, lobby, lab = "Office.reached", "Lobby.reached", "IsOnTheWayBack"
+    assert reached[:6] == [lobby, office, lab, office, lobby, office]
 
 
-@pytest.mark.parametrize("arguments", [["--fast"], ["--fast", "--seconds", "5"]])
+@pytest.mark.parametrize("arguments", [("--fast",), ("--fast", "--seconds", "20", "--log")])
 def test_patrol(arguments):
     output = run("patrol/patrol.py", *arguments)
-    assert "Patrol: patrol (POMDP, 12 states, 4 actions, event-driven)" in output
-    assert "the state is 'person': Assistance" in output
-    assert "Patrol preempted" in output
-    assert "the robot's motors are off" in output
+    assert "Patrol: patrol (MDP, 12 states, 4 actions, event-driven)" in output
+    for words in ("the state is 'person': Assistance", "a person calls from", "Patrol preempted", "motors are off"):
+        assert words in output
     if len(arguments) == 1:
         for words in (
-            "FireIsConfirmed is true now",
             "Emergency succeeded",
             "Trespassing succeeded",
             "Assistance succeeded",
+            "PersonIsWaiting is true",
         ):
             assert words in output
+        assert "collisions: 0" in output
     again = run("patrol/patrol.py", *arguments)
     assert output.splitlines()[:-1] == again.splitlines()[:-1]  # the last line tells the time it took
 
 
-def test_the_patrol_s_policies_can_be_made_again(tmp_path):
-    """The files of the example are what its script writes."""
-    import shutil
+@pytest.mark.parametrize("name", ["film.gif", "film.png"])
+def test_the_patrol_is_filmed(tmp_path, name):
+    from PIL import Image
 
+    output = run("patrol/patrol.py", "--fast", "--seconds", "10", "--film", str(tmp_path / name))
+    assert f"{name}: " in output
+    with Image.open(tmp_path / name) as film:
+        frames = getattr(film, "n_frames", 1)
+        assert film.size[0] > 500
+    assert frames == (21 if name.endswith("gif") else 1)  # both ends count
+
+
+def test_the_patrol_s_files_can_be_made_again(tmp_path):
+    """The files of the example are what its scripts write."""
     folder = tmp_path / "patrol"
     shutil.copytree(EXAMPLES / "patrol", folder)
-    for name in ("rooms.pomdpx", "rooms.vf", "top.policy"):
-        (folder / name).unlink()
-    subprocess.run([sys.executable, str(folder / "make_models.py")], check=True, capture_output=True, timeout=100)
-    for name in ("rooms.pomdpx", "top.policy"):
-        assert (folder / name).read_text() == (EXAMPLES / "patrol" / name).read_text()
-    assert (folder / "rooms.vf").read_text().count("-1\n") == (EXAMPLES / "patrol" / "rooms.vf").read_text().count(
-        "-1\n"
-    )
+    made = {
+        "draw_floor.py": ["floor.pgm", "floor.yaml", "floor.xml"],
+        "make_models.py": ["top.pomdpx", "top.policy", "patrol.policy"],
+    }
+    for script, names in made.items():
+        for name in names:
+            (folder / name).unlink()
+        subprocess.run([sys.executable, str(folder / script)], check=True, capture_output=True, timeout=100)
+        for name in names:
+            assert (folder / name).read_bytes() == (EXAMPLES / "patrol" / name).read_bytes()
+    one, other = (mdm.load_model(place / "patrol.npz") for place in (folder, EXAMPLES / "patrol"))
+    assert [one.transition_matrix(a).tolist() for a in range(4)] == [
+        other.transition_matrix(a).tolist() for a in range(4)
+    ]
 
 
 @contextmanager

@@ -81,7 +81,7 @@ def test_a_file_without_a_team_or_a_map_loads_nothing_of_them():
     program = """
 import sys
 import mdm
-mdm.load_system("examples/patrol/patrol.toml")
+mdm.load_system("examples/tiger.toml")
 print(sorted(name for name in sys.modules if name.startswith(("mdm.team", "zenoh", "mdm.maps"))))
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

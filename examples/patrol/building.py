@@ -25,11 +25,11 @@ floor = load_map(HERE / "floor.xml", grid=HERE / "floor.yaml", labels=HERE / "la
 building = Building(
     floor,
     visits=[
-        Visits("person", every=25.0, stay=90.0),  # seconds
-        Visits("intruder", every=60.0, stay=40.0),
-        Visits("fire", every=60.0),  # burns until it is put out
+        Visits("person", every=20.0, stay=90.0),  # seconds
+        Visits("intruder", every=30.0, stay=60.0),
+        Visits("fire", every=40.0),  # burns until it is put out
     ],
-    seed=5,
+    seed=21,
 )
 robot = building.robot("robot", at="ElevatorHallway", speed=1.0, noise=0.05)
 

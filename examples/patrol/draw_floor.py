@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mdm.maps import load_graph, load_grid, Labels, save_labels
+from mdm.maps import Labels, load_graph, load_grid, save_labels
 
 HERE = Path(__file__).parent
 RESOLUTION, WIDTH, HEIGHT, WALL = 0.05, 16.5, 15.0, 0.15

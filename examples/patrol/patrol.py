@@ -1,82 +1,135 @@
-"""The demo: a robot patrols a building and attends to people, intruders and fires.
+"""The demo: a robot patrols a floor of six rooms, and attends to people, intruders and fires.
 
-Everything that decides is declared in ``patrol.toml``; what the robot senses and does is in ``building.py``. This file
-runs the two and shows what happens. ``--fast`` runs in virtual time, without waiting.
+Everything that decides is declared in ``patrol.toml``; the building that the robot moves in is in ``building.py``. This
+file runs the two and shows what happens: in a terminal the floor with the robot on it, else a line for each event, as
+with ``--log``. ``--fast`` runs in virtual time, without waiting; ``--film FILE.gif`` (or ``.png``) draws pictures.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import shutil
 import sys
 import time
+from collections import deque
 from pathlib import Path
 
 import mdm
 from mdm.messages import ActionLife, Decision, Fault, PredicateUpdate
+from mdm.views.film import Film
+from mdm.views.floor import FloorView, Mark
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-from building import building  # noqa: E402 - it stands beside this file
+from building import World, building, floor, robot  # noqa: E402 - it stands beside this file
 
-SECONDS = 30.0
+SECONDS = 40.0
 COLOURS = {"world": "36", "senses": "33", "top": "1;35", "patrol": "34", "action": "32", "fault": "1;31"}
+SIGNS = {"person": ("P", (20, 140, 60)), "intruder": ("I", (150, 40, 160)), "fire": ("F", (220, 70, 20))}
+PICTURES = 2  # a second, in a film
+LINES = 6  # of what happened, below the floor
 
 
 class Display(mdm.Actor):
-    """Prints a line for everything that happens: a monitor is an actor beside the others."""
+    """Shows everything that happens: a monitor is an actor beside the others."""
 
-    def __init__(self, system: mdm.System, *, colour: bool) -> None:
+    def __init__(self, system: mdm.System, *, moving: bool, colour: bool, film: Film | None) -> None:
         super().__init__("display")
         self.system = system
-        self.colour = colour
+        self.moving, self.colour, self.film = moving, colour, film
+        self.view = FloorView(floor)
+        self.last: deque[str] = deque(maxlen=LINES)
         self.decisions: dict[str, int] = {"top": 0, "patrol": 0}
 
     def on_start(self) -> None:
         """Listen to decisions, actions, predicates and faults."""
         self.began = self.runtime.clock.now()
-        building.tell = lambda text: self.show("world", text)
+        World.tell = lambda text: self.show("world", text)
         self.subscribe(self.runtime.decisions, self.on_decision)
         self.subscribe(self.runtime.faults, self.on_fault)
         self.subscribe(self.runtime.channel("predicates/updates", PredicateUpdate), self.on_predicates)
         for ensemble in self.system.ensembles.values():
             self.subscribe(self.runtime.channel(f"{ensemble.path}/lives", ActionLife), self.on_life)
+        if self.moving:
+            self.every(5.0, lambda _: self.draw())
+        if self.film is not None:
+            self.every(PICTURES, lambda _: self.shoot())
+
+    # -- What there is to see ------------------------------------------------------------------------------------
+
+    def seconds(self) -> float:
+        """Return the time since the start."""
+        return (self.runtime.clock.now() - self.began) / 1e9
+
+    def marks(self) -> list[Mark]:
+        """Return what is on the floor."""
+        visits = [visit for kind in SIGNS for visit in building.present(kind)]
+        marks = [Mark(one.x, one.y, SIGNS[one.kind][0], ink=SIGNS[one.kind][1]) for one in visits]
+        return [*marks, Mark(robot.pose.x, robot.pose.y, yaw=robot.pose.yaw, ink=(30, 80, 220))]
+
+    def draw(self) -> None:
+        """Draw the floor in the place of the last one."""
+        size = shutil.get_terminal_size()
+        text = self.view.text(
+            self.marks(), columns=size.columns, rows=max(8, size.lines - LINES - 2), colours=self.colour
+        )
+        lines = [*text.splitlines(), f"{self.seconds():5.1f} s  {self.where()}", *self.last]
+        print("\x1b[H" + "\n".join(f"{line}\x1b[K" for line in lines) + "\x1b[J", end="", flush=True)
+
+    def shoot(self) -> None:
+        """Take a picture."""
+        assert self.film is not None
+        last = self.last[-1].split("s ", 1)[-1].strip() if self.last else ""
+        self.film.add(self.marks(), f"{self.seconds():.1f} s: {last}")
+
+    def where(self) -> str:
+        """Return where the robot is, as its predicates have it."""
+        values = self.system.predicates.values()
+        room = next((name for name in floor.labels.names if values[name]), "nowhere known")
+        to_go = f", {robot.remaining:.1f} m to go" if robot.remaining else ""
+        return f"the robot is in {room}{to_go}"
+
+    # -- What happens --------------------------------------------------------------------------------------------
 
     def show(self, who: str, text: str) -> None:
-        """Print a line with the time since the start."""
-        seconds = (self.runtime.clock.now() - self.began) / 1e9
+        """Print a line with the time since the start, or keep it for the screen."""
         line = f"{who:>7}  {text}"
+        self.last.append(f"{self.seconds():5.1f} s {line}")
         if self.colour:
             line = f"\x1b[{COLOURS[who]}m{line}\x1b[0m"
-        print(f"{seconds:5.1f} s {line}", flush=True)
+        if not self.moving:
+            print(f"{self.seconds():5.1f} s {line}", flush=True)
 
     def on_predicates(self, update: PredicateUpdate) -> None:
-        """Show what became true or false, once the first values are known."""
-        if update.counter > 1:
-            for name in (*update.rising, *update.falling):
-                self.show("senses", f"{name} is {'true' if name in update.rising else 'false'} now")
+        """Show what became true or false, once the first values are known: what is observed, and where the robot is."""
+        for name in (*update.rising, *update.falling):
+            rising = name in update.rising
+            if name in floor.labels.names and rising:
+                self.show("senses", f"the robot is in {name}")
+            elif "." not in name and name not in floor.labels.names and update.counter > 1:
+                self.show("senses", f"{name} is {'true' if rising else 'false'} now")
 
     def on_decision(self, decision: Decision) -> None:
-        """Show a decision: by which state, or by which belief."""
+        """Show a decision, and by which state."""
         name = decision.ensemble.rpartition("/")[2]
         self.decisions[name] += 1
-        if decision.belief is None:
-            assert decision.state is not None
-            model = self.system.ensembles[name].controller.model
-            assert model is not None
-            values = zip(model.state_space.factors, model.state_space.unravel(decision.state), strict=True)
-            troubles = [factor.name for factor, value in values if value]
-            self.show(name, f"the state is '{'+'.join(troubles) or 'calm'}': {decision.action_name}")
+        assert decision.state is not None
+        model = self.system.ensembles[name].controller.model
+        assert model is not None
+        factors = model.state_space.factors
+        values = zip(factors, model.state_space.unravel(decision.state), strict=True)
+        if name == "top":
+            words = "+".join(factor.name for factor, value in values if value) or "calm"
         else:
-            chances = decision.belief.reshape(3, 4).sum(axis=0)
-            fires = zip(("nowhere", "lobby", "office", "lab"), chances, strict=True)
-            belief = ", ".join(f"{place} {chance:.0%}" for place, chance in fires)
-            self.show(name, f"believes the fire is {belief}: {decision.action_name}")
+            (place, at), (_, halfway) = values
+            words = f"{place.names[at]}, {'second' if halfway else 'first'} half of the round"
+        self.show(name, f"the state is '{words}': {decision.action_name}")
 
     def on_life(self, life: ActionLife) -> None:
-        """Show how actions of the top level end, and all that do not succeed."""
-        if life.status != "running" and (life.ensemble == "top" or life.status != "succeeded"):
+        """Show how actions of the top level end, and all that fail."""
+        if life.status != "running" and (life.ensemble == "top" or life.status not in {"succeeded", "preempted"}):
             self.show("action", f"{life.action} {life.status.replace('_', ' ')}")
 
     def on_fault(self, fault: Fault) -> None:
@@ -84,37 +137,53 @@ class Display(mdm.Actor):
         self.show("fault", f"{fault.source}: {fault.detail}")
 
 
-async def patrol(*, fast: bool, seconds: float) -> None:
+async def patrol(arguments: argparse.Namespace) -> None:
     """Run the system for a time, and say how it went."""
     system = mdm.load_system(HERE / "patrol.toml")
+    seconds = arguments.seconds
     print("The ensembles:\n")
     print("\n".join(f"  {line}" for line in system.tree().splitlines()))
-    print(f"\nThe next {seconds:g} seconds:\n")
-    display = Display(system, colour=sys.stdout.isatty())
+    print(f"\nThe next {seconds:g} seconds:\n", flush=True)
+    moving = sys.stdout.isatty() and not arguments.log and not arguments.fast
+    film = None if arguments.film is None else Film(FloorView(floor), arguments.film)
+    display = Display(system, moving=moving, colour=sys.stdout.isatty(), film=film)
+    if moving:
+        print("\x1b[2J", end="")
     async with mdm.Runtime(log=None) as runtime:
         await runtime.start(display)
         await runtime.start(system)
         await asyncio.sleep(seconds)
         latencies = {name: ensemble.action.latency for name, ensemble in system.ensembles.items()}
+        where = display.where()
+    print(f"\nAt the end {where}.\n")
+    print(display.view.text(display.marks(), columns=72, rows=24, colours=sys.stdout.isatty()))
     print("\nWhat it took:\n")
     for name, latency in latencies.items():
         lives = ", ".join(f"{count} {status}" for status, count in sorted(system.ensembles[name].action.ended.items()))
-        median = "" if fast else f"; from stimulus to callback {latency.quantile(0.5) * 1e6:.0f} µs (median)"
+        median = "" if arguments.fast else f"; from stimulus to callback {latency.quantile(0.5) * 1e6:.0f} µs (median)"
         print(f"  {name}: {display.decisions[name]} decisions; actions: {lives}{median}")
+    print(f"  robot: {building.steps / 10:g} s on the floor; collisions: {robot.collisions}")
+    if film is not None:
+        film.save(1 / PICTURES)
+        print(f"  {arguments.film}: {len(film)} pictures")
 
 
 def main() -> None:
     """Read the arguments and run."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--fast", action="store_true", help="in virtual time, without waiting")
+    parser.add_argument("--log", action="store_true", help="a line for each event, in place of the floor")
+    parser.add_argument("--film", metavar="FILE", help="pictures of the floor: an animation .gif, or a sheet .png")
     parser.add_argument("--seconds", type=float, default=SECONDS, help=f"how long ({SECONDS:g})")
     arguments = parser.parse_args()
     began = time.monotonic()
     try:
-        mdm.run(lambda: patrol(fast=arguments.fast, seconds=arguments.seconds), virtual=arguments.fast)
+        mdm.run(lambda: patrol(arguments), virtual=arguments.fast)
     except KeyboardInterrupt:
         print("\nstopped: the running action has ended, and the safe action has run")
         sys.exit(130)
+    except mdm.Error as error:
+        sys.exit(f"patrol.py: {error}")
     print(f"\nDone in {time.monotonic() - began:.1f} s.")
 
 

@@ -131,7 +131,7 @@ class Picture:
         self._write(node.name, self._place(node.goal), fill=self._of(node.name), ink=_PAPER, rank=0)
 
     def mark(self, pose: Pose, radius: float, ink: Ink, letter: str = "") -> None:
-        """Put a disc of a radius in metres at a pose, with a letter, or a nose that points where it looks, above all."""
+        """Put a disc of a radius in metres at a pose, above all else: with a letter, or a nose that points ahead."""
         self._marks.append((pose, radius, ink, letter))
 
     def _disc(self, pose: Pose, radius: float, ink: Ink, letter: str) -> None:

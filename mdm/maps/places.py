@@ -33,7 +33,9 @@ class Places(Actor):
     - the predicate ``Kitchen``: the robot is in it. One is true and all others are false, or all are unknown;
     - the events ``Kitchen.entered`` and ``Kitchen.left``: when that changes. The first place known is entered, too;
     - where there is a graph, the predicate ``Kitchen.at_goal``: the robot is within the tolerance of the place's goal;
-      and the event ``Kitchen.arrived``: when it comes there.
+      and the event ``Kitchen.arrived``: when it comes there;
+    - with that, the predicate ``Kitchen.reached``: of all goals this is the last one where the robot was. From the
+      first goal on one is true: a state factor over these tells where the robot comes from while it drives.
 
     A border has a margin: the robot is in another place only where that is at least so far inside it. A cell of no
     place is of the last one, for at most the ``max_age``. A goal is left at the tolerance and the margin. Without a
@@ -105,7 +107,7 @@ class Places(Actor):
         self._forget()
 
     def _declare(self, max_age: float) -> None:
-        goals = tuple(f"{name}.at_goal" for name in self._goal_names)
+        goals = tuple(f"{name}.{what}" for name in self._goal_names for what in ("at_goal", "reached"))
         for name in self._rooms:
             if "/" in name or ACTION_END.fullmatch(name):
                 stands = "another agent's predicate" if "/" in name else "the end of an action"
@@ -125,6 +127,7 @@ class Places(Actor):
         self._located = False  # whether there is a pose that counts
         self._at: frozenset[int] = frozenset()  # the goals where it is
         self._last_at: frozenset[int] = frozenset()
+        self._reached: int | None = None  # the last goal where it was
         # When there was a pose, one that told a place, and one that was not finite.
         self._seen = self._placed = self._bad = -(1 << 62)
         self._told: dict[str, bool | None] = {}
@@ -192,9 +195,11 @@ class Places(Actor):
             room = label
         if label or (self._keeps and room):  # in the margin of another place it is in the last one all the same
             self._placed = time
-        at = self._goals_at(pose.x, pose.y) if self._goals else self._at
+        before = self._at
+        at = self._goals_at(pose.x, pose.y) if self._goals else before
         if room != self._room or at != self._at or not self._located:
             self._room, self._at, self._located = room, at, True
+            self._reached = min(at - before, default=self._reached)
             self._tell()
         elif self._witness is not None and self.predicates.value(self._witness[0]) is not self._witness[1]:
             self._told.clear()  # the predicate manager has started anew
@@ -233,6 +238,8 @@ class Places(Actor):
         }
         for index, name in enumerate(self._goal_names):
             values[f"{name}.at_goal"] = index in self._at if self._located else None
+            known = self._located and self._reached is not None
+            values[f"{name}.reached"] = index == self._reached if known else None
         told = self._told
         changes = tuple((name, value) for name, value in values.items() if told.get(name, told) is not value)
         self._told = values

@@ -102,6 +102,12 @@ def in_time(model: MDP, durations: Durations) -> MDP:
 
     Raises:
         ModelError: If the discount is 1, observations are events, or one is a false negative.
+
+    Example::
+
+        forest = mdm.problems.forest()
+        in_time = mdm.models.in_time(forest, mdm.models.Durations([[30.0, 2.0]] * 3))
+        len(in_time.state_space), round(in_time.discount, 3)  # 4, 0.826
     """
     if model.discount >= 1:
         raise ModelError("with a discount of 1 time costs nothing: solve the model without durations")

@@ -27,6 +27,8 @@ _WALL = (58, 62, 72)
 _RED = (214, 30, 60)
 _WHITE, _BLACK = (255, 255, 255), (0, 0, 0)
 _TINT = 0.55
+_WALLED = 0.3
+"""The share of a block of cells that makes it a wall: thin ones would be lost, and doors must not be."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,8 @@ class FloorView:
             marks: What is on it; of several in one character the last is shown.
             columns: How many characters it may be wide.
             rows: How many lines it may have.
-            colours: Whether places are told by colours, two cells a character (24-bit escape codes); else walls are ``#``
-                and places begin with their names.
+            colours: Whether places are told by colours (24-bit escape codes), two blocks a character; else walls are
+                ``#``. Names are below goals.
         """
         top, left, bottom, right = self._window
         side = max((right - left) / columns, (bottom - top) / (2 * rows))  # cells across a character
@@ -86,7 +88,7 @@ class FloorView:
         signs = [[" "] * wide for _ in range(high)]
         if not colours:
             for row, column in np.ndindex(high, wide):
-                if labels[2 * row, column] == 0 and labels[2 * row + 1, column] == 0:
+                if labels[2 * row, column] == 0 or labels[2 * row + 1, column] == 0:
                     signs[row][column] = "#"
         self._write_names(signs, side)
         inks: dict[tuple[int, int], Ink] = {}
@@ -103,10 +105,20 @@ class FloorView:
         return "\n".join(self._coloured(line, labels, row, inks) for row, line in enumerate(signs))
 
     def _sampled(self, side: float, wide: int, high: int) -> NDArray[np.uint16]:
+        """Return the place at the middle of each block of cells, 0 where much of the block is a wall."""
         top, left, _, _ = self._window
-        rows = np.minimum((top + (np.arange(high) + 0.5) * side).astype(int), self.floor.labels.frame.rows - 1)
-        columns = np.minimum((left + (np.arange(wide) + 0.5) * side).astype(int), self.floor.labels.frame.columns - 1)
-        return self.floor.labels.raster[np.ix_(rows, columns)]
+        raster = self.floor.labels.raster
+        rows = np.minimum((top + np.arange(high) * side).astype(int), raster.shape[0] - 1)
+        columns = np.minimum((left + np.arange(wide) * side).astype(int), raster.shape[1] - 1)
+        blocks = raster[rows[0] : rows[0] + math.ceil(high * side), columns[0] : columns[0] + math.ceil(wide * side)]
+        starts = rows - rows[0], columns - columns[0]
+        walls = np.add.reduceat(np.add.reduceat(blocks == 0, starts[0], axis=0, dtype=float), starts[1], axis=1)
+        cells = np.add.reduceat(np.add.reduceat(np.ones(blocks.shape), starts[0], axis=0), starts[1], axis=1)
+        half = int(side / 2)
+        middles = raster[
+            np.ix_(np.minimum(rows + half, raster.shape[0] - 1), np.minimum(columns + half, raster.shape[1] - 1))
+        ]
+        return np.where(walls > _WALLED * cells, 0, middles)
 
     def _write_names(self, signs: list[list[str]], side: float) -> None:
         top, left, _, _ = self._window

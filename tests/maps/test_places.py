@@ -73,9 +73,30 @@ def test_what_a_pose_changes_is_one_update_and_what_it_does_not_change_is_none()
         watched.see(1.1)
         watched.see(3.9)
         watched.see(6.0)
-        assert [len(update.predicates) for update in watched.sensed] == [4, 3]
+        assert [len(update.predicates) for update in watched.sensed] == [6, 5]
         assert watched.sensed[1].events == ("Hall.left", "Kitchen.entered", "Kitchen.arrived")
-        assert watched.sensed[1].predicates == (("Hall", False), ("Kitchen", True), ("Kitchen.at_goal", True))
+        assert watched.sensed[1].predicates == (
+            *(("Hall", False), ("Kitchen", True)),
+            *(("Hall.reached", False), ("Kitchen.at_goal", True), ("Kitchen.reached", True)),
+        )
+
+    watch(script)
+
+
+def test_the_goal_that_was_reached_last_stays_so_until_another_is():
+    async def script(watched):
+        def reached():
+            return [watched.predicates.value(f"{name}.reached") for name in ("Hall", "Kitchen")]
+
+        watched.see(3.9)
+        assert reached() == [None, None]  # it has not been at a goal yet
+        for x, want in ((2.0, [True, False]), (3.9, [True, False]), (6.0, [False, True]), (4.1, [False, True])):
+            watched.see(x)
+            assert reached() == want
+        await asyncio.sleep(1.0)
+        assert reached() == [None, None]  # no pose came
+        watched.see(4.1)
+        assert reached() == [False, True]
 
     watch(script)
 
@@ -353,7 +374,9 @@ def test_all_is_told_anew_after_a_restart_of_the_predicate_manager():
             "Hall": True,
             "Kitchen": False,
             "Hall.at_goal": True,
+            "Hall.reached": True,
             "Kitchen.at_goal": False,
+            "Kitchen.reached": False,
         }
 
     run_virtual(main)

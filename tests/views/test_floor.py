@@ -1,0 +1,67 @@
+"""Floors as text and as pictures."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+from maps.floors import flat, offices
+
+from mdm.views.floor import FloorView, Mark
+
+
+def test_a_robot_is_an_arrow_where_it_is_and_others_are_letters():
+    floor = flat().map()
+    view = FloorView(floor)
+    goal = floor.graph.node("study").goal
+    at = {}
+    for yaw, arrow in ((0.0, "→"), (math.pi / 2, "↑"), (-math.pi / 2, "↓"), (math.pi, "←"), (2.4, "↖")):
+        lines = view.text([Mark(goal.x, goal.y, yaw=yaw)], columns=60, rows=24, colours=False).splitlines()
+        (at[arrow],) = [(row, line.index(arrow)) for row, line in enumerate(lines) if arrow in line]
+    assert len(set(at.values())) == 1
+    lines = view.text([Mark(goal.x, goal.y, "F")], columns=60, rows=24, colours=False).splitlines()
+    row, column = at["→"]
+    assert lines[row][column] == "F"
+    lower = view.text([Mark(goal.x, goal.y - 2.0, "F")], columns=60, rows=24, colours=False).splitlines()
+    assert lower[row + 1 :] != lines[row + 1 :]
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(80, 24), (40, 60), (200, 50), (10, 3)])
+def test_text_fits_in_the_terminal_and_shows_walls_and_doors(columns, rows):
+    floor = offices().map()
+    plain = FloorView(floor).text(columns=columns, rows=rows, colours=False)
+    lines = plain.splitlines()
+    assert len(lines) <= rows
+    assert max(map(len, lines)) <= columns
+    coloured = FloorView(floor).text(columns=columns, rows=rows)
+    bare = re.sub(r"\x1b\[[0-9;]*m", "", coloured).splitlines()
+    assert len(bare) == len(lines)
+    if columns >= 80:
+        assert {name for name in floor.labels.names if name in plain} == set(floor.labels.names)
+        assert plain.count("#") > 3 * len(lines)
+
+
+def test_colours_are_those_of_places():
+    floor = offices().map()
+    coloured = FloorView(floor).text(columns=80, rows=30)
+    backs = set(re.findall(r"\x1b\[48;2;(\d+;\d+;\d+)m", coloured))
+    assert len(backs) == len(floor.labels.names) + 1  # and walls
+
+
+def test_marks_off_the_floor_are_left_out():
+    view = FloorView(flat().map())
+    assert view.text([Mark(1e6, 0.0, "X")], colours=False) == view.text(colours=False)
+
+
+def test_a_picture_shows_marks_above_names():
+    floor = flat().map()
+    view = FloorView(floor)
+    goal = floor.graph.node("living").goal
+    without, marked = (np.asarray(view.image(marks)) for marks in ([], [Mark(goal.x, goal.y, ink=(1, 2, 250))]))
+    changed = np.argwhere((without != marked).any(axis=2))
+    assert 50 < len(changed) < 5000
+    row, column = changed.mean(axis=0).round().astype(int)
+    assert (np.abs(changed - (row, column)) < 60).all()
+    assert (marked == (1, 2, 250)).all(axis=2).any()

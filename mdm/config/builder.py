@@ -120,7 +120,7 @@ class _Builder:
                 self._problems.add(f"there is no key {key!r} here; the keys are {', '.join(known)}", key)
         described, share = self._share(document, agent)
         declarations = Declarations(self._problems, share)
-        places, navigation = self._places(document, declarations)
+        places, navigation = self._places(document, declarations, share)
         declarations.declare(document)
         declarations.declare_others(document.get("ensembles"))
         builder = Ensembles(self._path.parent, declarations.manager, self._functions, self._problems, share, navigation)
@@ -142,7 +142,9 @@ class _Builder:
         self._problems.raise_all()
         return System(declarations.manager, ensembles, tasks, places=places, member=member, emergency=emergency)
 
-    def _places(self, document: dict[str, Any], declarations: Declarations) -> tuple[Places | None, Navigation | None]:
+    def _places(
+        self, document: dict[str, Any], declarations: Declarations, share: Share | None
+    ) -> tuple[Places | None, Navigation | None]:
         """Return the places of the map, or raise their problems: what else uses them would be wrong as well."""
         if "places" not in document:
             return None, None
@@ -153,7 +155,7 @@ class _Builder:
         from mdm.config.places import read_places  # noqa: PLC0415 - files without a map load nothing of maps
 
         found = read_places(
-            document["places"], self._path.parent, declarations.manager, self._functions, self._problems
+            document["places"], self._path.parent, declarations.manager, self._functions, self._problems, share
         )
         self._problems.raise_all()
         return found

@@ -15,13 +15,19 @@ if TYPE_CHECKING:
     from mdm.actors import PredicateManager
     from mdm.config.functions import Functions
     from mdm.config.problems import Problems
+    from mdm.config.share import Share
     from mdm.maps import Map
 
 __all__ = ["read_places"]
 
 
 def read_places(
-    value: Any, folder: Path, predicates: PredicateManager, functions: Functions, problems: Problems
+    value: Any,
+    folder: Path,
+    predicates: PredicateManager,
+    functions: Functions,
+    problems: Problems,
+    share: Share | None = None,
 ) -> tuple[Places | None, Navigation | None]:
     """Return the places of a file, and their navigation where there is a navigator; None where there are problems.
 
@@ -31,6 +37,7 @@ def read_places(
         predicates: Where the places are declared.
         functions: Finds the function that makes the navigator.
         problems: Where problems are noted.
+        share: In a team's file, whose part it is.
     """
     table: PlacesTable | None = problems.convert(value, PlacesTable, "places")
     if table is None:
@@ -46,12 +53,13 @@ def read_places(
             prefix=table.prefix,
             outside=table.outside,
         )
-        if table.navigator is None:
-            return places, None
         with problems.collecting("places.navigator"):
-            make = functions.find(table.navigator, "places.navigator")
+            reference = _navigator(table.navigator, share)
+            if reference is None:
+                return places, None
+            make = functions.find(reference, "places.navigator")
             if make is not None:
-                navigator = _made(make, table.navigator) if functions.imported else _Parked()
+                navigator = _made(make, reference) if functions.imported else _Parked()
                 return places, Navigation(floor, navigator, places)
         return places, None
     return None, None
@@ -67,6 +75,14 @@ def _floor(table: PlacesTable, folder: Path) -> Map:
     return load_map(
         folder / table.graph, grid=path(table.grid), labels=path(table.labels), names=names, reach=table.reach
     )
+
+
+def _navigator(given: str | dict[str, str] | None, share: Share | None) -> str | None:
+    if not isinstance(given, dict):
+        return given
+    if share is None:
+        raise ConfigError("a navigator per agent is for a team's file, which has a table [team]")
+    return share.navigator(given)
 
 
 def _made(make: Any, reference: str) -> Any:

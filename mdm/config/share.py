@@ -123,6 +123,16 @@ class Share:
             self.team.check_agent(name, key=f"{key}.{name}")
         return given.get(self.agent, [])
 
+    def navigator(self, given: Mapping[str, str]) -> str | None:
+        """Return what makes this agent's navigator; None where it has none.
+
+        Raises:
+            ConfigError: If one is that of no agent.
+        """
+        for name in given:
+            self.team.check_agent(name)
+        return given.get(self.agent)
+
     # -- Ensembles -----------------------------------------------------------------------------------------------
 
     def survey(self, tables: Mapping[str, Any]) -> set[str]:

@@ -154,7 +154,7 @@ class PlacesTable(_Table, frozen=True):
     tolerance: Annotated[float, Meta(ge=0)] = 0.3
     prefix: str = ""
     outside: Literal["unknown", "keep"] = "unknown"
-    navigator: str | None = None
+    navigator: str | dict[str, str] | None = None
 
 
 class AgentTable(_Table, frozen=True):

@@ -6,6 +6,7 @@ import asyncio
 import sys
 
 import pytest
+import team_file as team
 from loading import written
 
 from mdm import ConfigError, Error, load_system
@@ -71,6 +72,7 @@ def _forget(monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield
     sys.modules.pop("wheels", None)
+    sys.modules.pop("team_code", None)
 
 
 def file(tmp_path, text=FILE):
@@ -146,3 +148,41 @@ def test_what_is_wrong_is_told_with_its_key(tmp_path, old, new, key, words):
     assert old in FILE
     found = problems(tmp_path, FILE.replace(old, new))
     assert any(place == key and words in message for place, message in found), found
+
+
+NAVIGATORS = 'navigator = { a = "wheels:Wheels", b = "wheels:Broken" }'
+
+
+def of_a_team(tmp_path, old=NAVIGATORS, new=NAVIGATORS):
+    """Write a team's file of which each agent has a navigator, with a replacement."""
+    file(tmp_path)
+    places = f'[places]\ngraph = "floor.geojson"\nreach = 1.5\n{NAVIGATORS}\n\n[predicates]'
+    changes = [("[predicates]", places), ('"team_code:go"', '{ place = "Kitchen" }'), (old, new)]
+    return team.write(tmp_path, ('["team_code:sense"]', "[]"), *changes)
+
+
+def test_in_a_team_s_file_each_agent_may_have_a_navigator_of_its_own(tmp_path):
+    path = of_a_team(tmp_path)
+    go = load_system(path, agent="a").ensembles["joint"].action.bindings[1]
+    assert go.target.__qualname__ == "Navigation.go_to('Kitchen')"
+    with pytest.raises(ConfigError, match="'wheels:Broken' cannot be made: OSError: no wheels"):
+        load_system(path, agent="b")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        ("b = ", "bob = ", "places.navigator", "has no agent 'bob'"),
+        (', b = "wheels:Broken"', "", "ensembles.joint.actions.go", "a place needs what drives there"),
+    ],
+)
+def test_navigators_of_no_agent_or_not_of_this_one_are_refused(tmp_path, old, new, key, words):
+    path = of_a_team(tmp_path, NAVIGATORS, NAVIGATORS.replace(old, new))
+    with pytest.raises(ConfigError) as caught:
+        load_system(path, agent="b")
+    assert any(problem.key == key and words in problem.message for problem in caught.value.problems)
+
+
+def test_a_navigator_per_agent_is_for_a_team(tmp_path):
+    found = problems(tmp_path, FILE.replace('"wheels:Wheels"', '{ ada = "wheels:Wheels" }'))
+    assert any(key == "places.navigator" and "for a team's file" in message for key, message in found)

@@ -60,6 +60,17 @@ class _Life:
         self.secures = secures
 
 
+class _Brief:
+    """What a binding's hot path needs."""
+
+    __slots__ = ("function", "returns", "takes_action")
+
+    def __init__(self, binding: Binding) -> None:
+        self.function = binding.function
+        self.returns = binding.returns
+        self.takes_action = binding.takes_action
+
+
 class ActionStatistics(ActorStatistics, frozen=True):
     """What an action layer has done: lives started, how they ended, and which are live.
 
@@ -92,6 +103,7 @@ class ActionLayer(Layer):
 
     # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
     __slots__ = (
+        "_briefs",
         "_calling",
         "_component",
         "_current",
@@ -126,6 +138,7 @@ class ActionLayer(Layer):
         self.names = names
         self.predicates = predicates
         self.bindings = _bindings(names, bindings)
+        self._briefs = tuple([_Brief(binding) if binding.brief else None for binding in self.bindings])
         self.safe = _safe_binding(safe_action, names, self.bindings)
         self.started = 0
         self.ended: dict[ActionStatus, int] = {}
@@ -297,9 +310,9 @@ class ActionLayer(Layer):
             self.skipped += 1
             return
         index = action.index if self._component is None else self._component(action.index)
-        binding = self.bindings[index]
-        if not binding.brief or self._current is not None or self._lives.heard or self._left:
-            self._choose(self.names[index], binding, action)
+        brief = self._briefs[index]
+        if brief is None or self._current is not None or self._lives.heard or self._left:
+            self._choose(self.names[index], self.bindings[index], action)
             return
         # Hot path: a plain function, while nothing lives and nobody listens to lives, needs no record of its own.
         self.started += 1
@@ -309,17 +322,17 @@ class ActionLayer(Layer):
         jobs = None
         try:
             self._calling = True
-            if binding.returns:
+            if brief.returns:
                 jobs = Jobs()
-                result = jobs.call(binding.function, *((action,) if binding.takes_action else ()))
+                result = jobs.call(brief.function, *((action,) if brief.takes_action else ()))
             else:
-                result = binding.function(action) if binding.takes_action else binding.function()
+                result = brief.function(action) if brief.takes_action else brief.function()
             self._calling = False
         except BaseException as error:
-            self._take_error(_Life(self.started, self.names[index], binding, action), error)
+            self._take_error(_Life(self.started, self.names[index], self.bindings[index], action), error)
             return
         if result is not None or self._halted:
-            self._take(_Life(self.started, self.names[index], binding, action), result, jobs)
+            self._take(_Life(self.started, self.names[index], self.bindings[index], action), result, jobs)
             return
         try:
             self.ended["succeeded"] += 1

@@ -6,7 +6,7 @@ values are never visible, and stops where a value does not change.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from mdm.errors import Error
 from mdm.logic.compiler import FALSE, TRUE, UNKNOWN, compile_formula, compile_hold, compile_latch
@@ -22,8 +22,8 @@ __all__ = ["Change", "Network"]
 
 _VALUE = (False, None, True)
 _FEW = 8
-_LONGEST = 64
-_STAYS = 3
+_LONGEST: Final = 64
+_STAYS: Final = 3
 
 
 class Network(Declarations):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from threading import get_ident
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, Literal, TypeVar
 
 from mdm.errors import Error
 from mdm.messages import Fault
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["Channel", "Subscription", "Topics"]
 
 T = TypeVar("T")
+
+_get_ident: Final = get_ident  # what is final compiled code finds at once
 
 
 class Subscription(Generic[T]):
@@ -165,7 +167,7 @@ class Channel(WeaklyHeld, Generic[T]):
             raise TypeError(
                 f"channel {self.name!r} carries {self.type.__name__} messages, not {message.__class__.__name__}"
             )
-        if get_ident() != dispatcher.thread:
+        if _get_ident() != dispatcher.thread:
             dispatcher.publish_from_thread(self, message)
             return
         self.published += 1

@@ -12,7 +12,7 @@ import os
 import sys
 from collections import deque
 from threading import get_ident
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 from weakref import WeakSet
 
 from mdm.errors import Error
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Dispatcher"]
 
-_SLICE = 256
-_MOST_CUTS = 64
-_ROOM = 500
-_STRAIGHT = 16
+_SLICE: Final = 256
+_MOST_CUTS: Final = 64
+_ROOM: Final = 500
+_STRAIGHT: Final = 16
 _OPEN: WeakSet[Dispatcher] = WeakSet()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -18,7 +19,7 @@ __all__ = [
     "LoopStatistics",
 ]
 
-FULL = 4096
+FULL: Final = 4096
 _BUCKETS = 8 * 64
 
 

@@ -146,3 +146,18 @@ def test_what_ctrl_c_has_become_while_modules_are_loaded_is_no_error(mdm, monkey
 
     monkeypatch.setattr("mdm.cli.policies.inputs.load", load)
     assert mdm("evaluate", TIGER, TIGER_VECTORS) == (130, [], "")
+
+
+def test_an_error_in_its_own_context_is_told(mdm, monkeypatch):
+    def load(*_, **__):
+        try:
+            raise OSError("disk")
+        except OSError as error:
+            try:
+                raise ValueError("behind") from error
+            except ValueError as behind:
+                raise behind.__cause__ from None
+
+    monkeypatch.setattr("mdm.cli.policies.inputs.load", load)
+    status, output, errors = mdm("evaluate", TIGER, TIGER_VECTORS)
+    assert (status, output, errors) == (1, [], "mdm evaluate: disk\n")

@@ -63,8 +63,10 @@ _ROUNDING = 4e-12
 """The bounds come no nearer than this share of the values: the slack for rounding."""
 _LEAST_VECTORS = 200
 _LEAST_NODES = 50_000
-_CONDENSATION = 0.5, 0.1
+_CONDENSATION = 0.5, 0.15
 """The seconds, and the part of the time so far, that a policy may take to be made small: the larger of them."""
+_RESERVED = 0.05
+"""The part of the time so far that is left of a time limit for it."""
 _FIRST_PLAN, _LEAST_PLAN = 1.0, 0.1
 """The seconds before a plan is looked for, and that the search for one may take at least."""
 _PLANS = 0.1
@@ -107,6 +109,8 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
             search.run(run)
             if not whole:
                 search.condense(run)
+                if 0 <= run.remaining < _RESERVED * run.seconds:
+                    run.reason = "time"
             lower, upper = search.bounds()
             if run.gap < upper - lower <= search.rounding:
                 run.reason = "converged"
@@ -330,7 +334,7 @@ class _Search:
         least, part = _CONDENSATION
         end = limits.seconds + max(least, part * limits.seconds)
         enough = min(lower, upper - limits.gap) if limits.reason == "gap" else lower - self.rounding
-        for share in _FEWER:
+        for share in _FEWER if limits.reason == "gap" else _FEWER[1:]:
             found = self._plan(limits, share * max(upper - lower, 0.0), (end - limits.seconds) / 2)
             if found is not None and found.lower >= enough:
                 return found.vectors, found.lower

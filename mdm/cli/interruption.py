@@ -18,19 +18,27 @@ _NUMBERS = (signal.SIGINT, signal.SIGTERM)
 class Interruption:
     """Notes the first Ctrl-C or SIGTERM that comes while it is deferred; the second is a `KeyboardInterrupt`.
 
-    It raises nothing then, so that nothing can swallow it, as compilers do: who computes asks for it now and then.
+    Until there is something worth having the first is one as well. It is noted all the same, because what it breaks off
+    may swallow it, as compilers do: who computes asks for it now and then.
 
     Attributes:
         number: The signal that came; None before.
+        begun: Whether there is something worth having.
     """
 
     def __init__(self) -> None:
         self.number: int | None = None
+        self.begun = False
 
     @property
     def status(self) -> int:
         """The exit status that tells of the signal."""
         return 128 + (self.number or signal.SIGINT)
+
+    def asked(self) -> bool:
+        """Return whether a signal has come; from now on there is something worth having."""
+        self.begun = True
+        return self.number is not None
 
     @contextmanager
     def deferred(self) -> Iterator[None]:
@@ -53,5 +61,5 @@ class Interruption:
             self.number = number
         if number == signal.SIGTERM and signal.getsignal(signal.SIGINT) != self._take:
             signal.raise_signal(signal.SIGINT)  # a solver takes that to return what it has
-        elif not first:
+        elif not first or not self.begun:
             raise KeyboardInterrupt

@@ -40,12 +40,22 @@ def test_a_signal_is_noted_alone(number, status):
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     interruption = Interruption()
     with interruption.deferred():
-        assert interruption.number is None
+        assert not interruption.asked()
         signal.raise_signal(number)
+        assert interruption.asked()
         assert (interruption.number, interruption.status) == (number, status)
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(number)
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+@pytest.mark.parametrize(("number", "status"), SIGNALS)
+def test_while_there_is_nothing_worth_having_a_signal_ends_all(number, status):
+    interruption = Interruption()
+    with interruption.deferred():
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)
+        assert (interruption.asked(), interruption.status) == (True, status)  # whoever swallows it is told again
 
 
 def test_handlers_of_others_stay(monkeypatch):

@@ -70,7 +70,7 @@ def counting(interruption: Interruption, what: str = "") -> Iterator[Callable[[i
     def count(ended: int, episodes: int) -> bool:
         seconds = perf_counter() - began
         line.tell(seconds, lambda: f"{seconds:.1f} s  {what}{ended} of {episodes} episodes")
-        return interruption.number is not None
+        return interruption.asked()
 
     with interruption.deferred():
         try:

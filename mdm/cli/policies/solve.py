@@ -128,7 +128,7 @@ def _solve(model: MDP, solver: str, options: dict[str, Any], arguments: argparse
             print("mdm solve: without -o the policy is not kept, and its bounds alone are printed", file=sys.stderr)
             warned = True
         line(progress)
-        return interruption.number is not None
+        return bool(interruption.asked())
 
     with interruption.deferred():
         try:

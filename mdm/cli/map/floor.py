@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mdm.maps.files.load import Parts
 
-__all__ = ["add_floor", "load", "metres"]
+__all__ = ["add_floor", "inputs", "load", "metres"]
 
 
 def add_floor(parser: argparse.ArgumentParser) -> None:
@@ -43,6 +43,14 @@ def load(arguments: argparse.Namespace) -> Parts:
     return load_parts(
         arguments.graph, grid=arguments.map, labels=arguments.labels, names=arguments.names, reach=arguments.reach
     )
+
+
+def inputs(arguments: argparse.Namespace) -> list[str]:
+    """Return the files that are read, the image of the map too, none of which may be written."""
+    from mdm.maps.files.occupancy import image_of  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+    given = (arguments.map, getattr(arguments, "labels", None), arguments.graph, getattr(arguments, "names", None))
+    return [path for path in given if path is not None] + [str(image_of(arguments.map))]
 
 
 def metres(text: str) -> float:

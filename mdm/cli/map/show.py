@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.map.floor import add_floor, load, metres
+from mdm.cli.map.floor import add_floor, inputs, load, metres
 
 if TYPE_CHECKING:
     import argparse
@@ -45,8 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.output is not None:
         from mdm.cli.map.drawing import check_output  # noqa: PLC0415
 
-        inputs = (arguments.map, arguments.labels, arguments.graph, arguments.names)
-        check_output(arguments.output, *(path for path in inputs if path is not None))
+        check_output(arguments.output, *inputs(arguments))
     parts = load(arguments)
     facts = _facts(parts, 2 * (arguments.radius or 0.0))
     if arguments.json:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from mdm.maps.files.image import Image
     from mdm.maps.files.yaml_tree import Entry
 
-__all__ = ["load_grid"]
+__all__ = ["image_of", "load_grid"]
 
 _MODES = ("trinary", "scale", "raw")
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
@@ -75,6 +75,17 @@ def load_grid(path: str | Path) -> Grid:
         root.need("negate", _WHAT).fail("with the mode raw servers differ on negate: invert the image instead")
     darkness, known = _darkness(image, mode, negate=negate)
     return Grid(frame, known & (darkness < free), known & (darkness > occupied))
+
+
+def image_of(path: str | Path) -> Path:
+    """Return the path of the image of ROS's `map.yaml`.
+
+    Raises:
+        FormatError: If the YAML file is missing or malformed.
+        MapError: If PyYAML is not installed.
+    """
+    source = Source(path)
+    return source.path.parent / read_yaml(source).need("image", _WHAT).string("image")
 
 
 def _darkness(image: Image, mode: str, *, negate: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

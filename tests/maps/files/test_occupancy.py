@@ -13,6 +13,7 @@ from PIL import Image as Pillow
 
 from mdm.errors import FormatError, MapError, MapWarning
 from mdm.maps import load_grid
+from mdm.maps.files.occupancy import image_of
 
 BASE = "image: map.png\nresolution: 0.5\norigin: [1, 2, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 
@@ -36,6 +37,11 @@ def test_the_grid_of_a_floor(tmp_path):
     assert np.array_equal(loaded.free, free())
     assert np.array_equal(loaded.occupied, ~free())
     assert (loaded.frame.resolution, loaded.frame.x, loaded.frame.y) == (0.1, -1, 2)
+
+
+def test_the_image_is_known_without_reading_it(tmp_path):
+    (tmp_path / "map.yaml").write_text("image: elsewhere/plan.png\n")
+    assert image_of(tmp_path / "map.yaml") == tmp_path / "elsewhere" / "plan.png"
 
 
 def test_the_image_is_relative_to_the_file(tmp_path):

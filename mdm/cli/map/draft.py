@@ -1,0 +1,97 @@
+"""``mdm map draft``: an image of labels from a map and one goal in each place, to be corrected by hand."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mdm.cli.map.floor import inputs
+
+if TYPE_CHECKING:
+    import argparse
+
+    from mdm.maps import Graph, Grid, Labels
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "draft",
+        help="draft the labels of a map from the goals of its graph",
+        description=(
+            "Divide a map into the places of a graph, whose goals say where they are, and write an image with a colour "
+            "for each place. It is a draft: rooms are divided at narrow passages, and where there is none, the border "
+            "is a convention. Correct it in a paint program, then see mdm map check."
+        ),
+        epilog="example: mdm map draft map.yaml graph.xml -o labels.png",
+    )
+    parser.add_argument("map", metavar="MAP.yaml", help="ROS's map.yaml, whose image is a PGM, PNG or BMP")
+    parser.add_argument(
+        "graph",
+        metavar="GRAPH",
+        help="the original's TopologicalMap (XML), LCAS's tmap2 (YAML), or Nav2's route graph (GeoJSON)",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="LABELS.png", required=True, help="the image of labels (needs mdm[maps])"
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Draft the labels; return the exit status."""
+    from mdm.cli.map.drawing import check_output  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.cli.report import as_json  # noqa: PLC0415
+    from mdm.maps import draft, load_graph, load_grid, save_labels  # noqa: PLC0415
+
+    check_output(arguments.output, *inputs(arguments))
+    graph, grid = load_graph(arguments.graph), load_grid(arguments.map)
+    labels = draft(grid, graph)
+    facts = _facts(labels, grid, graph)
+    save_labels(labels, arguments.output)
+    if arguments.json:
+        print(as_json({"labels": arguments.output, **facts}))
+    else:
+        _tell(facts)
+        print(f"\n{arguments.output}: a draft; correct it in a paint program, then mdm map check")
+    return 0
+
+
+def _facts(labels: Labels, grid: Grid, graph: Graph) -> dict[str, Any]:
+    """Return what the draft holds, ready for JSON."""
+    from mdm.maps.passages import passages, widest  # noqa: PLC0415
+
+    doors = {pair: passage.width for pair, passage in widest(passages(labels, grid)).items()}
+    ways = {frozenset((edge.source, edge.target)): None for edge in graph.edges if edge.source != edge.target}
+    places = []
+    for name in graph.names:
+        cells = int(labels.cells(name).sum())
+        near = [
+            {"name": other, "width": doors[pair]}
+            for other in graph.names
+            if (pair := frozenset((name, other))) in doors
+        ]
+        places.append({"name": name, "cells": cells, "area": cells * labels.frame.resolution**2, "neighbours": near})
+    in_order = {name: index for index, name in enumerate(graph.names)}.__getitem__
+    return {
+        "places": places,
+        "apart": [sorted(pair, key=in_order) for pair in ways if pair not in doors],
+        "touching": [sorted(pair, key=in_order) for pair in doors if pair not in ways],
+    }
+
+
+def _tell(facts: dict[str, Any]) -> None:
+    lines = [("place", "cells", "area", "neighbours")]
+    for place in facts["places"]:
+        near = ", ".join(f"{other['name']} ({other['width']:.2f} m)" for other in place["neighbours"])
+        lines.append((place["name"], f"{place['cells']:,}", f"{place['area']:.1f} m²", near or "none"))
+    widths = [max(len(line[column]) for line in lines) for column in range(3)]
+    for name, cells, area, near in lines:
+        print(f"{name:{widths[0]}}  {cells:>{widths[1]}}  {area:>{widths[2]}}  {near}")
+    if facts["apart"] or facts["touching"]:
+        print()
+    for one, other in facts["apart"]:
+        print(f"note: the graph has a way between {one!r} and {other!r}, and in the draft they do not touch")
+    for one, other in facts["touching"]:
+        print(f"note: {one!r} and {other!r} touch in the draft, and the graph has no way between them")

@@ -27,6 +27,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
         "tree_search",
         "communication",
         "places",
+        "building",
         "team_bridge",
         "team_latency",
     ],
@@ -97,6 +98,9 @@ def test_benchmark(tmp_path, name):
     elif name == "places":
         assert {row["way"] for row in results["lookups"]} >= {"bytes", "ray casting, 6 rectangles"}
         assert all(row["median_us"] > 0 for row in (*results["poses"], *results["particles"]))
+    elif name == "building":
+        assert len(results["speeds"]) == 4
+        assert all(row["times real time"] > 0 for row in results["speeds"])
     elif name == "sarsop":
         assert results["tiger_s"] > 0
     else:

@@ -62,6 +62,7 @@ ACROSS = {
     "problems/test_problems.py": "what all problems have in common",
     "problems/test_files.py": "the problems against the files of others",
     "problems/test_figures.py": "the problems against what others computed",
+    "simulation/building/test_closed_loop.py": "robots that patrol a building for an hour",
     "simulation/test_maiss.py": "a hierarchy of robots, from a file to its decisions",
     "team/test_bad_input.py": "running teams over real sessions, and what must not harm them",
     "team/test_membership.py": "members of replicated teams that come and go",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
+import math
 import shutil
 import signal
 import subprocess
@@ -218,6 +220,45 @@ def test_robots_that_share_what_is_worth_it():
     assert {("West", "East"), ("Hall", "Hall")} <= seen
 
 
+def patrolled(seconds):
+    """Run the team in the building; return the joint steps, each robot's rooms in turn, and how near they came."""
+    rooms, distances, touched = {"ada": [], "bob": []}, [], {}
+
+    def look(systems):
+        module = sys.modules["building"]
+        poses = []
+        for agent, system in systems.items():
+            robot = getattr(module, agent).robot
+            poses.append((robot.pose.x, robot.pose.y))
+            touched[agent] = robot.collisions
+            for room in system.places.floor.graph.names:
+                if system.predicates.value(f"{room}.at_goal") and rooms[agent][-1:] != [room]:
+                    rooms[agent].append(room)
+        distances.append(math.dist(*poses))
+
+    with modules("building"):
+        steps = decided("building.toml", seconds, look)
+    return steps, rooms, distances, touched
+
+
+def test_two_robots_share_the_patrol_of_a_building():
+    steps, rooms, distances, touched = patrolled(1200)
+    assert steps["ada"] == steps["bob"]
+    assert touched == {"ada": 0, "bob": 0}
+    assert min(distances) > 2.0  # each simulates itself alone: it is what they decide that keeps them apart
+    west, east = (set(rooms[agent][10:]) for agent in ("ada", "bob"))
+    assert west == {"LRM", "SoccerField"}
+    assert east == {"ElevatorHallway", "WestCorridor", "SouthCorridor", "CoffeeRoom"}
+    ends = [room for room in rooms["bob"] if room in {"CoffeeRoom", "ElevatorHallway"}]
+    assert all(one != other for one, other in itertools.pairwise(ends))  # there and back: no half of a round twice
+    assert len(ends) >= 40
+    assert len(rooms["ada"]) >= 160
+    again, *_ = patrolled(120)
+    assert len(again["ada"]) >= 30
+    for agent, own in again.items():
+        assert own == {step: steps[agent][step] for step in own}
+
+
 def test_what_a_communication_policy_is_worth():
     head, *rows = run("team/communicating.py", "--episodes", "20").splitlines()
     assert head.split() == ["communication", "policy", "return", "95", "%", "interval", "messages", "per", "step"]
@@ -238,16 +279,24 @@ def test_a_robot_is_controlled_from_off_board(capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "agent"), [("meeting", "bob"), ("carriers", "d"), ("offboard", "robot"), ("communicating", "bob")]
+    ("name", "agent", "times"),
+    [
+        ("meeting", "bob", 5),
+        ("carriers", "d", 5),
+        ("offboard", "robot", 5),
+        ("communicating", "bob", 5),
+        ("building", "bob", 1),
+    ],
 )
-def test_teams_run_in_processes_of_their_own(tmp_path, name, agent):
-    shutil.copytree(EXAMPLES / "team", tmp_path / "team")
+def test_teams_run_in_processes_of_their_own(tmp_path, name, agent, times):
+    for folder in ("team", "patrol"):
+        shutil.copytree(EXAMPLES / folder, tmp_path / folder)
     for file in ("tiger.pomdp", "tiger.vf"):
         shutil.copy(EXAMPLES / file, tmp_path / file)
     path = tmp_path / "team" / f"{name}.toml"
     path.write_text(on_free_ports(path.read_text()))
     with up(path, "--decisions", tmp_path / "decided") as team:
-        team.hear(agent=agent, event="output", times=5)
+        team.hear(agent=agent, event="output", times=times)
         team.process.send_signal(signal.SIGTERM)
         status, records = team.end()
     assert status == 128 + signal.SIGTERM

@@ -93,6 +93,7 @@ class Replica(TeamLayer):
         self._key = link.key(ensemble.name, "agreement")
         self._applied = 0
         self._unsaid = 0
+        self._withheld = False
         self._role: Role = "joining"
         self._term = 0
         self._behind = False
@@ -151,7 +152,9 @@ class Replica(TeamLayer):
         """Propose what this agent saw, for the next step; without a majority nobody would take it while it is new."""
         if self._role in {"waiting", "refused"} and self.team.event_driven:
             self._unsaid += 1
+            self._withheld = True
             return
+        self._withheld = False
         self._send(self.agreement.propose(part, self.runtime.clock.now()))
 
     def ask_for(self, command: str) -> None:
@@ -271,7 +274,9 @@ class Replica(TeamLayer):
         agreement = self.agreement
         if agreement.term.number != self._term and self._role in {"leading", "following"} and not self._behind:
             self._term = agreement.term.number
-            if not agreement.proposals.components and self.copy.told(self.agent) != self.own:
+            # What waits to be decided on is older than what was withheld, and would be the last word.
+            waits = bool(agreement.proposals.components)
+            if self._withheld if waits else self.copy.told(self.agent) != self.own:
                 self.say(self.own)
         if self._role == "leading" and self.copy.aging and self._age is None:
             self._age = self.call_at(now + round(self.team.max_age * 1e9) + 1, self._on_age)

@@ -13,7 +13,7 @@ import mdm
 from mdm import problems
 from mdm.team.agreement import decode
 from mdm.team.team import Team
-from mdm.team.transport.network import Network
+from mdm.team.transport.network import Network, SimulatedTransport
 from mdm.testing import run_virtual
 
 
@@ -146,6 +146,30 @@ def test_events_at_any_agent_make_a_step_of_states():
         a.lab.set(True)
         await asyncio.sleep(0.5)
         assert (a.did, b.did) == (["stay", "go"], ["go", "go"])
+        assert history(a) == history(b)
+
+    run_virtual(main)
+
+
+def test_a_state_that_was_seen_before_the_link_was_open_is_told(monkeypatch):
+    opening = SimulatedTransport.open
+
+    async def slow(self):
+        await asyncio.sleep(0.5)
+        await opening(self)
+
+    monkeypatch.setattr(SimulatedTransport, "open", slow)
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="rooms")
+        a, b = await started(runtime, Team("rooms", ["a", "b"]), network, over_states)
+        a.lab.set(False)
+        for lab in (False, True):  # the first is proposed, the second cannot be yet
+            await asyncio.sleep(0.1)
+            b.lab.set(lab)
+        assert b.replica.own == (1,)
+        await asyncio.sleep(1.0)
+        assert (a.did[-1], b.did[-1]) == ("stay", "go")
         assert history(a) == history(b)
 
     run_virtual(main)

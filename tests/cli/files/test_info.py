@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from places import EXAMPLES, TIGER
+from places import DATA, EXAMPLES, TIGER
 
 from mdm import load_model, save_model
 from mdm.problems import grid_world
@@ -27,8 +27,8 @@ def test_info(mdm):
     assert facts["state_factors"] == [{"name": "state", "size": 2}]
     assert facts["event_observations"] is False
     assert json.loads(mdm("info", EXAMPLES / "tiger.vf", "--json")[1][0])["form"] == "alpha vectors"
-    assert mdm("info", EXAMPLES / "patrol" / "patrol.toml")[1][1].strip().startswith("Patrol: patrol (POMDP, 12 states")
-    system = json.loads(mdm("info", EXAMPLES / "patrol" / "patrol.toml", "--json")[1][0])
+    assert mdm("info", DATA / "patrol" / "patrol.toml")[1][1].strip().startswith("Patrol: patrol (POMDP, 12 states")
+    system = json.loads(mdm("info", DATA / "patrol" / "patrol.toml", "--json")[1][0])
     assert system["ensembles"][0]["actions"]["Patrol"]["model"]["states"] == 12
     assert any("discount" in line for line in mdm("info", EXAMPLES / "tiger.pomdp")[1])
 
@@ -37,7 +37,7 @@ def test_info_prints_names(mdm, tmp_path):
     told = [line.split(maxsplit=2) for line in mdm("info", TIGER)[1]]
     assert ["state", "names", "tiger-left, tiger-right"] in told
     assert ["observation", "names", "hear-left, hear-right"] in told
-    lines = mdm("info", EXAMPLES / "patrol" / "rooms.pomdpx")[1]
+    lines = mdm("info", DATA / "patrol" / "rooms.pomdpx")[1]
     place = next(index for index, line in enumerate(lines) if line.startswith("state names"))
     assert lines[place].split(maxsplit=2)[2] == "robot: Lobby, Office, Lab"
     assert lines[place + 1].strip() == "fire: nowhere, Lobby, Office, Lab"

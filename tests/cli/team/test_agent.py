@@ -122,7 +122,7 @@ def test_wrong_usage(mdm, free, arguments, status, words):
     ("arguments", "words"),
     [
         (["FILE"], "say which agent this process is"),
-        (["FILE", "--agent", "a", "--virtual"], "unrecognized arguments: --virtual"),
+        (["FILE", "--agent", "a", "--virtual"], "there is no argument --virtual"),
         (["TIGER"], "describes no team: a table [team] is missing"),
     ],
 )

@@ -52,6 +52,8 @@ class CompiledWheel(BuildHookInterface):  # type: ignore[type-arg]
         if reason is None:
             self._folder = tempfile.mkdtemp(prefix="mdm-wheel-")
             reason = self._compile(Path(self._folder), build_data)
+        if reason is not None and os.environ.get("MDM_WHEEL") == "compiled":
+            raise RuntimeError(f"mdm could not be compiled: {reason}")
         if reason is not None:
             self.app.display_warning(f"mdm is built as plain Python, whose decisions take longer: {reason}")
 
@@ -68,7 +70,7 @@ class CompiledWheel(BuildHookInterface):  # type: ignore[type-arg]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603
         if done.returncode:
             if os.environ.get("MDM_WHEEL") == "compiled":
-                raise RuntimeError(f"mdm could not be compiled\n{done.stdout}\n{done.stderr}")
+                return f"\n{done.stdout}\n{done.stderr}"
             return (done.stderr.strip() or done.stdout.strip()).rpartition("\n")[2]
         for library in folder.glob("mdm__mypyc.*"):
             build_data["force_include"][str(library)] = library.name

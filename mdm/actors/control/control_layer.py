@@ -6,6 +6,7 @@ policy's answer comes later, as a search's does, the layer asks its planner and 
 
 from __future__ import annotations
 
+import operator
 import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Unpack, cast
@@ -426,7 +427,7 @@ class ControlLayer(Layer):
             self._observation = observation
         elif self._informed and not self.controller.over:
             self._moved = True
-            self._advance(observation.values if observation.index is None else observation.index, observation.time)
+            self._advance(_symbol(observation), observation.time)
         self._reopen(AT_INPUT, observation.time)
 
     def _tick_safely(self, tick: Tick) -> bool:
@@ -436,7 +437,7 @@ class ControlLayer(Layer):
             observation, self._observation = self._observation, None
             symbol: Observed = None
             if observation is not None:
-                symbol = observation.values if observation.index is None else observation.index
+                symbol = _symbol(observation)
             self._advance(symbol, tick.time)
         return self.running
 
@@ -452,7 +453,10 @@ class ControlLayer(Layer):
 
     def _on_state(self, state: State) -> None:
         # Hot path, as all that a state leads to up to the action's message.
-        index = self._state = state.index
+        told: Any = state  # whoever publishes states may count them by numpy's integers
+        given = told.index
+        index: int | None = given if given.__class__ is int or given is None else operator.index(given)
+        self._state = index
         if index is None or not self.running or not self._event_driven:
             if self.guard is not None and (index is None or self._held):
                 self._on_state_aside(state)
@@ -492,7 +496,7 @@ class ControlLayer(Layer):
             self._begin_episode()
             self._decide(observation.time, "episode")
         else:
-            symbol = observation.values if observation.index is None else observation.index
+            symbol = _symbol(observation)
             self._advance(symbol, observation.time)
             if self._held:  # by now, for it was impossible
                 self._unanswered = ("observation", symbol)
@@ -515,7 +519,7 @@ class ControlLayer(Layer):
             cause = "episode"
         elif not self._takes_states and self.controller.last_action is not None:
             if observation is not None:
-                symbol = observation.values if observation.index is None else observation.index
+                symbol = _symbol(observation)
             elif self._no_observation == "repeat":
                 symbol = self._last_observation
             elif self._no_observation != "predict":
@@ -668,3 +672,13 @@ class ControlLayer(Layer):
     def latency(self) -> Histogram:
         """The histogram of times from stimulus to decision."""
         return self.output.latency
+
+
+def _symbol(observation: Observation) -> Observed:
+    """Return what was observed: its index, or its components where one is missing."""
+    told: Any = observation  # whose index may be one of numpy's integers
+    index = told.index
+    if index is None:
+        return observation.values
+    found: int = index if index.__class__ is int else operator.index(index)
+    return found

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from mdm.runtime import Channel, Runtime, Supervision, Timer
     from mdm.runtime.dispatcher import Dispatcher
 
+    Truth = bool | np.bool_ | None
+
 __all__ = ["PredicateManager"]
 
 T = TypeVar("T")
@@ -80,7 +82,7 @@ class PredicateManager(Actor):
         self._event_counter = 0
         self.declared = Declarations()
         self._sensors: dict[str, Sensor] = {}
-        self._groundings: list[tuple[str, Channel[Any] | tuple[str, type[Any]], Callable[[Any], bool | None]]] = []
+        self._groundings: list[tuple[str, Channel[Any] | tuple[str, type[Any]], Callable[[Any], Truth]]] = []
         self._followed: list[tuple[str, Channel[PredicateUpdate], Channel[PredicateMap]]] = []
         self._raised: set[str] = set()
         self._held_for = self.declared.held_for
@@ -105,7 +107,7 @@ class PredicateManager(Actor):
         self,
         name: str,
         channel: Channel[T] | tuple[str, type[T]] | None = None,
-        when: Callable[[T], bool | None] | None = None,
+        when: Callable[[T], Truth] | None = None,
         *,
         max_age: Number | None = None,
         initial: bool | np.bool_ | None = None,
@@ -442,7 +444,7 @@ class PredicateManager(Actor):
 
         self._age_timers[name] = self.call_at(self._seen[name] + max_age, look)
 
-    def _grounding(self, name: str, when: Callable[[Any], bool | None]) -> Callable[[Any], None]:
+    def _grounding(self, name: str, when: Callable[[Any], Truth]) -> Callable[[Any], None]:
         sensor = self._sensors[name]
 
         def grounded(message: object) -> None:

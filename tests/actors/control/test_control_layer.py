@@ -370,3 +370,22 @@ def test_an_ensemble_is_called_by_a_text(name):
 def test_a_wrong_rate_is_told_with_its_key():
     with pytest.raises(ConfigError, match=r"^ensembles\.robot\.drive: a rate is at least"):
         ensemble(drive=-1)
+
+
+def test_states_may_be_counted_by_integers_of_numpy():
+    async def main(runtime):
+        robot = Ensemble("robot", policy=[0, 1], actions={0: nothing, 1: nothing})
+        with mdm.testing.capture_decisions(runtime) as decisions:
+            await runtime.start(robot)
+            runtime.channel("robot/state", State, retain=True).publish(State(0, np.int64(1), (1,)))
+        return [(decision.state, decision.action) for decision in decisions]
+
+    assert mdm.testing.run_virtual(main) == [(1, 1)]
+
+
+def test_observations_may_be_counted_by_integers_of_numpy():
+    seen = [np.int64(1), np.int32(1)]
+    decisions, _, _ = decided([see(index) for index in seen])
+    plain, _, _ = decided([see(1), see(1)])
+    assert [decision.action for decision in decisions] == [decision.action for decision in plain]
+    assert [decision.observation for decision in decisions] == [None, 1, 1]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm import ConfigError, Error, ObservationFactor, ObservationLayer, P, PredicateManager, Restart, Runtime, run
-from mdm.messages import EventUpdate, Observation, PredicateUpdate, SensorUpdate, State
+from mdm.messages import EventUpdate, Observation, PredicateUpdate, SensorUpdate, State, Tick
 from mdm.testing import crash, probe, run_virtual
 
 
@@ -400,3 +400,15 @@ def test_while_a_manager_that_failed_is_down_nothing_is_known():
         assert manager.values() == {"S": False, "T": True}
 
     run_virtual(main)
+
+
+def test_truth_values_of_numpy_ground_a_predicate():
+    async def main(runtime):
+        predicates = PredicateManager()
+        distances = runtime.channel("distances", Tick)
+        predicates.sensor("Near", distances, lambda tick: np.float64(tick.number) < 3, initial=np.bool_(False))
+        await runtime.start(predicates)
+        distances.publish(Tick(0, 1, 0, 0))
+        return predicates.value("Near")
+
+    assert run_virtual(main) is True

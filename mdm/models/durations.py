@@ -54,6 +54,14 @@ class Durations:
         counts = numbers(stages, "the stages")
         if self.means.ndim > 2 or counts.ndim > 2:
             raise ModelError("durations are S x A numbers, A numbers, or one")
+        if not self.means.size or not counts.size:
+            raise ModelError("there are none: durations are S x A numbers, A numbers, or one")
+        try:
+            np.broadcast_shapes(self.means.shape, counts.shape)
+        except ValueError:
+            raise ModelError(
+                f"the durations have the shape {self.means.shape}, their stages {counts.shape}: they do not go together"
+            ) from None
         wrong = ~(np.isfinite(self.means) & (self.means > 0))
         if wrong.any():
             raise ModelError(f"a duration is {self.means[wrong].flat[0]:g}: give seconds above 0")

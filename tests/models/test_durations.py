@@ -82,6 +82,10 @@ def test_what_cannot_be_is_refused():
         Durations([1.0, -1.0])
     with pytest.raises(ModelError, match="a duration is nan"):
         Durations(math.nan)
+    with pytest.raises(ModelError, match=r"the shape \(3,\), their stages \(2,\): they do not go together"):
+        Durations([1.0] * 3, stages=[1, 2])
+    with pytest.raises(ModelError, match="there are none"):
+        Durations(np.ones((0, 2)))
     with pytest.raises(ModelError, match="whole numbers from 1"):
         Durations(1.0, stages=1.5)
     with pytest.raises(ModelError, match=r"the shape \(5,\); the model has 3 states and 2 actions"):

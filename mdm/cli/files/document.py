@@ -1,22 +1,25 @@
-"""The content of a file: ensembles, a model or a policy, recognised by suffix and content."""
+"""The content of a file: ensembles, a model, a policy or durations, recognised by suffix and content."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mdm.cli.policies.inputs import load_ensembles
 from mdm.cli.robots.wiring import definitions, wiring
 from mdm.config import System
 from mdm.errors import FormatError
-from mdm.formats import load_model, load_policy
+from mdm.formats import load_durations, load_model, load_policy
+from mdm.formats.archive.durations import holds_durations
 from mdm.formats.archive.model import holds_model
 from mdm.formats.archive.npz import is_archive
 from mdm.formats.cassandra.toi import SETS
 from mdm.formats.models import MODEL_SUFFIXES
 from mdm.formats.recognition import beginning, holds_policy
 from mdm.formats.source import Source, suffixes
-from mdm.models import MDP, POMDP, FactoredMDP, FactoredPOMDP
+from mdm.models import MDP, POMDP, Durations, FactoredMDP, FactoredPOMDP
 
 __all__ = ["Document", "describe_model", "describe_policy", "is_policy", "load"]
 
@@ -28,16 +31,18 @@ class Document:
 
     Attributes:
         kind: The kind of content, in a few words.
-        content: The system, model or policy.
+        content: The system, model, policy or durations.
     """
 
-    def __init__(self, content: System | MDP | Any) -> None:
+    def __init__(self, content: Any) -> None:
         self.content = content
         self.kind = (
             "ensembles"
             if isinstance(content, System)
             else f"a model ({content.kind})"
             if isinstance(content, MDP)
+            else "durations"
+            if isinstance(content, Durations)
             else f"a policy ({content.form})"
         )
 
@@ -47,6 +52,8 @@ class Document:
         if isinstance(content, System):
             ensembles = [_ensemble(ensemble) for ensemble in content.top]
             return {"kind": "ensembles", "ensembles": ensembles, "definitions": definitions(content)}
+        if isinstance(content, Durations):
+            return _describe_durations(content)
         return describe_model(content) if isinstance(content, MDP) else describe_policy(content)
 
 
@@ -63,6 +70,8 @@ def load(path: str, *, imports: bool = False) -> Document:
     """
     if suffixes(path) == ".toml":
         return Document(load_ensembles(path, imports=imports))
+    if is_archive(Path(path)) and holds_durations(path):
+        return Document(load_durations(path))
     known = is_policy(path)
     if known is not None:
         return Document(load_policy(path) if known else load_model(path))
@@ -78,13 +87,13 @@ def load(path: str, *, imports: bool = False) -> Document:
 
 
 def is_policy(path: str) -> bool | None:
-    """Return True for a policy, False for a model, None if neither beginning nor name decides.
+    """Return True for a policy, False for a model or durations, None if neither beginning nor name decides.
 
     Raises:
         FormatError: If the file is a damaged archive.
     """
     if is_archive(Path(path)):
-        return not holds_model(path)
+        return not (holds_model(path) or holds_durations(path))
     suffix = suffixes(path)
     known = False if suffix in SETS else holds_policy(beginning(path))
     if known is None and (suffix in MODEL_SUFFIXES or suffix in _POLICIES):
@@ -124,6 +133,20 @@ def describe_model(model: MDP) -> dict[str, Any]:
         "sparse": None if factored else model.is_sparse,
         "action_names": [list(factor.names) for factor in model.action_space.factors],
         "observation_names": [] if observations is None else [list(factor.names) for factor in observations.factors],
+    }
+
+
+def _describe_durations(durations: Durations) -> dict[str, Any]:
+    """Return of which states and actions the durations are, and how long they are."""
+    means, stages = durations.means, durations.stages
+    shape = np.broadcast_shapes(means.shape, stages.shape)
+    sizes = [f"{size} {what}" for size, what in zip(reversed(shape), ("actions", "states"), strict=False)]
+    return {
+        "kind": "durations",
+        "of": " and ".join(sizes) or "all states and actions",
+        "least_seconds": float(means.min()),
+        "most_seconds": float(means.max()),
+        "stages": sorted({int(count) for count in stages.flat}),
     }
 
 

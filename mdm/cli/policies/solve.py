@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from mdm.cli.usage import UsageError, add_discount, add_false_negative, count, limit, seed
 
 if TYPE_CHECKING:
-    from mdm.models import MDP
+    from mdm.models import MDP, Durations
     from mdm.solvers import Progress, Solution
 
 __all__ = ["add_parser", "run"]
@@ -49,6 +49,11 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--memory", metavar="MB", type=limit, help="stop at this much memory (80 %% of the machine's)")
     parser.add_argument("--iterations", metavar="N", type=count, help="stop after N sweeps, trials or rounds")
     add_discount(parser)
+    parser.add_argument(
+        "--durations",
+        metavar="FILE.npz",
+        help="how long actions take: solves for real time, in which the model's discount is that of a second",
+    )
     parser.add_argument("--horizon", metavar="H", type=count, help="decisions, for solvers of finite horizons")
     add_false_negative(parser)
     parser.add_argument("--seed", metavar="S", type=seed, help="for randomised solvers")
@@ -85,12 +90,15 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.policies import mismatch  # noqa: PLC0415
     from mdm.solvers.solve import default_solver  # noqa: PLC0415
 
+    if arguments.durations is not None and (arguments.horizon is not None or arguments.solver == "jesp"):
+        raise UsageError("--durations is for time without an end: it goes with neither --horizon nor jesp")
     for target in (arguments.output, arguments.history):
         if target is not None:
-            check_place(target, arguments.model)
+            check_place(target, arguments.model, arguments.durations)
     if arguments.history is not None and Path(arguments.history).suffix.lower() != ".json":
         raise UsageError("--history writes JSON: its file ends in .json")
     model = load(arguments.model, arguments.discount)
+    durations = None if arguments.durations is None else _durations(arguments.durations, model)
     world = with_false_negatives(revealed(model), arguments)
     given = {name: value for name in _OPTIONS if (value := getattr(arguments, name)) is not None}
     solver = arguments.solver or default_solver(world, given)
@@ -99,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
         check_policy_file(_kind(solver, world, arguments), arguments.output)
     if (note := visibility(world)) is not None:
         print(f"mdm solve: {note}", file=sys.stderr)
-    solution = _solve(world, solver, given, arguments)
+    solution = _solve(world, solver, {**given, "durations": durations}, arguments)
     if arguments.output is not None:
         fits = mismatch(solution.policy, model) is None  # not if observations include the observed state
         save_policy(solution.policy, arguments.output, model if fits else world)
@@ -146,6 +154,19 @@ def _solve(model: MDP, solver: str, options: dict[str, Any], arguments: argparse
             line.end()
 
 
+def _durations(path: str, model: MDP) -> Durations:
+    """Load durations, and check that they are for a model of these sizes."""
+    from mdm.errors import FormatError, ModelError  # noqa: PLC0415
+    from mdm.formats import load_durations  # noqa: PLC0415
+
+    durations = load_durations(path)
+    try:
+        durations.table(model)
+    except ModelError as error:
+        raise FormatError(str(error), file=path) from None
+    return durations
+
+
 def _check_options(given: dict[str, Any], solver: str) -> None:
     """Refuse options that this solver does not have."""
     from mdm.solvers.solve import options_of  # noqa: PLC0415 - `mdm --help` needs none of it
@@ -175,7 +196,8 @@ def _kind(solver: str, model: MDP, arguments: argparse.Namespace) -> type:
         return FiniteStateController
     if model.kind == "MDP":
         return QTable if arguments.horizon is None else StagedPolicy
-    return MixedAlphaVectors if solver == "sarsop" and isinstance(model, MixedPOMDP) else AlphaVectors
+    mixed = solver == "sarsop" and isinstance(model, MixedPOMDP) and arguments.durations is None
+    return MixedAlphaVectors if mixed else AlphaVectors
 
 
 def _facts(solution: Solution, arguments: argparse.Namespace) -> dict[str, Any]:

@@ -1,1 +1,1 @@
-"""Archives of arrays, `.npz`: models and policies of every kind, with their names."""
+"""Archives of arrays, `.npz`: models and policies of every kind, with their names; and durations."""

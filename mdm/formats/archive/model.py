@@ -70,7 +70,8 @@ def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
     except KeyError as error:
         raise FormatError(f"the archive is damaged: {error} is missing", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError, IndexError, OverflowError) as error:
-        why = "it is a policy" if b'"mdm policy 1"' in written else error
+        kinds = {b'"mdm policy 1"': "it is a policy", b'"mdm durations 1"': "it holds durations"}
+        why = next((kind for mark, kind in kinds.items() if mark in written), error)
         raise FormatError(f"the archive does not hold a model: {why}", file=path) from None
 
 

@@ -56,7 +56,8 @@ def read(path: str | Path, model: MDP | None = None, *, seed: int | None = None)
     except KeyError as error:
         raise FormatError(f"the archive does not hold a policy: {error} is missing", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError, OverflowError) as error:
-        why = "it is a model" if b'"mdm model 1"' in written else error
+        kinds = {b'"mdm model 1"': "it is a model", b'"mdm durations 1"': "it holds durations"}
+        why = next((kind for mark, kind in kinds.items() if mark in written), error)
         raise FormatError(f"the archive does not hold a policy: {why}", file=path) from None
     if wrong is not None:
         raise FormatError(wrong, file=path)

@@ -7,6 +7,8 @@ import json
 from places import DATA, EXAMPLES, TIGER
 
 from mdm import load_model, save_model
+from mdm.formats import save_durations
+from mdm.models import Durations
 from mdm.problems import grid_world
 
 
@@ -72,3 +74,20 @@ def test_a_team_is_told_agent_by_agent(mdm, facts):
     assert not any("doors:Robot.listen" in line for line in imported[at:])
     told = facts("info", path)
     assert (told["kind"], told["steps"], list(told["agents"])) == ("team", "every 0.5 s", ["robot", "base"])
+
+
+def test_durations(mdm, facts, tmp_path):
+    path = tmp_path / "drive.npz"
+    for durations, words in [
+        (Durations([[12.0, 3.0], [8.0, 3.0]], stages=[4, 1]), "2 actions and 2 states"),
+        (Durations([12.0, 3.0], 4), "2 actions"),
+        (Durations(3.0), "all states and actions"),
+    ]:
+        save_durations(durations, path)
+        told = facts("info", path)
+        assert (told["kind"], told["of"], told["least_seconds"]) == ("durations", words, 3.0)
+        assert ["of", words] in [line.split(maxsplit=1) for line in mdm("info", path)[1]]
+    for command in (("check", path), ("convert", path, tmp_path / "other.npz"), ("show", path), ("solve", path)):
+        status, output, errors = mdm(*command)
+        assert (status, output) == (1, [])
+        assert "it holds durations" in errors

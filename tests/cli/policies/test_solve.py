@@ -8,11 +8,13 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 from places import MODELS, TIGER
 
-from mdm import evaluate, load_model, load_policy
-from mdm.models import MDP
+from mdm import evaluate, load_model, load_policy, problems, save_model, solve
+from mdm.formats import save_durations
+from mdm.models import MDP, Durations
 from mdm.policies import AlphaVectors
 from mdm.solvers import SOLVERS, Limits, exact_values
 
@@ -192,3 +194,28 @@ def test_fully_observed_factors_are_shown_to_the_policy(mdm, tmp_path):
     assert status == 0
     assert "the agent sees" in errors
     assert json.loads(output[0])["claim_is"] == "not contradicted"
+
+
+def test_durations_count_in_real_time(mdm, facts, tmp_path):
+    """A process is solved as `mdm.solve` solves it, and its policy is for the model's own states."""
+    drive, policy = tmp_path / "drive.npz", tmp_path / "policy.npz"
+    for name, model, suffix in [("forest", problems.forest(), "mdp"), ("tiger", load_model(TIGER), "pomdp")]:
+        path = tmp_path / f"{name}.{suffix}"
+        save_model(model, path)
+        means = np.linspace(9.0, 12.0, len(model.state_space) * len(model.action_space))
+        durations = Durations(means.reshape(-1, len(model.action_space)), 3)
+        save_durations(durations, drive)
+        told = facts("solve", path, "--durations", drive, "-o", policy, "--gap", "0.01")
+        right = solve(model, durations=durations, gap=0.01)
+        assert (told["lower"], told["upper"]) == pytest.approx((right.lower, right.upper), abs=1e-6)
+        assert load_policy(policy, model).mismatch(model) is None
+
+
+def test_durations_of_another_model_are_refused(mdm, tmp_path):
+    save_durations(Durations([[1.0] * 5]), tmp_path / "drive.npz")
+    status, output, errors = mdm("solve", TIGER, "--durations", tmp_path / "drive.npz")
+    assert (status, output) == (1, [])
+    assert "drive.npz: the durations have the shape (1, 5); the model has 2 states and 3 actions" in errors
+    status, _, errors = mdm("solve", TIGER, "--durations", tmp_path / "drive.npz", "-o", tmp_path / "drive.npz")
+    assert status == 1
+    assert "this file is an input and would be overwritten" in errors

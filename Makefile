@@ -75,6 +75,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/tree_search.py
 	$(BIN)/python benchmarks/communication.py
 	$(BIN)/python benchmarks/places.py
+	$(BIN)/python benchmarks/maps.py
 	$(BIN)/python benchmarks/building.py
 	$(BIN)/python benchmarks/team_bridge.py
 	$(BIN)/python benchmarks/team_latency.py

@@ -27,6 +27,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
         "tree_search",
         "communication",
         "places",
+        "maps",
         "building",
         "team_bridge",
         "team_latency",
@@ -98,6 +99,9 @@ def test_benchmark(tmp_path, name):
     elif name == "places":
         assert {row["way"] for row in results["lookups"]} >= {"bytes", "ray casting, 6 rectangles"}
         assert all(row["median_us"] > 0 for row in (*results["poses"], *results["particles"]))
+    elif name == "maps":
+        assert results["drafts"][0]["neighbours right"] == "2 of 2"
+        assert len(results["drafts"]) == 3
     elif name == "building":
         assert len(results["speeds"]) == 4
         assert all(row["times real time"] > 0 for row in results["speeds"])

@@ -33,6 +33,7 @@ __all__ = ["POSITION", "FloorFactor", "arrivals", "chances", "durations", "latch
 
 POSITION = "position"
 """The factor of the place."""
+_ROUNDING = 1e-6
 _REACH = 4.0
 """Standard deviations beyond which a pose's error is left out."""
 
@@ -130,15 +131,19 @@ def model(
         now, later = Node("state", index), Node("next_state", index)
         size = len(factor.values)
         shape = places, size, size
-        if np.shape(factor.transitions) != shape:
-            raise MapError(
-                f"the transitions of {factor.name!r} have the shape {np.shape(factor.transitions)}, not {shape}"
-            )
-        initial.append(Table([now], np.eye(size)[0] if factor.initial is None else factor.initial))
-        transitions.append(Table([there, now, later], factor.transitions))
+        changes = _numbers(factor.transitions, shape, f"the transitions of {factor.name!r}")
+        if (changes < 0).any() or (abs(changes.sum(axis=2) - 1) > _ROUNDING).any():
+            raise MapError(f"the transitions of {factor.name!r} are no distributions over the next value")
+        begins = np.eye(size)[0] if factor.initial is None else factor.initial
+        initial.append(Table([now], _numbers(begins, (size,), f"the first values of {factor.name!r}")))
+        transitions.append(Table([there, now, later], changes))
         if factor.rewards is not None:
-            expected = (factor.transitions * factor.rewards).sum(axis=2)
+            expected = (changes * _numbers(factor.rewards, shape, f"the rewards of {factor.name!r}")).sum(axis=2)
             utilities.append(Table([action, here, now], np.einsum("apq,qv->apv", moves, expected)))
+    names = [POSITION, *(factor.name for factor in factors)]
+    twice = [name for index, name in enumerate(names) if name in names[:index]]
+    if twice:
+        raise MapError(f"two factors are called {twice[0]!r}: each needs a name of its own")
     states = Space([Factor(POSITION, graph.names), *(Factor(factor.name, factor.values) for factor in factors)])
     actions = Space.single("robot", labels)
     if sightings is None:
@@ -154,6 +159,19 @@ def model(
         utilities=utilities,
     )
     return FactoredPOMDP(network, discount=discount)
+
+
+def _numbers(given: npt.ArrayLike, shape: tuple[int, ...], what: str) -> Vector:
+    """Return numbers as an array, after a check of their shape."""
+    try:
+        array = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise MapError(f"{what} are no array of numbers") from None
+    if array.shape != shape:
+        raise MapError(f"{what} have the shape {array.shape}, not {shape}")
+    if not np.isfinite(array).all():
+        raise MapError(f"{what} are not all finite")
+    return array
 
 
 def _moves(graph: Graph, labels: Sequence[str], taken: Vector, idle_cost: float) -> tuple[Vector, Vector]:
@@ -231,7 +249,7 @@ def arrivals(floor: Map, *, speed: float, radius: float = 0.25) -> Vector:
     return seconds
 
 
-def durations(model: FactoredMDP, seconds: npt.NDArray[np.float64], *, stages: int = 4) -> Durations:
+def durations(model: FactoredMDP | FactoredPOMDP, seconds: npt.NDArray[np.float64], *, stages: int = 4) -> Durations:
     """Return how long the actions of a floor's model take, for solving in real time.
 
     Args:

@@ -1,0 +1,305 @@
+"""``mdm map model``: a model of a robot that goes the ways of a map."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mdm.cli.map.floor import add_floor, inputs, load, metres
+from mdm.cli.usage import UsageError, add_discount, count, seconds
+from mdm.errors import Error, MapError
+
+if TYPE_CHECKING:
+    from mdm.maps import Graph, Map
+    from mdm.maps.model import FloorFactor
+    from mdm.models import FactoredMDP, FactoredPOMDP
+    from mdm.models.matrices import Vector
+
+__all__ = ["add_parser", "run"]
+
+_SUFFIXES = (".pomdpx", ".pgmx", ".npz")
+_SUCCESS, _DISCOUNT, _RADIUS, _STAGES = 0.9, 0.95, 0.25, 4
+
+
+def add_parser(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "model",
+        help="make a model of a robot that goes the ways of a map",
+        description=(
+            "Make a model whose states are the places of a map, with latches and factors of your own, and whose "
+            "actions are the labels of its ways: a way is gone in a step with a probability of success, or else the "
+            "robot stays. With --noise it is a POMDP, whose observations are the places that are seen. How long ways "
+            "take is known from the lengths of their paths with --speed: for decisions at a fixed rate (--period) as "
+            "probabilities of success, or for decisions after each action as durations, which mdm solve --durations "
+            "takes."
+        ),
+        epilog="example: mdm map model map.yaml labels.png graph.xml --latch half=Hall/Kitchen -o patrol.npz",
+    )
+    add_floor(parser)
+    parser.add_argument("-o", "--output", metavar="MODEL", required=True, help="the model: .pomdpx, .pgmx or .npz")
+    parser.add_argument("--reward", metavar="PLACE=VALUE", action="append", default=[], type=_reward, dest="rewards")
+    parser.add_argument(
+        "--latch",
+        metavar="NAME=ON/OFF[:REWARD]",
+        action="append",
+        default=[],
+        type=_latch,
+        dest="latches",
+        help="a factor that is 'yes' from the place ON to the place OFF, else 'no'; each change earns the reward (1)",
+    )
+    parser.add_argument(
+        "--factors",
+        metavar="MODULE:FUNCTION",
+        help="a function of the graph that returns more factors (mdm.maps.model.FloorFactor); modules beside GRAPH "
+        "take precedence",
+    )
+    parser.add_argument("--start", metavar="PLACE", help="where the robot is first; by default it may be anywhere")
+    parser.add_argument("--stay", metavar="NAME", help="one more action, which stays at no cost")
+    parser.add_argument(
+        "--success", metavar="P", type=_probability, help=f"the probability that a way is gone in a step ({_SUCCESS})"
+    )
+    add_discount(parser, f"of a step, with --durations of a second ({_DISCOUNT})")
+    parser.add_argument("--noise", metavar="M", type=metres, help="the standard deviation of poses, in metres")
+    parser.add_argument("--speed", metavar="M/S", type=_speed, help="of the robot, in metres a second")
+    parser.add_argument("--period", metavar="S", type=seconds, help="the seconds between decisions at a fixed rate")
+    parser.add_argument("--durations", metavar="FILE.npz", help="write how long actions take")
+    parser.add_argument(
+        "--stages", metavar="N", type=count, help=f"the more, the less durations vary: Erlang's stages ({_STAGES})"
+    )
+    parser.add_argument("--radius", metavar="M", type=metres, help=f"the radius of the robot, in metres ({_RADIUS})")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make the model; return the exit status."""
+    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.formats import save_durations, save_model  # noqa: PLC0415
+    from mdm.formats.target import check_place  # noqa: PLC0415
+    from mdm.maps import Map  # noqa: PLC0415
+    from mdm.maps.model import arrivals, durations  # noqa: PLC0415
+
+    _check_usage(arguments)
+    for target in (arguments.output, arguments.durations):
+        if target is not None:
+            check_place(target, *inputs(arguments))
+    parts = load(arguments)
+    if parts.problems:
+        raise MapError(parts.problems[0].text)
+    floor = Map(parts.labels, parts.graph, parts.grid)
+    taken = None
+    if arguments.speed is not None:
+        taken = arrivals(floor, speed=arguments.speed, radius=_given(arguments.radius, _RADIUS))
+    made = _made(arguments, floor, taken)
+    save_model(made, arguments.output)
+    if arguments.durations is not None and taken is not None:
+        save_durations(durations(made, taken, stages=_given(arguments.stages, _STAGES)), arguments.durations)
+    facts = _facts(arguments, made, floor.graph, taken)
+    if arguments.json:
+        print(as_json(facts))
+    else:
+        _tell(facts)
+    return 0
+
+
+def _check_usage(arguments: argparse.Namespace) -> None:
+    """Refuse what contradicts itself."""
+    if Path(arguments.output).suffix.lower() not in _SUFFIXES:
+        raise Error(f"{arguments.output}: models of maps are written as {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}")
+    timed = arguments.period is not None or arguments.durations is not None
+    for wrong, why in [
+        (arguments.speed is None and arguments.period is not None, "--period needs --speed: how long do ways take?"),
+        (arguments.speed is None and arguments.durations is not None, "--durations needs --speed"),
+        (
+            arguments.speed is not None and not timed,
+            "--speed needs --period, for decisions at a fixed rate, or --durations, for decisions after each action",
+        ),
+        (
+            arguments.period is not None and arguments.durations is not None,
+            "--period is for decisions at a fixed rate, --durations for decisions after each action: give one",
+        ),
+        (
+            arguments.period is not None and arguments.success is not None,
+            "with --period the speed tells the probabilities of success: leave --success out",
+        ),
+        (arguments.stages is not None and arguments.durations is None, "--stages is for --durations"),
+        (
+            arguments.radius is not None and arguments.speed is None and arguments.noise is None,
+            "--radius is for --speed and --noise",
+        ),
+        (
+            arguments.durations is not None and Path(arguments.durations).suffix.lower() != ".npz",
+            "--durations writes an archive: its file ends in .npz",
+        ),
+        (
+            arguments.durations is not None and Path(arguments.durations).resolve() == Path(arguments.output).resolve(),
+            "--durations and -o are the same file",
+        ),
+        (
+            arguments.durations is not None and arguments.discount == 1,
+            "with a --discount of 1 time costs nothing: leave --durations out",
+        ),
+    ]:
+        if wrong:
+            raise UsageError(why)
+    for option, names in (("latch", arguments.latches), ("reward", arguments.rewards)):
+        given = [name for name, _ in names]
+        twice = [name for index, name in enumerate(given) if name in given[:index]]
+        if twice:
+            raise UsageError(f"--{option} is given twice for {twice[0]!r}")
+
+
+def _made(arguments: argparse.Namespace, floor: Map, taken: Vector | None) -> FactoredMDP | FactoredPOMDP:
+    """Return the model."""
+    import numpy as np  # noqa: PLC0415
+
+    from mdm.maps.model import model, sightings  # noqa: PLC0415
+
+    success: float | Vector = _given(arguments.success, _SUCCESS)
+    if taken is not None and arguments.period is not None:
+        success = np.minimum(arguments.period / taken, 1.0)
+    seen = None
+    if arguments.noise is not None:
+        seen = sightings(floor, arguments.noise, radius=_given(arguments.radius, _RADIUS))
+    return model(
+        floor.graph,
+        factors=_factors(arguments, floor.graph),
+        success=success,
+        rewards=dict(arguments.rewards),
+        sightings=seen,
+        discount=_given(arguments.discount, _DISCOUNT),
+        start=arguments.start,
+        stay=arguments.stay,
+    )
+
+
+def _factors(arguments: argparse.Namespace, graph: Graph) -> list[FloorFactor]:
+    """Return the factors beside the place: latches, then those of the user's function."""
+    from mdm.config.functions import find_function  # noqa: PLC0415
+    from mdm.maps.model import FloorFactor, latch  # noqa: PLC0415
+
+    factors = []
+    for name, text in arguments.latches:
+        on, off, reward = _places(graph, text)
+        if on == off:
+            raise UsageError(f"--latch: {name!r} would be switched on and off in {on!r}: give it two places")
+        factors.append(latch(graph, name, on=on, off=off, reward=reward))
+    reference = arguments.factors
+    if reference is None:
+        return factors
+    function = find_function(reference, Path(arguments.graph).parent)
+    try:
+        returned = function(graph)
+        own = [returned] if isinstance(returned, FloorFactor) else list(returned)
+    except (Exception, SystemExit) as error:
+        raise Error(f"{reference} fails: {type(error).__name__}: {error}") from error
+    for factor in own:
+        if not isinstance(factor, FloorFactor):
+            raise Error(f"{reference} returns a {type(factor).__name__} among its factors: give FloorFactor objects")
+    return factors + own
+
+
+def _places(graph: Graph, text: str) -> tuple[str, str, float]:
+    """Return the two places of a latch and its reward; names of places may have slashes and colons, too."""
+    readings = [(text, 1.0)]
+    body, colon, number = text.rpartition(":")
+    if colon and (reward := _number(number)) is not None:
+        readings.insert(0, (body, reward))
+    for places, reward in reversed(readings):
+        for place in (index for index, letter in enumerate(places) if letter == "/"):
+            if places[:place] in graph.names and places[place + 1 :] in graph.names:
+                return places[:place], places[place + 1 :], reward
+    on, _, off = readings[0][0].partition("/")
+    return graph.node(on).name, graph.node(off).name, readings[0][1]  # one of them raises
+
+
+def _facts(
+    arguments: argparse.Namespace, made: FactoredMDP | FactoredPOMDP, graph: Graph, taken: Vector | None
+) -> dict[str, Any]:
+    """Return what was made, ready for JSON."""
+    ways = []
+    for edge in graph.edges if taken is not None else ():
+        assert taken is not None
+        time = float(taken[graph.names.index(edge.source), graph.labels.index(edge.label)])
+        chance = _given(arguments.success, _SUCCESS) if arguments.period is None else min(arguments.period / time, 1.0)
+        ways.append({"from": edge.source, "label": edge.label, "to": edge.target, "seconds": time, "success": chance})
+    return {
+        "model": arguments.output,
+        "durations": arguments.durations,
+        "kind": made.kind,
+        "states": len(made.state_space),
+        "factors": {factor.name: len(factor) for factor in made.state_space.factors},
+        "actions": list(made.action_space.factors[0].names),
+        "discount": made.discount,
+        "discount_of": "a step" if arguments.durations is None else "a second",
+        "ways": ways,
+        "earns": bool(arguments.rewards or arguments.latches or arguments.factors),
+    }
+
+
+def _tell(facts: dict[str, Any]) -> None:
+    factors = ", ".join(f"{name} ({size})" for name, size in facts["factors"].items())
+    print(f"states    {facts['states']}: {factors}")
+    print(f"actions   {', '.join(facts['actions'])}")
+    print(f"discount  {facts['discount']:g} of {facts['discount_of']}")
+    if facts["ways"]:
+        lines = [("way", "seconds", "success")]
+        for way in facts["ways"]:
+            name = f"{way['from']}, {way['label']}: {way['to']}"
+            lines.append((name, f"{way['seconds']:.1f}", f"{way['success']:.3g}"))
+        widths = [max(len(line[column]) for line in lines) for column in range(3)]
+        print()
+        for name, time, chance in lines:
+            print(f"{name:{widths[0]}}  {time:>{widths[1]}}  {chance:>{widths[2]}}")
+        print()
+    if not facts["earns"]:
+        print("note: nothing is earned in it, so that nothing is better than to do nothing: see --reward and --latch")
+    if facts["durations"] is not None:
+        print(f"{facts['durations']}: how long its actions take; solve it with mdm solve --durations")
+    print(f"{facts['model']}: a model ({facts['kind']})")
+
+
+def _given(value: Any, default: Any) -> Any:
+    return default if value is None else value
+
+
+def _number(text: str) -> float | None:
+    """Return a finite number, or None."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _probability(text: str) -> float:
+    number = _number(text)
+    if number is None or not 0 < number <= 1:
+        raise argparse.ArgumentTypeError(f"a number above 0 and at most 1 was expected, not {text!r}")
+    return number
+
+
+def _speed(text: str) -> float:
+    number = _number(text)
+    if number is None or number <= 0:
+        raise argparse.ArgumentTypeError(f"metres a second, above 0, were expected, not {text!r}")
+    return number
+
+
+def _reward(text: str) -> tuple[str, float]:
+    place, _, value = text.rpartition("=")
+    number = _number(value)
+    if not place or number is None:
+        raise argparse.ArgumentTypeError(f"PLACE=VALUE, a place and a number, was expected, not {text!r}")
+    return place, number
+
+
+def _latch(text: str) -> tuple[str, str]:
+    name, _, places = text.partition("=")
+    on, _, off = places.partition("/")
+    if not name or not on or not off:
+        raise argparse.ArgumentTypeError(f"NAME=ON/OFF or NAME=ON/OFF:REWARD was expected, not {text!r}")
+    return name, places

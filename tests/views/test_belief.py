@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from places import EXAMPLES, TIGER, TIGER_VECTORS
+from places import DATA, TIGER, TIGER_VECTORS
 
 from mdm import BeliefTracker, Error, ModelError, load_model, load_policy
 from mdm.models import POMDP
@@ -51,8 +51,8 @@ def test_two_states_are_named_or_told_apart_by_nothing():
 
 
 def test_states_of_several_factors_are_told_with_their_names():
-    model = load_model(EXAMPLES / "patrol" / "rooms.pomdpx")
-    policy = load_policy(EXAMPLES / "patrol" / "rooms.vf", model)
+    model = load_model(DATA / "patrol" / "rooms.pomdpx")
+    policy = load_policy(DATA / "patrol" / "rooms.vf", model)
     axes = belief_figure(model, policy, 5, 1).axes[0]
     told = [label.get_text() for label in axes.get_yticklabels()]
     assert "robot=Lobby, fire=nowhere" in told

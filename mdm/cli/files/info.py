@@ -30,7 +30,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
             "predicate, event or function stands for each symbol. Modules of functions are not run, unless --import "
             "is given."
         ),
-        epilog="example: mdm info examples/patrol/rooms.pomdpx --json",
+        epilog="example: mdm info examples/patrol/top.pomdpx --json",
     )
     parser.add_argument("file", metavar="FILE", help="a model, a policy or a TOML file")
     add_import(parser)

@@ -176,6 +176,8 @@ def main() -> None:
     parser.add_argument("--film", metavar="FILE", help="pictures of the floor: an animation .gif, or a sheet .png")
     parser.add_argument("--seconds", type=float, default=SECONDS, help=f"how long ({SECONDS:g})")
     arguments = parser.parse_args()
+    if not 0 < arguments.seconds < float("inf"):
+        parser.error("--seconds is a number above 0")
     began = time.monotonic()
     try:
         mdm.run(lambda: patrol(arguments), virtual=arguments.fast)

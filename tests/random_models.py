@@ -180,6 +180,27 @@ def dense(matrix):
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
+def without_detection(model, action, missed=None, *, tells_all=False):
+    """Return P(s', nothing is detected | s, a), S x S'.
+
+    That is a false negative, and what events leave to no observation, unless an agent is told of each time step.
+    """
+    joints = [dense(model.joint_matrix(action, o)) for o in range(len(model.observation_space))]
+    steps = np.zeros(joints[0].shape) if missed is None else joints[missed]
+    if tells_all:
+        return steps
+    left = dense(model.transition_matrix(action)) - sum(joints)
+    return steps + np.where(left > 1e-9, left, 0)
+
+
+def leading_to_detection(steps):
+    """Return steps without a detection, without the rows of states from which nothing is ever detected."""
+    leads = steps.sum(axis=1) < 1 - 1e-9
+    for _ in steps:
+        leads = leads | (steps @ leads > 0)
+    return steps * leads[:, None]
+
+
 def assert_same(model, other, *, within=1e-12, named=True, finer=False):
     """Compare two models: sizes and numbers, and names and rewards of outcomes where they are to be the same."""
     assert model.kind == other.kind

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from hypothesis import settings, strategies as st
-from random_models import dense
+from random_models import dense, leading_to_detection, without_detection
 
 from mdm.policies import (
     AlphaVectors,
@@ -38,9 +38,8 @@ def by_recursion(model, policy, steps, false_negative=None, belief=None):
         missed = dense(model.transition_matrix(action)) - sum(joint(action, o) for o in detected)
         lasting = np.linalg.solve((identity - model.discount * missed).T, weights)
         total = lasting @ model.rewards[:, action]
-        before = belief
-        if false_negative is not None:
-            before = np.linalg.solve((identity - joint(action, false_negative)).T, belief)
+        unseen = leading_to_detection(without_detection(model, action, false_negative))
+        before = np.linalg.solve((identity - unseen).T, belief)
         for o in detected:
             after = before @ joint(action, o)
             if after.sum() > 1e-12:

@@ -66,7 +66,7 @@ class BatchTracker:
 
     def _moved(self, beliefs: Vector, action: int, observation: int) -> Vector:
         model, joint = self._model, self._joints.get((action, observation))
-        misses = model.false_negative not in {None, observation}
+        misses = observation != model.false_negative and model.waits_in(action)
         if joint is None:
             joint = model.joint_matrix(action, observation)
             if misses and not is_compressed(joint):

@@ -47,10 +47,10 @@ def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:
         fast: Whether to use numba; by default if it is installed.
     """
     fast = can_compile() if fast is None else fast
-    all_detected = model.false_negative is None
-    if isinstance(model, FactoredPOMDP) and all_detected and is_vast(model):
+    if isinstance(model, FactoredPOMDP) and model.false_negative is None and is_vast(model):
         return NetworkFilter(model.network)
     model = model.flatten()
+    all_detected = not model.waits
     actions, size = range(len(model.action_space)), len(model.state_space)
     pairs = len(actions) * len(model.observation_space)
     by_joints = model.event_observations or not all_detected
@@ -64,7 +64,7 @@ def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:
         return LikelyFilter(model, fast=fast)
     dynamics = Dynamics(model)
     wide = GroupedFilter if fast else CompressedFilter
-    if not all_detected or (not fast and size <= _GATHERED[0]):  # false negatives spread over all states
+    if not all_detected or (not fast and size <= _GATHERED[0]):  # steps without a detection spread over all states
         return wide(dynamics)
     narrow = CompiledSupportFilter(dynamics) if fast else SupportFilter(dynamics)
     if held_numbers(dynamics) > _ARRANGED:

@@ -37,6 +37,7 @@ class _WideFilter:
         self._after = np.zeros(dynamics.num_states)
         self._false_negative = dynamics.model.false_negative
         self._resolvents = dynamics.resolvents
+        self._waits = any(resolvent is not None for resolvent in self._resolvents)
         self._total = 1.0
         self.size = 0
         """The size of the support of the belief."""
@@ -69,10 +70,11 @@ class _WideFilter:
         self._before = np.frombuffer(data).copy()
 
     def _reached(self, action: int, observation: int) -> Vector:
-        """Return the belief times the resolvent of the false negatives before an observation."""
-        if self._false_negative is None or observation == self._false_negative:
+        """Return the belief times the resolvent of the steps without a detection before an observation."""
+        resolvent = self._resolvents[action]
+        if resolvent is None or observation == self._false_negative:
             return self._before
-        reached: Vector = self._resolvents[action].weights(self._before)
+        reached: Vector = resolvent.weights(self._before)
         return reached
 
     def _take(self, total: float, size: int) -> float:
@@ -178,7 +180,7 @@ class GroupedFilter(_WideFilter):
 
     def step(self, action: int, observation: int) -> float:
         """Update by an action and an observation; return P(observation | belief, action)."""
-        before = self._before if self._false_negative is None else self._reached(action, observation)
+        before = self._reached(action, observation) if self._waits else self._before
         return self._take(*self._pull(*self._moves[action][observation], before, self._after))
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:

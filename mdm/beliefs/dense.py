@@ -97,7 +97,7 @@ class _DenseFilter:
 
 
 class FoldedFilter(_DenseFilter):
-    """A matrix P(s', o | s, a) per action and observation, including the false negatives before it.
+    """A matrix P(s', o | s, a) per action and observation, including the steps without a detection before it.
 
     Args:
         model: The POMDP.
@@ -173,8 +173,8 @@ class LikelyFilter(_DenseFilter):
 
 
 def folded(model: POMDP, action: int, observation: int) -> Vector:
-    """Return P(s', o | s, a) of an action and an observation, including the false negatives before it: S x S'."""
+    """Return P(s', o | s, a) of an action and an observation, S x S', including steps without a detection before it."""
     joint = dense(model.joint_matrix(action, observation))
-    if model.false_negative is not None and observation != model.false_negative:
+    if observation != model.false_negative and model.waits_in(action):
         joint = model.resolvent(action).values(joint)
     return np.ascontiguousarray(joint)

@@ -20,6 +20,7 @@ from mdm.controller.foreign_belief import checked_belief, copied
 from mdm.controller.step import Step
 from mdm.errors import ConfigError, ModelError
 from mdm.loading import model_of, policy_of
+from mdm.models import POMDP
 from mdm.models.digest import digest, of_parts
 from mdm.options import ControllerOptions, OnImpossible, check_options
 from mdm.policies import mismatch
@@ -100,8 +101,8 @@ class Controller:
         # What a plan knows at its start it takes from the team's model; an agent's own part knows nothing of it.
         tracker = options.get("tracker")
         self.information = informed(self.policy, None if agent is not None else self.model, tracker)
-        tracked = getattr(self.policy, "input", "belief") == "belief" and tracker is None
-        if false_negative is not None and not tracked:
+        self._tracks = getattr(self.policy, "input", "belief") == "belief" and tracker is None
+        if false_negative is not None and not self._tracks:
             raise ConfigError(
                 "false negatives need a policy over beliefs, and the model's own belief tracker",
                 key="false_negative",
@@ -147,6 +148,19 @@ class Controller:
 
     def __repr__(self) -> str:
         return f"<Controller: {self.policy!r}, epoch {self.epoch}>"
+
+    def step_by_step(self) -> None:
+        """Begin anew, as a controller that is told of each time step, also where nothing is observed.
+
+        So is one that decides at a fixed rate. Beliefs by events then count no unseen steps; see `POMDP.step_by_step`.
+        """
+        if not isinstance(self.model, POMDP) or not self.model.event_observations:
+            return
+        self.model = self.model.step_by_step()
+        if self._tracks:
+            self.information = self.policy.information(self.model)
+            self._expected = expectation(self.information, own=False)
+            self.information.reset(self._initial)
 
     @property
     def has_own_tracker(self) -> bool:

@@ -1,9 +1,10 @@
-"""False negatives: undetected events, any number of which may precede a detected one.
+"""Detection: steps in which nothing is detected, any number of which may precede an event that is.
 
-Let H_o(s, s') = T(s, a, s') P(o | s, a, s'), and f be the false negative. Then the transition to the next detected
-event is one step of H_o after 0, 1, 2, ... steps of H_f. The powers of H_f add up to its resolvent (I - H_f)^-1 (J. V.
-Messias, M. T. J. Spaan and P. U. Lima, *Asynchronous execution in multiagent POMDPs: reasoning over
-partially-observable events*, MSDM 2013), which is factorised once per action.
+Let H_o(s, s') = T(s, a, s') P(o | s, a, s'), and N be the steps without a detection: H_f of the false negative f, and
+what events leave to no observation, T minus the sum of all H_o. Then the transition to the next detected event is one
+step of H_o after 0, 1, 2, ... steps of N. The powers of N add up to its resolvent (I - N)^-1 (J. V. Messias, M. T. J.
+Spaan and P. U. Lima, *Asynchronous execution in multiagent POMDPs: reasoning over partially-observable events*, MSDM
+2013), which is factorised once per action.
 """
 
 from __future__ import annotations
@@ -19,9 +20,11 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.mdp import MDP
 
-__all__ = ["Resolvent", "check_no_false_negatives", "leading_to_detection"]
+__all__ = ["Resolvent", "check_no_false_negatives", "is_rounding", "leading_to_detection"]
 
 _CERTAIN = 1e-12
+_ROUNDING = 1e-5
+"""Rows may sum to so much less than 1 by rounding alone: files give six digits."""
 
 
 class Resolvent:
@@ -71,13 +74,18 @@ class Resolvent:
         return Resolvent, (self._steps,)
 
 
-def leading_to_detection(joint: Matrix) -> Matrix:
-    """Return H_f without the rows of states from which no event is ever detected.
+def is_rounding(steps: Matrix) -> bool:
+    """Whether steps without a detection, S x S', are nothing but rounding."""
+    return bool(np.asarray(steps.sum(axis=1)).max() <= _ROUNDING)
 
-    They contribute nothing to detected events, and would make I - H_f singular.
+
+def leading_to_detection(joint: Matrix) -> Matrix:
+    """Return steps without a detection, without the rows of states from which no event is ever detected.
+
+    They contribute nothing to detected events, and would make I - N singular.
 
     Args:
-        joint: P(s', f | s, a) of the false negative and an action, S x S', dense or CSR.
+        joint: P(s', nothing is detected | s, a) of an action, S x S', dense or CSR.
     """
     leads = np.asarray(joint.sum(axis=1)).ravel() < 1 - _CERTAIN
     while True:

@@ -196,12 +196,11 @@ class Dynamics:
         return [[_compressed(model.joint_matrix(a, o)) for o in observations] for a in range(self.num_actions)]
 
     @cached_property
-    def resolvents(self) -> list[Resolvent]:
-        """The resolvent of each action's false negatives (`POMDP.resolvent`); none where the model has none."""
+    def resolvents(self) -> list[Resolvent | None]:
+        """The resolvent of each action's steps without a detection (`POMDP.resolvent`); None where it has none."""
         model = self.model
-        if model.false_negative is None or not isinstance(model, POMDP):
-            return []
-        return [model.resolvent(action) for action in range(self.num_actions)]
+        assert isinstance(model, POMDP)
+        return [model.resolvent(a) if model.waits_in(a) else None for a in range(self.num_actions)]
 
     @property
     def moves_by_joints(self) -> bool:

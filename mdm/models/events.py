@@ -1,19 +1,21 @@
 """Event observations, P(o | s, a, s'): they depend on a transition rather than on the next state alone.
 
 Rows of impossible transitions have no meaning, and need not sum to 1. Other rows may sum to less than 1: the rest is
-the probability of an event without a name (real models leave a few per cent open), which no belief update uses. Rows
-are therefore kept as given. A sum above 1 is an error; a validation that collects problems normalises it.
+the probability that nothing is observed (real models leave a few per cent open), in ``rests``. Rows are therefore kept
+as given. A sum above 1 is an error; a validation that collects problems normalises it.
 """
 
 from __future__ import annotations
 
 import warnings
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from mdm.errors import ModelError, ModelWarning
 from mdm.models.compressed import csr, is_compressed
+from mdm.models.detection import is_rounding
 from mdm.models.matrices import ROUNDING, TOLERANCE, Matrix, Vector, numbers, read_only
 from mdm.models.validation import report
 
@@ -32,6 +34,11 @@ class EventObservations(Protocol):
     """The observations of each action's transitions."""
 
     num_observations: int
+
+    @property
+    def rests(self) -> Sequence[Matrix | None]:
+        """P(s', nothing is observed | s, a) of each action, S x S'; None where there is no such step."""
+        ...
 
     def matrix(self, action: int, observation: int) -> Matrix:
         """Return P(o | s, a, s'), S x S'."""
@@ -91,6 +98,12 @@ class DenseEvents:
         self.events = tuple(kept)
         """P(o | s, a, s') per action: O x S x S'."""
 
+    @cached_property
+    def rests(self) -> list[Matrix | None]:
+        """P(s', nothing is observed | s, a) of each action, S x S'; None where there is no such step."""
+        pairs = zip(self._transitions, self.events, strict=True)
+        return [_rest(transition * _left(event.sum(axis=0))) for transition, event in pairs]
+
     def matrix(self, action: int, observation: int) -> Matrix:
         """Return P(o | s, a, s'), S x S', read-only; as given, if finite, where T is 0."""
         return self.events[action][observation]
@@ -141,6 +154,18 @@ class TransitionEvents:
                 event.data /= np.repeat(divisors, np.diff(event.indptr))
             self.events.append(event.tocsc())
         _warn(least)
+
+    @cached_property
+    def rests(self) -> list[Matrix | None]:
+        """P(s', nothing is observed | s, a) of each action, in CSR; None where there is no such step."""
+        return [self._rest(action) for action in range(len(self.events))]
+
+    def _rest(self, action: int) -> Matrix | None:
+        transition = self._transitions[action]
+        left = transition.data * _left(np.asarray(self.events[action].sum(axis=1)).ravel())
+        steps = csr((left, transition.indices, transition.indptr), transition.shape)
+        steps.eliminate_zeros()
+        return _rest(steps)
 
     def matrix(self, action: int, observation: int) -> Matrix:
         """Return P(o | s, a, s'), S x S' in CSR; 0 where T is 0."""
@@ -219,6 +244,16 @@ def _divisors(sums: Vector) -> Vector:
     return np.where(sums > 1 + TOLERANCE, sums, 1.0)
 
 
+def _left(sums: Vector) -> Vector:
+    """Return what sums leave to 1, without what is rounding."""
+    left = 1 - sums
+    return np.where(left > ROUNDING, left, 0.0)
+
+
+def _rest(steps: Matrix) -> Matrix | None:
+    return None if is_rounding(steps) else steps
+
+
 def _warn(least: float) -> None:
     if least < 1 - TOLERANCE:
         text = f"O of some transitions sums to as little as {least:.6g}; the rest counts as no observation"
@@ -235,8 +270,7 @@ def by_entry(events: EventObservations, action: int, transition: Matrix) -> Matr
     else:
         assert isinstance(events, DenseEvents)
         told = csr(events.events[action][:, *np.nonzero(transition)].T)
-    rest = 1 - np.asarray(told.sum(axis=1)).ravel()
-    rest[rest <= ROUNDING] = 0
+    rest = _left(np.asarray(told.sum(axis=1)).ravel())
     from scipy.sparse import hstack  # noqa: PLC0415 - slow to import
 
     result = csr(hstack([told, csr(rest[:, None])]))

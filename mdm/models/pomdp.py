@@ -69,6 +69,7 @@ class POMDP(MDP):
 
     kind: Literal["MDP", "POMDP"] = "POMDP"
     _false_negative: int | None = None
+    _tells_all: bool = False
     _resolvents: dict[int, Resolvent]
 
     def __init__(
@@ -87,6 +88,7 @@ class POMDP(MDP):
         sparse: bool | None = None,
     ) -> None:
         self._set_dynamics(transitions, rewards, discount, states, actions, initial_belief, sparse)
+        self._resolvents = {}
         self._events: EventObservations | None = None
         self._observations: tuple[Matrix, ...] = ()
         if isinstance(observations, (DenseEvents, TransitionEvents)):
@@ -208,7 +210,8 @@ class POMDP(MDP):
         """Return the same model with one observation as its false negative: an undetected event.
 
         Any number of false negatives may precede a detected event. Trackers, solvers, simulations and evaluations
-        account for them: after a false negative the action goes on, without a decision.
+        account for them: after a false negative the action goes on, without a decision. So it does where events leave
+        something to no observation.
 
         Args:
             symbol: The observation, by name or index; None for no false negatives.
@@ -229,19 +232,50 @@ class POMDP(MDP):
         vars(other).update(_false_negative=false_negative, _resolvents=resolvents)
         return other
 
+    def step_by_step(self) -> Self:
+        """Return the same model for an agent that is told of each time step, and of those without an observation, too.
+
+        So is one that decides at a fixed rate. An event that is observed is then that of the last step, and no steps
+        without an observation precede it; a false negative that the model declares still may.
+        """
+        other = self._with_resolvents(self._false_negative, {})
+        other._tells_all = True  # noqa: SLF001 - a model of the same kind
+        return other
+
+    @property
+    def waits(self) -> bool:
+        """Whether some action may go on without a detection, as `waits_in` has it."""
+        return any(self.waits_in(action) for action in range(len(self.action_space)))
+
+    def waits_in(self, action: Symbol) -> bool:
+        """Return whether an action may go on without a detection.
+
+        It may if the model has a false negative, or if events leave something to no observation.
+        """
+        return self._false_negative is not None or self._rest(self.action_space.index(action)) is not None
+
+    def _rest(self, action: int) -> Matrix | None:
+        """Return what counts as no observation at all: P(s', nothing | s, a); None where there is no such step."""
+        if self._tells_all or not self.event_observations:
+            return None
+        assert self.events is not None
+        return self.events.rests[action]
+
     def resolvent(self, action: Symbol) -> Resolvent:
-        """Return the resolvent (I - H_f)^-1 of an action: the false negatives before a detected event.
+        """Return the resolvent (I - N)^-1 of an action: the steps without a detection before a detected event.
 
         It is computed once, on first use, and shared by copies of the model with other discounts.
 
         Raises:
-            ModelError: If the model has no false negatives.
+            ModelError: If the action does not wait: every event is detected.
         """
-        if self._false_negative is None:
-            raise ModelError("the model has no false negatives: declare them by with_false_negatives(observation)")
         a = self.action_space.index(action)
+        if not self.waits_in(a):
+            raise ModelError("the model has no false negatives: declare them by with_false_negatives(observation)")
         if a not in self._resolvents:
-            joint = leading_to_detection(self.joint_matrix(a, self._false_negative))
+            rest, missed = self._rest(a), self._false_negative
+            joint = rest if missed is None else self.joint_matrix(a, missed)
+            joint = leading_to_detection(joint if rest is None or missed is None else joint + rest)
             if is_compressed(joint) and len(self.action_space) * len(self.state_space) ** 2 <= _INVERSES:
                 joint = joint.toarray()
             self._resolvents[a] = Resolvent(joint)

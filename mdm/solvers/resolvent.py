@@ -13,15 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.detection import Resolvent
+from mdm.models.detection import Resolvent, is_rounding
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix
 
 __all__ = ["discounted_resolvent"]
 
-_ROUNDING = 1e-5
-"""Rows may sum to so much less than 1 by rounding alone: files give six digits."""
 _ENDLESS = 1e9
 
 
@@ -36,7 +34,7 @@ def discounted_resolvent(steps: Matrix | None, discount: float, name: str) -> Re
     Raises:
         ModelError: If the discount is 1 and nothing may ever be detected.
     """
-    if steps is None or np.asarray(steps.sum(axis=1)).max() <= _ROUNDING:
+    if steps is None or is_rounding(steps):
         return None
     endless = f"the discount is 1, and action {name!r} may go on for ever without anything being detected"
     try:

@@ -62,6 +62,8 @@ class TeamLayer(Layer):
         self.agent = link.agent
         agents = acting(team, ensemble, placement)
         _check(team, self.agent, ensemble, agents)
+        if not team.event_driven:
+            ensemble.controller.step_by_step()
         self.parts = Parts(team, ensemble, placement)
         ensemble.follow(self, self.parts.named(self.agent), acts=self.agent in agents)
         self.copy = Copy(team, self.agent, ensemble, self.parts)

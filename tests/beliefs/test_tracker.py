@@ -8,7 +8,7 @@ import figures
 import numpy as np
 import pytest
 from hypothesis import assume, given, strategies as st
-from random_models import dense, flat_models
+from random_models import dense, flat_models, without_detection
 
 from mdm import load_model
 from mdm.beliefs import BeliefTracker, Support, dense as belief_dense, tracker as belief_tracker
@@ -330,7 +330,11 @@ def load_quietly(path, **options):
 @pytest.mark.parametrize("folded", [4_000_000, 0])
 @given(model=flat_models(kinds=("POMDP",), events=True), data=st.data())
 def test_something_is_observed_unless_the_model_leaves_it_open(folded, model, data):
-    """P(o) sums to 1 over o, or over all ways to fill what is missing; for events to what they leave of it."""
+    """P(o) sums to 1 over o, or over all ways to fill what is missing; step by step to what events leave of it.
+
+    Else it sums to 1 all the same: where something may be observed at each step, something is at last.
+    """
+    tells_all = data.draw(st.booleans())
     action = data.draw(st.integers(0, len(model.action_space) - 1))
     count, shape = len(model.observation_space), model.observation_space.shape
     size = len(model.state_space)
@@ -339,6 +343,10 @@ def test_something_is_observed_unless_the_model_leaves_it_open(folded, model, da
         for s, t in np.ndindex(size, size)
         if model.transition(action, s, t) > 0
     )
+    if tells_all:
+        model = model.step_by_step()
+    else:
+        expected = 1
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mdm.beliefs.choice._FOLDED", folded)
         tracker = BeliefTracker(model)
@@ -372,26 +380,28 @@ def solved(matrix, right):
 
 @pytest.mark.parametrize("folded", [4_000_000, 0])
 @given(model=flat_models(kinds=("POMDP",), events=True), data=st.data())
-def test_false_negatives_are_what_the_equations_say(folded, model, data):
-    """b (I - H)^-1 H_o, over states from which something may be detected; also where observations tell of states."""
+def test_steps_without_a_detection_are_what_the_equations_say(folded, model, data):
+    """b (I - N)^-1 H_o, over states from which something may be detected; also where observations tell of states."""
     size, count = len(model.state_space), len(model.observation_space)
     assume(count > 1)
     action = data.draw(st.integers(0, len(model.action_space) - 1))
     missed = data.draw(st.integers(0, count - 1))
+    tells_all = data.draw(st.booleans())
     joints = [dense(model.joint_matrix(action, o)) for o in range(count)]
     detected = [o for o in range(count) if o != missed]
-    # States from which something else than false negatives may come, or nothing at all: found by walking back.
-    leads = {s for s in range(size) if 1 - joints[missed][s].sum() > 1e-9}
+    steps = without_detection(model, action, missed, tells_all=tells_all)
+    # States from which something may be detected: found by walking back.
+    leads = {s for s in range(size) if 1 - steps[s].sum() > 1e-9}
     while True:
-        wider = leads | {s for s in range(size) if any(joints[missed][s, t] > 0 for t in leads)}
+        wider = leads | {s for s in range(size) if any(steps[s, t] > 0 for t in leads)}
         if wider == leads:
             break
         leads = wider
-    inner = [[joints[missed][s, t] if s in leads else 0.0 for t in range(size)] for s in range(size)]
+    inner = [[steps[s, t] if s in leads else 0.0 for t in range(size)] for s in range(size)]
     reached = np.array(solved(inner, model.initial_belief))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mdm.beliefs.choice._FOLDED", folded)
-        tracker = BeliefTracker(model.with_false_negatives(missed))
+        tracker = BeliefTracker((model.step_by_step() if tells_all else model).with_false_negatives(missed))
     total = 0.0
     for o in detected:
         tracker.reset()

@@ -10,7 +10,7 @@ import figures
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
-from random_models import dense, distributions, factored_models, flat_models
+from random_models import dense, distributions, factored_models, flat_models, without_detection
 
 from mdm import ConfigError, Ensemble, ModelError
 from mdm.beliefs import BeliefTracker
@@ -77,9 +77,10 @@ def test_a_model_s_resolvents_sum_its_false_negatives(inverses, model, data):
     with warnings.catch_warnings(), pytest.MonkeyPatch.context() as patch:
         warnings.simplefilter("ignore", ModelWarning)
         patch.setattr("mdm.models.pomdp._INVERSES", inverses)
-        missing = model.with_false_negatives(missed)
+        tells_all = data.draw(st.booleans())
+        missing = (model.step_by_step() if tells_all else model).with_false_negatives(missed)
         for action in range(len(model.action_space)):
-            steps = dense(model.joint_matrix(action, missed))
+            steps = without_detection(model, action, missed, tells_all=tells_all)
             weights = missing.resolvent(action).weights(model.initial_belief)
             for o in range(count):
                 if o != missed:
@@ -88,11 +89,11 @@ def test_a_model_s_resolvents_sum_its_false_negatives(inverses, model, data):
                     np.testing.assert_allclose(weights @ last, expected, atol=1e-9)
 
 
-def belief_by_series(model, belief, action, missed, seen):
-    joints = [dense(model.joint_matrix(action, o)) for o in range(len(model.observation_space))]
+def belief_by_series(model, belief, action, missed, seen, *, tells_all=False):
+    last = dense(model.joint_matrix(action, seen))
     if seen == missed:
-        return belief @ joints[seen]
-    return belief @ series(joints[missed], joints[seen])
+        return belief @ last
+    return belief @ series(without_detection(model, action, missed, tells_all=tells_all), last)
 
 
 def observed(model):
@@ -110,12 +111,13 @@ def test_a_tracker_takes_what_it_needs_from_its_model(model, data):
         count = len(model.observation_space)
         assume(count > 1)
         missed = data.draw(st.integers(0, count - 1))
-        tracker = BeliefTracker(model.with_false_negatives(missed))
+        tells_all = data.draw(st.booleans())
+        tracker = BeliefTracker((model.step_by_step() if tells_all else model).with_false_negatives(missed))
         belief = model.initial_belief
         for _ in range(data.draw(st.integers(1, 3))):
             action = data.draw(st.integers(0, len(model.action_space) - 1))
             seen = data.draw(st.integers(0, count - 1))
-            expected = belief_by_series(model, belief, action, missed, seen)
+            expected = belief_by_series(model, belief, action, missed, seen, tells_all=tells_all)
             assert tracker.update(action, seen) == pytest.approx(expected.sum(), abs=1e-9)
             assume(expected.sum() > 1e-6)
             belief = expected / expected.sum()

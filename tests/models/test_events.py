@@ -54,15 +54,18 @@ def test_numbers_are_kept_as_they_are_given(described):
             np.testing.assert_array_equal(model.observation(a, t, state=s), told[a, :, s, t])
 
 
-def series(joint, belief, missed, symbols, terms=4000):
-    """Return the sum over 0, 1, 2, ... false negatives before one of some other events, term by term."""
+def series(joint, belief, missed, symbols, unseen, terms=4000):
+    """Return the sum over 0, 1, 2, ... steps without a detection before one of some events, term by term."""
     detected = sum(joint[symbol] for symbol in symbols)
-    if missed is None or list(symbols) == [missed]:
+    if list(symbols) == [missed]:
         return belief @ detected
+    undetected = unseen if missed is None else unseen + joint[missed]
     total = np.zeros(len(belief))
     for _ in range(terms):
         total = total + belief @ detected
-        belief = belief @ joint[missed]
+        belief = belief @ undetected
+        if not belief.any():
+            break
     return total
 
 
@@ -72,6 +75,9 @@ def test_beliefs_are_what_bayes_rule_says(folded, described, data):
     model, transitions, told = described
     count, width = told.shape[:2]
     missed = data.draw(st.none() | st.integers(0, width - 1)) if width > 1 else None
+    tells_all = data.draw(st.booleans())
+    if tells_all:
+        model = model.step_by_step()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mdm.beliefs.choice._FOLDED", folded)
         tracker = BeliefTracker(model.with_false_negatives(missed))
@@ -80,6 +86,7 @@ def test_beliefs_are_what_bayes_rule_says(folded, described, data):
     for _ in range(data.draw(st.integers(1, 4))):
         action = data.draw(st.integers(0, count - 1))
         joint = transitions[action] * told[action]
+        unseen = transitions[action] * (0 if tells_all else (1 - told[action].sum(axis=0)).round(12))
         seen = data.draw(
             st.integers(0, width - 1) | st.none() | st.tuples(*(st.none() | st.integers(0, n - 1) for n in shape))
         )
@@ -94,7 +101,7 @@ def test_beliefs_are_what_bayes_rule_says(folded, described, data):
             )
             if len(symbols) > 1:
                 symbols = [symbol for symbol in symbols if symbol != missed]
-            expected = series(joint, belief, missed, symbols)
+            expected = series(joint, belief, missed, symbols, unseen)
         total = expected.sum()
         probability = tracker.update(action, seen)
         assert probability == pytest.approx(total, abs=1e-7)

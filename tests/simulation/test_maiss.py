@@ -105,10 +105,12 @@ def test_beliefs_are_what_the_observations_lead_to(models):
     decisions, _, _ = episode(models, 7, seconds=120.0)
     top_model, _, _, _ = models
     identity = sparse.eye_array(len(top_model.state_space), format="csc")
+    symbols = range(1, len(top_model.observation_space))
     belief, action = top_model.initial_belief, None
     for decision in (decision for decision in decisions if decision.ensemble == "top"):
         if decision.observation is not None and action is not None:
-            unnoticed = spsolve(identity - top_model.joint_matrix(action, 0).T.tocsc(), belief)
+            detected = sum(top_model.joint_matrix(action, o) for o in symbols)
+            unnoticed = spsolve((identity - top_model.transition_matrix(action) + detected).T.tocsc(), belief)
             belief = unnoticed @ top_model.joint_matrix(action, decision.observation)
             belief /= belief.sum()
         np.testing.assert_allclose(decision.belief, belief, atol=1e-9)

@@ -138,6 +138,8 @@ class ControlLayer(Layer):
         self.controller = Controller(policy, model, agent=agent, **rest)
         self._another = partial(Controller, policy, model, agent=agent, **rest)
         self.drive = drive_of(own.get("drive"))
+        if isinstance(self.drive, FixedRate):
+            self.controller.step_by_step()
         deadline = own.get("deadline")
         if deadline is not None:
             check_seconds(deadline, "a deadline", key="deadline")

@@ -110,6 +110,7 @@ class FactoredPOMDP(_Factored, POMDP):
         if network.observations is None:
             raise ModelError("the network has no observations: make a FactoredMDP of it")
         super().__init__(network, discount=discount, sparse=sparse)
+        self._resolvents = {}
         self.observation_space = network.observations
 
     @cached_property
@@ -148,9 +149,11 @@ class FactoredPOMDP(_Factored, POMDP):
     def flatten(self) -> POMDP:
         """Return the same model as matrices; they are made once and kept."""
         flat = _with_discount(self._flat, self.discount)
-        if self.false_negative is None:
+        if self.false_negative is None and not self._tells_all:
             return flat
-        return flat._with_resolvents(self.false_negative, self._resolvents)  # noqa: SLF001 - a model of the same kind
+        flat = flat._with_resolvents(self.false_negative, self._resolvents)  # noqa: SLF001 - a model of the same kind
+        flat._tells_all = self._tells_all  # noqa: SLF001 - the same
+        return flat
 
     def revealed(self) -> POMDP:
         """Return the `MixedPOMDP` in which fully observed state factors are part of the observations."""

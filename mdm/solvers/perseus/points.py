@@ -54,7 +54,7 @@ def sampled(
     """Return different beliefs as an n x S array, those at the start first.
 
     Args:
-        model: The model; its false negatives are taken into account as a tracker does.
+        model: The model; its steps without a detection are taken into account as a tracker does.
         dynamics: What its actions lead to.
         first: Its `starts`.
         beliefs: How many to find, or an n x S array of them. Fewer are found where there are no more, or no room.
@@ -105,8 +105,7 @@ class _Step:
     def __call__(self, belief: Vector, random: np.random.Generator) -> Vector | None:
         """Return the next belief; None where nothing is ever detected."""
         action = int(random.integers(self._dynamics.num_actions))
-        misses = self._model.false_negative is not None
-        before = self._model.resolvent(action).weights(belief) if misses else belief
+        before = self._model.resolvent(action).weights(belief) if self._model.waits_in(action) else belief
         symbols, states, weights = self._dynamics.after(action, np.maximum(before, 0.0))
         chances = np.bincount(symbols, weights, minlength=len(self._detected)) * self._detected
         total = chances.sum()

@@ -109,6 +109,7 @@ class Recollection:
         self.problem: str | None = None
         """Why the last experience that was not applied was not, in words."""
         self._controller = controller
+        controller.step_by_step()
         self._actions, self._observations = actions, observations
         self._agents = range(len(names))
         self._marks: deque[Any] = deque(maxlen=self.window + 2)

@@ -10,13 +10,13 @@ from random_models import distributions
 from mdm.models import POMDP, Factor, Space
 
 
-def team(seed, *, agents=2, states=2, actions=2, observations=2, events=False, discount=0.9):
-    """Return a random Dec-POMDP."""
+def team(seed, *, agents=2, states=2, actions=2, observations=2, events=False, seen=1.0, discount=0.9):
+    """Return a random Dec-POMDP; of its events a share is observed."""
     random = np.random.default_rng(seed)
     joint_actions, joint_observations = actions**agents, observations**agents
     told = distributions(random, joint_actions, states, joint_observations)
     if events:
-        told = np.moveaxis(distributions(random, joint_actions, states, states, joint_observations), -1, 1)
+        told = seen * np.moveaxis(distributions(random, joint_actions, states, states, joint_observations), -1, 1)
     return POMDP(
         distributions(random, joint_actions, states, states),
         told,

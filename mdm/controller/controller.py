@@ -160,7 +160,7 @@ class Controller:
         if self._tracks:
             self.information = self.policy.information(self.model)
             self._expected = expectation(self.information, own=False)
-            self.information.reset(self._initial)
+        self.reset()
 
     @property
     def has_own_tracker(self) -> bool:

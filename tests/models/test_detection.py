@@ -12,7 +12,7 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from random_models import dense, distributions, factored_models, flat_models, without_detection
 
-from mdm import ConfigError, Ensemble, ModelError
+from mdm import ConfigError, Controller, Ensemble, ModelError
 from mdm.beliefs import BeliefTracker
 from mdm.errors import ModelWarning
 from mdm.models import MDP, POMDP, Factor, MixedPOMDP, Space
@@ -266,3 +266,73 @@ def test_an_ensemble_s_option_is_the_model_s():
     assert ensemble.controller.model.false_negative == 0
     with pytest.raises(ConfigError, match=r"ensembles\.robot\.false_negative.*no symbol 'silence'"):
         Ensemble("robot", policy=policy, model=model, actions={0: print, 1: print}, false_negative="silence")
+
+
+# -- An agent that is told of each time step -------------------------------------------------------------------------
+
+
+def seldom(*, sparse=None):
+    """Return a model whose states are told apart by how seldom something is observed in them alone."""
+    told = np.array([0.9, 0.3])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        return POMDP(
+            [np.eye(2)],
+            np.tile(told, (1, 1, 2, 1)),
+            np.zeros((2, 1)),
+            discount=0.9,
+            observation_names=["something"],
+            event_observations=True,
+            sparse=sparse,
+        )
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_a_model_step_by_step_counts_no_unseen_steps(sparse):
+    model = seldom(sparse=sparse)
+    each = model.step_by_step()
+    assert (model.waits, each.waits, each.with_discount(0.5).waits) == (True, False, False)
+    tracker = BeliefTracker(model)
+    assert tracker.update(0, 0) == pytest.approx(1)  # at last, in either state
+    np.testing.assert_allclose(tracker.belief, [0.5, 0.5])
+    tracker = BeliefTracker(each)
+    assert tracker.update(0, 0) == pytest.approx(0.6)
+    np.testing.assert_allclose(tracker.belief, [0.75, 0.25])
+    with pytest.raises(ModelError, match="the model has no false negatives"):
+        each.resolvent(0)
+    assert each.transition_matrix(0) is model.transition_matrix(0)
+
+
+@given(factored_models(events=True))
+def test_a_network_waits_where_its_matrices_do(model):
+    assume(model.kind == "POMDP")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        flat = model.flatten()
+    assert model.waits == flat.waits
+    each = model.step_by_step()
+    assert not each.waits
+    assert not each.flatten().waits
+    assert model.flatten().waits == flat.waits
+
+
+@pytest.mark.parametrize(("options", "believed"), [({}, 0.5), ({"drive": 2.0}, 0.75)])
+def test_an_ensemble_at_a_fixed_rate_is_told_of_each_step(options, believed):
+    """It decides at ticks, with or without an observation: none of its steps goes unseen."""
+    robot = Ensemble("robot", policy=AlphaVectors([[0.0, 0.0]], [0], 1), model=seldom(), actions={0: int}, **options)
+    robot.controller.start()
+    assert robot.controller.observe("something") is not None
+    np.testing.assert_allclose(robot.controller.belief, [believed, 1 - believed])
+
+
+def test_a_controller_step_by_step_begins_anew():
+    controller = Controller(AlphaVectors([[0.0, 0.0]], [0], 1), seldom(), initial_belief=[0.2, 0.8])
+    controller.start()
+    controller.observe(0)
+    np.testing.assert_allclose(controller.belief, [0.2, 0.8])
+    controller.step_by_step()
+    controller.start()
+    np.testing.assert_allclose(controller.belief, [0.2, 0.8])
+    controller.observe(0)
+    np.testing.assert_allclose(controller.belief, [0.18 / 0.42, 0.24 / 0.42])
+    assert not controller.model.waits

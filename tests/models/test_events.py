@@ -217,3 +217,112 @@ def test_events_stay_with_their_transitions_where_rows_are_normalised(tmp_path):
                 np.testing.assert_allclose(transition.sum(axis=1), 1, atol=1e-15)
                 for o in range(2):
                     np.testing.assert_allclose(dense(each.joint_matrix(0, o)), transition * told[..., o], atol=1e-15)
+
+
+@given(models())
+def test_rests_are_what_events_leave(described):
+    model, transitions, told = described
+    left = (1 - told.sum(axis=1)).round(12)
+    for action, rest in enumerate(model.events.rests):
+        expected = transitions[action] * left[action]
+        assert model.waits_in(action) == (rest is not None) == bool(expected.any())
+        if rest is not None:
+            np.testing.assert_allclose(dense(rest), expected, atol=1e-12)
+    assert model.waits == any(rest is not None for rest in model.events.rests)
+
+
+def test_what_rows_lack_by_rounding_alone_is_no_rest():
+    """Files give six digits: such steps would cost each update something, and change nothing."""
+    told = np.full((1, 3, 2, 2), 0.333333)
+    for sparse in (False, True):
+        model = POMDP(
+            [np.full((2, 2), 0.5)], told, [[0.0], [0.0]], discount=0.9, event_observations=True, sparse=sparse
+        )
+        assert not model.waits
+        with pytest.raises(ModelError, match="the model has no false negatives"):
+            model.resolvent(0)
+
+
+def simulated(model, transitions, told, actions, episodes, random):
+    """Return the hidden states, and what was observed after each action, of many episodes; -1 where nothing ever is."""
+    size, width = len(model.state_space), told.shape[1]
+    states = random.choice(size, p=model.initial_belief, size=episodes)
+    history = np.full((episodes, len(actions)), -1)
+    for step, action in enumerate(actions):
+        going = np.flatnonzero((history[:, :step] >= 0).all(axis=1))
+        for _ in range(2000):
+            if not len(going):
+                break
+            rows = transitions[action, states[going]].cumsum(axis=1)
+            after = (random.random((len(going), 1)) > rows).sum(axis=1).clip(max=size - 1)
+            chances = told[action][:, states[going], after].T.cumsum(axis=1)
+            seen = (random.random((len(going), 1)) > chances).sum(axis=1)
+            states[going] = after
+            history[going[seen < width], step] = seen[seen < width]
+            going = going[seen == width]
+    return states, history
+
+
+@pytest.mark.parametrize("folded", [4_000_000, 0])
+@pytest.mark.parametrize("seed", range(8))
+def test_beliefs_are_the_shares_of_hidden_states(seed, folded, monkeypatch):
+    """Of all simulated episodes in which the same was observed; how many steps went unseen nobody knows."""
+    monkeypatch.setattr("mdm.beliefs.choice._FOLDED", folded)
+    random = np.random.default_rng(seed)
+    size, count, width, episodes = 3, 2, 2, 100_000
+    transitions = distributions(random, count, size, size)
+    told = np.moveaxis(distributions(random, count, size, size, width), -1, 1)
+    told *= random.uniform(0.1, 1, size=(count, 1, size, size))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = POMDP(
+            transitions,
+            told,
+            np.zeros((size, count)),
+            discount=0.9,
+            initial_belief=distributions(random, size),
+            event_observations=True,
+            sparse=bool(seed % 2),
+        )
+    actions = [0, 1, 1]
+    states, history = simulated(model, transitions, told, actions, episodes, random)
+    tracker, compared = BeliefTracker(model), 0
+    for observations in np.ndindex(*[width] * len(actions)):
+        which = (history == observations).all(axis=1)
+        share, number = which.mean(), which.sum()
+        tracker.reset()
+        probability = tracker.update_all(zip(actions, observations, strict=True))
+        assert abs(probability - share) < 5 * np.sqrt(max(share, 1e-4) / episodes)
+        if number > 500:
+            found = np.bincount(states[which], minlength=size) / number
+            assert np.abs(tracker.belief - found).max() < 2.5 / np.sqrt(number)
+            compared += 1
+    assert compared >= 3
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_states_in_which_nothing_is_ever_observed(sparse):
+    """The third state is never left and tells nothing: I - N would be singular, and it cannot be where one sees."""
+    transitions = [[[0.5, 0.25, 0.25], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]]
+    told = np.zeros((1, 1, 3, 3))
+    told[0, 0, 0, 0], told[0, 0, 1, 1] = 0.5, 0.5
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = POMDP(
+            transitions,
+            told,
+            np.zeros((3, 1)),
+            discount=0.9,
+            event_observations=True,
+            sparse=sparse,
+            initial_belief=[1, 0, 0],
+        )
+    tracker = BeliefTracker(model)
+    # N = [[1/4, 1/4, 1/4], [0, 1/2, 0], [0, 0, 1]]: 4/3 unseen visits of the first state, 2/3 of the second
+    assert tracker.update(0, 0) == pytest.approx(2 / 3)
+    np.testing.assert_allclose(tracker.belief, [1 / 2, 1 / 2, 0])
+    tracker.reset([0, 0, 1])
+    before = tracker.belief
+    assert tracker.update(0, 0) == 0
+    assert tracker.belief is before
+    assert tracker.update(0, None) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import figures
@@ -25,7 +26,7 @@ from mdm.policies import (
     StochasticPolicy,
 )
 from mdm.simulation.episodes import Limits, one_by_one
-from mdm.solvers import exact_values
+from mdm.solvers import exact_values, solve
 
 
 @FEW
@@ -258,3 +259,27 @@ def test_a_staged_policy_goes_through_its_stages():
     assert list(simulate(model, policy, episodes=2, steps=2).returns) == [0.5 * 3] * 2
     assert exact_values(model, policy)[0] == pytest.approx(result.mean)
     assert evaluate(model, policy, episodes=1, steps=2).mean == pytest.approx(exact_values(model, policy, steps=2)[0])
+
+
+def test_policies_earn_their_bounds_where_events_go_unseen():
+    """Behind one door much goes unheard. Whoever takes each sound for that of a single step opens the other one."""
+    stuck, anew = np.eye(2), np.full((2, 2), 0.5)
+    told = np.full((3, 2, 2, 2), 0.5)
+    told[0] = (np.array([[0.85, 0.15], [0.15, 0.85]]) * [[0.95], [0.4]]).T[:, None]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = POMDP(
+            [stuck, anew, anew],
+            told,
+            [[-1, -100, 10], [-1, 10, -100]],
+            discount=0.95,
+            event_observations=True,
+        )
+    solution = solve(model, gap=0.001)
+    aware = evaluate(model, solution.policy, episodes=10_000, seed=1)
+    assert solution.lower - 4 * aware.standard_error < aware.mean < solution.upper + 4 * aware.standard_error
+    returns, _ = one_by_one(model, solution.policy, Limits(math.inf, 270), episodes=400, seed=2)
+    error = returns.std() / np.sqrt(400)
+    assert solution.lower - 4 * error < returns.mean() < solution.upper + 4 * error
+    looped = simulate(model, solution.policy, episodes=100, seed=3)
+    assert abs(looped.mean - solution.lower) < 4 * looped.standard_error

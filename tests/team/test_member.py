@@ -245,6 +245,21 @@ def test_an_ensemble_of_no_team_has_no_lost_teammates():
     run_virtual(main)
 
 
+@pytest.mark.parametrize(("drive", "waits"), [({}, True), ({"period": 0.5}, False)])
+def test_a_team_with_a_period_is_told_of_each_step(drive, waits):
+    """An event that a step observes is then that of the step before; else nobody counts what went unseen."""
+
+    async def main(runtime):
+        with pytest.warns(mdm.ModelWarning, match="as little as 0.5"):
+            model = random_team(7, events=True, seen=0.5)
+        network = Network(runtime.clock, team="team", lease=0.5)
+        team = Team("team", ["left", "right"], **drive)
+        robots = await started(runtime, team, network, over_beliefs(model))
+        assert [robot.ensemble.controller.model.waits for robot in robots] == [waits, waits]
+
+    run_virtual(main)
+
+
 EVENTS = st.sampled_from(["crash", "leave", "return", "partition", "heal", "observe", "observe", "reset", "wait"])
 
 

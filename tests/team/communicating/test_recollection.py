@@ -290,3 +290,19 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing():
     nobody.start()
     with pytest.raises(mdm.ModelError, match="tell whose it is with hear"):
         nobody.observe(0)
+
+
+def test_steps_that_are_counted_are_not_unseen():
+    """Agents that communicate count each step: an event is that of the step before, whatever it leaves unobserved."""
+    with pytest.warns(mdm.ModelWarning, match="as little as 0.5"):
+        model = team(4, events=True, seen=0.5)
+    recollection = Recollection(controller_for(model), agent=0)
+    recollection.start()
+    action = recollection.decide().action
+    after = [model.initial_belief @ model.joint_matrix(action, o) for o in range(len(model.observation_space))]
+    expected = max(after, key=np.sum)
+    own, other = model.observation_space.unravel(int(np.argmax([belief.sum() for belief in after])))
+    recollection.observe(own)
+    assert recollection.hear(1, Experience(step=1, action=model.action_space.unravel(action)[1], observation=other))
+    recollection.decide()
+    np.testing.assert_allclose(recollection.belief, expected / expected.sum(), atol=1e-12)

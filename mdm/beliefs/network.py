@@ -27,6 +27,8 @@ __all__ = ["NetworkFilter"]
 class NetworkFilter:
     """Holds a belief by its support, and takes transitions from the network.
 
+    Each event counts as that of a single step: to sum over steps without one takes the matrices of all states.
+
     Args:
         network: The network, with observations.
     """

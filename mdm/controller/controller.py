@@ -157,6 +157,7 @@ class Controller:
         if not isinstance(self.model, POMDP) or not self.model.event_observations:
             return
         self.model = self.model.step_by_step()
+        self._configuration = None
         if self._tracks:
             self.information = self.policy.information(self.model)
             self._expected = expectation(self.information, own=False)

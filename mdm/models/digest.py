@@ -52,6 +52,8 @@ def digest(model: MDP) -> str:
     if isinstance(model, POMDP):
         spaces.append(model.observation_space)
     head: list[Any] = [model.kind, model.discount, getattr(model, "false_negative", None)]
+    if isinstance(model, POMDP):
+        head += model.waiting
     head += [[[factor.name, list(factor.names)] for factor in space.factors] for space in spaces]
     if isinstance(model, FactoredMDP | FactoredPOMDP):
         return of_parts([*head, *_network(model)])

@@ -70,7 +70,8 @@ class POMDP(MDP):
     kind: Literal["MDP", "POMDP"] = "POMDP"
     _false_negative: int | None = None
     _tells_all: bool = False
-    _resolvents: dict[int, Resolvent]
+    _discounts_waits: bool = False
+    _resolvents: dict[tuple[int, float], Resolvent]
 
     def __init__(
         self,
@@ -227,7 +228,7 @@ class POMDP(MDP):
             )
         return self._with_resolvents(index, {})
 
-    def _with_resolvents(self, false_negative: int | None, resolvents: dict[int, Resolvent]) -> Self:
+    def _with_resolvents(self, false_negative: int | None, resolvents: dict[tuple[int, float], Resolvent]) -> Self:
         other = copy.copy(self)
         vars(other).update(_false_negative=false_negative, _resolvents=resolvents)
         return other
@@ -240,6 +241,18 @@ class POMDP(MDP):
         """
         other = self._with_resolvents(self._false_negative, {})
         other._tells_all = True  # noqa: SLF001 - a model of the same kind
+        return other
+
+    def with_discounted_waits(self) -> Self:
+        """Return the same model with beliefs in which steps without a detection are discounted, as in its values.
+
+        Who does not know how long it took to detect something has less to gain where it took long. An agent that
+        chooses by such beliefs among the vectors of a solver earns at least their bound. Other beliefs are the
+        probabilities of the states; they promise that only where waits are short, or as long in all states. Files do
+        not keep the difference.
+        """
+        other = copy.copy(self)
+        other._discounts_waits = True  # noqa: SLF001 - a model of the same kind
         return other
 
     @property
@@ -261,10 +274,21 @@ class POMDP(MDP):
         assert self.events is not None
         return self.events.rests[action]
 
+    @property
+    def waiting(self) -> list[str]:
+        """How its beliefs differ from those of a model with the same numbers: nothing, as a rule."""
+        kinds = {"step by step": self._tells_all, "discounted waits": self._discounts_waits}
+        return [name for name, holds in kinds.items() if holds]
+
+    def _of_this_kind(self, other: POMDP) -> POMDP:
+        """Let another model, which nobody else holds, wait as this one does."""
+        other._tells_all, other._discounts_waits = self._tells_all, self._discounts_waits
+        return other
+
     def resolvent(self, action: Symbol) -> Resolvent:
         """Return the resolvent (I - N)^-1 of an action: the steps without a detection before a detected event.
 
-        It is computed once, on first use, and shared by copies of the model with other discounts.
+        It is computed once, on first use, and shared by copies of the model. With discounted waits N is discounted.
 
         Raises:
             ModelError: If the action does not wait: every event is detected.
@@ -272,14 +296,15 @@ class POMDP(MDP):
         a = self.action_space.index(action)
         if not self.waits_in(a):
             raise ModelError("the model has no false negatives: declare them by with_false_negatives(observation)")
-        if a not in self._resolvents:
+        key = a, self.discount if self._discounts_waits else 1.0
+        if key not in self._resolvents:
             rest, missed = self._rest(a), self._false_negative
             joint = rest if missed is None else self.joint_matrix(a, missed)
             joint = leading_to_detection(joint if rest is None or missed is None else joint + rest)
             if is_compressed(joint) and len(self.action_space) * len(self.state_space) ** 2 <= _INVERSES:
                 joint = joint.toarray()
-            self._resolvents[a] = Resolvent(joint)
-        return self._resolvents[a]
+            self._resolvents[key] = Resolvent(joint if key[1] == 1 else key[1] * joint)
+        return self._resolvents[key]
 
     def flatten(self) -> POMDP:
         """Return the model as matrices; a flat model returns itself."""
@@ -312,7 +337,7 @@ class POMDP(MDP):
 
         result = marginalize(self, factor)
         assert isinstance(result, POMDP)
-        return result.with_false_negatives(self.false_negative)
+        return self._of_this_kind(result.with_false_negatives(self.false_negative))
 
     def __repr__(self) -> str:
         text = f"{super().__repr__()[:-1]}, {len(self.observation_space)} observations"

@@ -18,6 +18,7 @@ from mdm.errors import ModelWarning
 from mdm.models import MDP, POMDP, Factor, MixedPOMDP, Space
 from mdm.models.compressed import csr
 from mdm.models.detection import Resolvent
+from mdm.models.digest import digest
 from mdm.policies import AlphaVectors
 from mdm.solvers import solve
 
@@ -336,3 +337,60 @@ def test_a_controller_step_by_step_begins_anew():
     controller.observe(0)
     np.testing.assert_allclose(controller.belief, [0.18 / 0.42, 0.24 / 0.42])
     assert not controller.model.waits
+
+
+# -- Waits that are discounted -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_waits_are_discounted_in_beliefs_where_that_is_wanted(sparse):
+    model = seldom(sparse=sparse)
+    for missing, waits in ((model, [0.1, 0.7]), (model.with_discount(0.5), [0.1, 0.7])):
+        tracker = BeliefTracker(missing.with_discounted_waits())
+        weights = (1 - np.array(waits)) / (1 - missing.discount * np.array(waits)) / 2
+        assert tracker.update(0, 0) == pytest.approx(weights.sum())
+        np.testing.assert_allclose(tracker.belief, weights / weights.sum())
+        tracker = BeliefTracker(missing)
+        assert tracker.update(0, 0) == pytest.approx(1)
+        np.testing.assert_allclose(tracker.belief, [0.5, 0.5])
+
+
+@given(flat_models(kinds=("POMDP",), events=True, finer=False) | factored_models(events=True), st.data())
+@settings(max_examples=40)
+def test_discounted_waits_are_part_of_the_model(model, data):
+    assume(model.kind == "POMDP" and len(model.observation_space) > 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        missed = data.draw(st.none() | st.integers(0, len(model.observation_space) - 1))
+        model = model.with_discount(0.7).with_false_negatives(missed)
+        trackers = [BeliefTracker(each) for each in (model.with_discounted_waits(), model.flatten())]
+        for action in range(len(model.action_space)):
+            steps = without_detection(model, action, missed)
+            for seen in range(len(model.observation_space)):
+                for tracker, discount in zip(trackers, (0.7, 1.0), strict=True):
+                    last = dense(model.joint_matrix(action, seen))
+                    before = last if seen == missed else series(discount * steps, last)
+                    tracker.reset()
+                    expected = model.initial_belief @ before
+                    assert tracker.update(action, seen) == pytest.approx(expected.sum(), abs=1e-9)
+                    if expected.sum() > 1e-6:
+                        np.testing.assert_allclose(tracker.belief, expected / expected.sum(), atol=1e-8)
+
+
+def test_digests_tell_how_a_model_waits():
+    model = seldom()
+    kinds = [model, model.step_by_step(), model.with_discounted_waits(), model.step_by_step().with_discounted_waits()]
+    assert len({digest(each) for each in kinds}) == 4
+    assert digest(seldom()) == digest(model)
+
+
+def test_a_dropped_factor_leaves_waits_as_they_are():
+    states = Space([Factor("place", 2), Factor("mood", 2)])
+    told = np.full((1, 1, 4, 4), 0.5)
+    moves = np.kron(np.eye(2), np.full((2, 2), 0.5))[None]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = POMDP(moves, told, np.zeros((4, 1)), discount=0.9, states=states, event_observations=True)
+        assert model.with_discounted_waits().marginalize("mood").waiting == ["discounted waits"]
+        assert model.step_by_step().marginalize("mood").waiting == ["step by step"]
+        assert model.marginalize("mood").waiting == []

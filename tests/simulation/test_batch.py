@@ -261,20 +261,20 @@ def test_a_staged_policy_goes_through_its_stages():
     assert evaluate(model, policy, episodes=1, steps=2).mean == pytest.approx(exact_values(model, policy, steps=2)[0])
 
 
-def test_policies_earn_their_bounds_where_events_go_unseen():
-    """Behind one door much goes unheard. Whoever takes each sound for that of a single step opens the other one."""
+def doors(*heard, discount):
+    """Return two doors, behind which a sound is heard more or less often."""
     stuck, anew = np.eye(2), np.full((2, 2), 0.5)
     told = np.full((3, 2, 2, 2), 0.5)
-    told[0] = (np.array([[0.85, 0.15], [0.15, 0.85]]) * [[0.95], [0.4]]).T[:, None]
+    told[0] = (np.array([[0.85, 0.15], [0.15, 0.85]]) * np.array(heard)[:, None]).T[:, None]
+    rewards = [[-1, -100, 10], [-1, 10, -100]]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        model = POMDP(
-            [stuck, anew, anew],
-            told,
-            [[-1, -100, 10], [-1, 10, -100]],
-            discount=0.95,
-            event_observations=True,
-        )
+        return POMDP([stuck, anew, anew], told, rewards, discount=discount, event_observations=True)
+
+
+def test_policies_earn_their_bounds_where_events_go_unseen():
+    """Behind one door much goes unheard. Whoever takes each sound for that of a single step opens the other one."""
+    model = doors(0.95, 0.4, discount=0.95)
     solution = solve(model, gap=0.001)
     aware = evaluate(model, solution.policy, episodes=10_000, seed=1)
     assert solution.lower - 4 * aware.standard_error < aware.mean < solution.upper + 4 * aware.standard_error
@@ -282,4 +282,16 @@ def test_policies_earn_their_bounds_where_events_go_unseen():
     error = returns.std() / np.sqrt(400)
     assert solution.lower - 4 * error < returns.mean() < solution.upper + 4 * error
     looped = simulate(model, solution.policy, episodes=100, seed=3)
+    assert abs(looped.mean - solution.lower) < 4 * looped.standard_error
+
+
+def test_beliefs_that_discount_long_waits_earn_the_bound():
+    """A sound every ten steps or every one: how long it took nobody knows, but it costs."""
+    model = doors(0.9, 0.1, discount=0.9)
+    solution = solve(model, gap=0.001)
+    plain = evaluate(model, solution.policy, episodes=10_000, seed=1)
+    weighed = evaluate(model.with_discounted_waits(), solution.policy, episodes=10_000, seed=1)
+    assert plain.mean < solution.lower - 5 * plain.standard_error
+    assert solution.lower - 4 * weighed.standard_error < weighed.mean < solution.upper + 4 * weighed.standard_error
+    looped = simulate(model.with_discounted_waits(), solution.policy, episodes=200, seed=3)
     assert abs(looped.mean - solution.lower) < 4 * looped.standard_error

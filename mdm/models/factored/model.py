@@ -149,11 +149,10 @@ class FactoredPOMDP(_Factored, POMDP):
     def flatten(self) -> POMDP:
         """Return the same model as matrices; they are made once and kept."""
         flat = _with_discount(self._flat, self.discount)
-        if self.false_negative is None and not self._tells_all:
+        if self.false_negative is None and not self._tells_all and not self._discounts_waits:
             return flat
-        flat = flat._with_resolvents(self.false_negative, self._resolvents)  # noqa: SLF001 - a model of the same kind
-        flat._tells_all = self._tells_all  # noqa: SLF001 - the same
-        return flat
+        # That of the same kind of model.
+        return self._of_this_kind(flat._with_resolvents(self.false_negative, self._resolvents))  # noqa: SLF001
 
     def revealed(self) -> POMDP:
         """Return the `MixedPOMDP` in which fully observed state factors are part of the observations."""

@@ -10,6 +10,7 @@ import numpy as np
 from mdm.errors import ConfigError, Error, MapError
 from mdm.maps.paths import Paths
 from mdm.messages import PoseUpdate
+from mdm.number import is_number, is_whole
 from mdm.runtime import Actor
 from mdm.simulation.building.robot import Robot
 from mdm.simulation.building.visits import Visit, VisitChange, Visits
@@ -17,6 +18,8 @@ from mdm.simulation.building.walls import walls
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+    from numpy.typing import NDArray
 
     from mdm.maps import Map, Pose
     from mdm.maps.places import Places
@@ -29,6 +32,8 @@ _RATE = 10.0
 """Steps a second; robots tell their poses as often."""
 _ROOM = 0.1
 """Metres that paths keep from walls beside the robot's radius, where there is so much room."""
+_SPACE = 0.4
+"""Metres between a visit and the next wall, at least."""
 _MOST = 10
 """Steps at once, where the clock has run ahead."""
 
@@ -37,7 +42,8 @@ class Building(Actor):
     """A floor with robots that drive, and people, intruders and fires that come and go.
 
     It steps ten times a second of the runtime's clock, in wall or virtual time. Robots keep clear of walls and of each
-    other. The same seed gives the same run in virtual time.
+    other; where two meet and neither gets on, one drives out of the way until the other has passed. The same seed gives
+    the same run in virtual time.
 
     Args:
         floor: The map, with its grid.
@@ -46,8 +52,8 @@ class Building(Actor):
         name: Its name among actors.
 
     Raises:
-        ConfigError: If two visits are of one kind.
-        MapError: If the map has no grid, or visits are to places that are not on it.
+        ConfigError: If two visits are of one kind, or have no place.
+        MapError: If the map has no grid, or visits are to places that are not on it, or have no room for them.
         Error: If navground is not installed.
 
     Attributes:
@@ -98,10 +104,18 @@ class Building(Actor):
         for each in visits:
             if any(each.kind == other.kind for other in known):
                 raise ConfigError(f"two visits are of the kind {each.kind!r}", key="visits")
-            for place in each.places or ():
+            for place in self._places_of(each):
                 self.floor.graph.node(place)
+                if not len(self._room_in(place)):
+                    raise MapError(f"no {each.kind} has room in {place!r}: name other places for these visits")
             known.append(each)
         return known
+
+    def _places_of(self, visits: Visits) -> tuple[str, ...]:
+        return self.floor.graph.names if visits.places is None else tuple(visits.places)
+
+    def _room_in(self, place: str) -> NDArray[np.intp]:
+        return np.argwhere(self.floor.labels.cells(place) & (self._clearance > _SPACE))
 
     # -- Robots --------------------------------------------------------------------------------------------------
 
@@ -117,7 +131,7 @@ class Building(Actor):
         beams: int = 0,
         reach: float = 5.0,
     ) -> Robot:
-        """Put a robot on the floor. Its noisy poses are told on ``<building>/<name>/pose``.
+        """Put a robot on the floor, before or after it starts. Its poses are told on ``<building>/<name>/pose``.
 
         Args:
             name: Its name.
@@ -130,22 +144,28 @@ class Building(Actor):
             reach: Of its range sensor, in metres.
 
         Raises:
-            ConfigError: If there is a robot of that name.
+            ConfigError: If there is a robot of that name, or a number is none that a robot can have.
             MapError: If it does not fit there, or there is no such place.
         """
         if name in self.robots:
             raise ConfigError(f"two robots are called {name!r}", key=name)
+        _check(name, radius=radius, speed=speed, reach=reach, noise=noise, beams=beams)
         start = self.floor.graph.node(at).goal if isinstance(at, str) else at
         paths = self._paths_for(radius)
         cell = self.grid.frame.cell(start.x, start.y)
         if cell is None or self._clearance[cell] < radius:
             raise MapError(f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: it would stand in a wall")
+        for other in self.robots.values():
+            if math.dist((start.x, start.y), (other.pose.x, other.pose.y)) < radius + other.radius:
+                raise MapError(
+                    f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: robot {other.name!r} is there"
+                )
         core, simulator = _navground()
         kinematics = core.kinematics.TwoWheelsDifferentialDriveKinematics(max_speed=speed, wheel_axis=1.6 * radius)
         behavior = core.behaviors.HLBehavior(kinematics=kinematics, radius=radius)
         behavior.optimal_speed = speed
         behavior.horizon = 2.0
-        behavior.safety_margin = 0.05
+        behavior.safety_margin = 0.15
         agent = simulator.Agent(
             radius=radius,
             behavior=behavior,
@@ -188,7 +208,7 @@ class Building(Actor):
             ConfigError: If there are no such visits.
             MapError: If there is no such place.
         """
-        cells = np.argwhere(self.floor.labels.cells(place) & (self._clearance > 0.4))
+        cells = self._room_in(place)
         if not len(cells):
             raise MapError(f"nothing has room in {place!r}")
         row, column = cells[self._random.integers(len(cells))].tolist()
@@ -220,7 +240,7 @@ class Building(Actor):
 
     def _await(self, visits: Visits) -> None:
         def come() -> None:
-            names = self.floor.graph.names if visits.places is None else tuple(visits.places)
+            names = self._places_of(visits)
             self.come(visits.kind, names[self._random.integers(len(names))])
             self._await(visits)
 
@@ -232,24 +252,43 @@ class Building(Actor):
     def on_start(self) -> None:
         """Begin to step."""
         self._changes = self.channel("visits", VisitChange)
-        self._poses = {name: self.channel(f"{name}/pose", PoseUpdate) for name in self.robots}
+        self._poses = {}
         for visits in self._visits.values():
             self._await(visits)
         self.every(_RATE, self._step)
 
+    def on_stop(self) -> None:
+        """End all drives: nothing moves any more."""
+        for robot in self.robots.values():
+            robot.fail("cannot go on: the building has stopped")
+
     def _step(self, tick: Tick) -> None:
+        robots = tuple(self.robots.values())
         for _ in range(min(_MOST, 1 + tick.missed)):
-            for robot in self.robots.values():
-                robot.steer(1 / _RATE)
+            for robot in robots:
+                robot.steer(1 / _RATE, robots)
             self._world.update(1 / _RATE)
             self.steps += 1
-            for robot in self.robots.values():
+            for robot in robots:
                 robot.look(self._world)
         for name, robot in self.robots.items():
             pose = robot.estimate()
+            if name not in self._poses:
+                self._poses[name] = self.channel(f"{name}/pose", PoseUpdate)
             self._poses[name].publish(PoseUpdate(tick.time, pose.x, pose.y, pose.yaw))
             if name in self._places:
                 self._places[name].see(pose)
+
+
+def _check(name: str, *, noise: float, beams: int, **numbers: float) -> None:
+    """Check what is told of a robot."""
+    for what, number in numbers.items():
+        if not is_number(number) or not 0 < number < math.inf:
+            raise ConfigError(f"the {what} of robot {name!r} is a number above 0, not {number!r}", key=what)
+    if not is_number(noise) or not 0 <= noise < math.inf:
+        raise ConfigError(f"the noise of robot {name!r} is a number from 0, not {noise!r}", key="noise")
+    if not is_whole(beams) or beams < 0:
+        raise ConfigError(f"the beams of robot {name!r} are a whole number from 0, not {beams!r}", key="beams")
 
 
 def _navground() -> tuple[Any, Any]:

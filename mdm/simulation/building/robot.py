@@ -11,8 +11,11 @@ import numpy as np
 from mdm.errors import Error
 from mdm.maps import Pose
 from mdm.maps.sight import sees
+from mdm.simulation.building.refuge import refuge
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from mdm.maps import Grid
     from mdm.maps.paths import Paths
     from mdm.models.matrices import Vector
@@ -27,6 +30,14 @@ _LOOKS = 3
 """Steps after which it looks again whether its way is free."""
 _NEARER = 0.05
 """Metres that count as nearer."""
+_BLOCKED = 2.0
+"""Seconds without getting nearer after which a robot gives way to one that was put there before it."""
+_IN_TURN = 3
+"""How many times longer it takes until the other one of two gives way."""
+_MEETING = 3.0
+"""Metres from one another within which robots may be in each other's way."""
+_PASSED, _ASIDE = 2.0, 15.0
+"""Metres that the others have driven on, and seconds, after which a robot that gave way goes on."""
 
 
 class DriveError(Error):
@@ -36,14 +47,34 @@ class DriveError(Error):
 class _Drive:
     """A drive that is under way."""
 
-    def __init__(self, goal: Pose, distances: Vector) -> None:
+    def __init__(self, goal: Pose, distances: Vector, remaining: float) -> None:
         self.goal = goal
         self.distances = distances
         self.turns: list[tuple[int, int]] = []
-        self.remaining = math.inf
+        self.remaining = remaining
         self.waited = 0.0
+        self.blocked = 0.0
         self.looks = 0
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+
+
+class _Aside:
+    """A robot's stay out of the way of others.
+
+    Args:
+        turns: The cells on the way there.
+        others: Those that are to pass.
+    """
+
+    def __init__(self, turns: list[tuple[int, int]], others: Sequence[Robot]) -> None:
+        self.turns = turns
+        self.seconds = 0.0
+        self._others = [(robot, robot.remaining) for robot in others]
+
+    def is_over(self) -> bool:
+        """Whether all others have driven on or do not drive any more, or it has taken long enough."""
+        passed = all(not robot.turns or abs(robot.remaining - before) > _PASSED for robot, before in self._others)
+        return passed or self.seconds > _ASIDE
 
 
 class Robot:
@@ -84,6 +115,7 @@ class Robot:
         self._scanner = scanner
         self._readings: Any = None
         self._drive: _Drive | None = None
+        self._aside: _Aside | None = None
         self._fields: dict[tuple[int, int], Vector] = {}
 
     @property
@@ -96,6 +128,11 @@ class Robot:
     def remaining(self) -> float:
         """The metres to go; 0 where it stands."""
         return 0.0 if self._drive is None else self._drive.remaining
+
+    @property
+    def turns(self) -> tuple[tuple[int, int], ...]:
+        """The cells where its way turns, and its end; none where it stands, or lets others pass."""
+        return () if self._drive is None or self._aside is not None else tuple(self._drive.turns)
 
     def estimate(self) -> Pose:
         """Return where it believes to be: its pose with noise."""
@@ -121,18 +158,20 @@ class Robot:
         """Drive to a pose, and turn to its yaw. A drive that is cancelled stops where it is.
 
         Raises:
-            DriveError: If the pose cannot be reached, something has been in the way for half a minute, or the robot is
-                sent elsewhere meanwhile.
+            DriveError: If the pose cannot be reached, something has been in the way for half a minute (that in which
+                the robot gives way to others is not counted), or the robot is sent elsewhere or its building stops
+                meanwhile.
         """
-        drive = _Drive(pose, self._distances_to(pose))
+        distances = self._distances_to(pose)
         if self._drive is not None:
-            self._fail(f"was sent to {pose.x:g}, {pose.y:g} before it had come")
-        self._drive = drive
+            self.fail(f"was sent to {pose.x:g}, {pose.y:g} before it had come")
+        self._drive = drive = _Drive(pose, distances, float(distances[self.cell]))
+        self._aside = None
         try:
             await drive.over
         finally:
             if self._drive is drive:
-                self._drive = None
+                self._drive = self._aside = None
                 self._halt()
 
     def _halt(self) -> None:
@@ -152,13 +191,14 @@ class Robot:
             )
         if goal not in self._fields:
             self._fields[goal] = self._paths.distances([goal])[0]
-        here = self._cell()
+        here = self.cell
         if not math.isfinite(self._fields[goal][here]):
             raise DriveError(f"robot {self.name!r} finds no way to {pose.x:g}, {pose.y:g}")
         return self._fields[goal]
 
-    def _cell(self) -> tuple[int, int]:
-        """Return the nearest cell that it may be in: pushed against a wall it can be in another."""
+    @property
+    def cell(self) -> tuple[int, int]:
+        """The nearest cell that it may be in: pushed against a wall it can be in another."""
         here = self.pose
         cell = self._paths.frame.cell(here.x, here.y)
         if cell is not None and self._paths.open[cell]:
@@ -172,19 +212,30 @@ class Robot:
         x, y = self.agent.position
         return math.dist((x, y), self._grid.frame.centre(*cell))
 
-    def steer(self, seconds: float) -> None:
-        """Set out for the next point of the path, before a step of the building."""
+    def steer(self, seconds: float, robots: Sequence[Robot] = ()) -> None:
+        """Set out for the next point of the path, before a step of the building.
+
+        Args:
+            seconds: Since the last step.
+            robots: All that are in the building; of two in each other's way the later one gives way first.
+        """
         drive = self._drive
         if drive is None or drive.over.done():
             return
-        cell = self._cell()
+        cell = self.cell
+        if self._aside is not None:
+            self._stay_aside(self._aside, drive, cell, seconds)
+            return
         here = float(drive.distances[cell])
         if here < drive.remaining - _NEARER:
-            drive.remaining, drive.waited = here, 0.0
+            drive.remaining, drive.waited, drive.blocked = here, 0.0, 0.0
         else:
             drive.waited += seconds
+            drive.blocked += seconds
             if drive.waited > _PATIENCE:
-                self._fail(f"has come no nearer to {drive.goal.x:g}, {drive.goal.y:g} for {_PATIENCE:g} s")
+                self.fail(f"has come no nearer to {drive.goal.x:g}, {drive.goal.y:g} for {_PATIENCE:g} s")
+                return
+            if drive.blocked > _BLOCKED and self._give_way(drive, robots):
                 return
         self._turn(drive, cell)
         controller = self.agent.controller
@@ -194,6 +245,29 @@ class Robot:
             controller.go_to_pose(Pose2((drive.goal.x, drive.goal.y), drive.goal.yaw), _NEAR, _TURNED)
         else:
             controller.go_to_position(np.array(self._paths.frame.centre(*drive.turns[0])), _NEAR / 2)
+
+    def _give_way(self, drive: _Drive, robots: Sequence[Robot]) -> bool:
+        """Set out for where others can pass, if it is to let them; return whether it does."""
+        near = [robot for robot in robots if robot is not self and self._distance(robot.cell) < _MEETING]
+        others = [robot for robot in near if robot.turns]
+        is_later = any(robot in others for robot in robots[: robots.index(self)])
+        if not others or drive.blocked < (_BLOCKED if is_later else _IN_TURN * _BLOCKED):
+            return False
+        drive.blocked = 0.0
+        turns = refuge(self._paths, self.cell, [(one.cell, one.turns, self.radius + one.radius) for one in near])
+        if turns is not None:
+            self._aside = _Aside(turns, others)
+        return turns is not None
+
+    def _stay_aside(self, aside: _Aside, drive: _Drive, cell: tuple[int, int], seconds: float) -> None:
+        aside.seconds += seconds
+        if aside.is_over():
+            self._aside = None
+            drive.turns = self._paths.route(drive.distances, cell)
+            return
+        while len(aside.turns) > 1 and self._distance(aside.turns[0]) < _NEAR:
+            del aside.turns[0]
+        self.agent.controller.go_to_position(np.array(self._paths.frame.centre(*aside.turns[0])), _NEAR / 2)
 
     def _turn(self, drive: _Drive, cell: tuple[int, int]) -> None:
         """Take up the next turn of the way where it is in sight, or the last one is reached."""
@@ -224,6 +298,7 @@ class Robot:
         if math.hypot(here.x - goal.x, here.y - goal.y) <= 1.5 * _NEAR and turned <= 1.5 * _TURNED:
             drive.over.set_result(None)
 
-    def _fail(self, text: str) -> None:
+    def fail(self, text: str) -> None:
+        """Let the drive that is under way fail, if there is one."""
         if self._drive is not None and not self._drive.over.done():
             self._drive.over.set_exception(DriveError(f"robot {self.name!r} {text}"))

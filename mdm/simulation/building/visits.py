@@ -27,7 +27,7 @@ class Visits:
         places: Where, each as often as the others; by default everywhere.
 
     Raises:
-        ConfigError: If a time is not above 0.
+        ConfigError: If a time is not above 0, or there is no place.
     """
 
     kind: str
@@ -39,6 +39,8 @@ class Visits:
         for what, seconds in (("every", self.every), ("stay", self.stay)):
             if not is_number(seconds) or not seconds > 0:
                 raise ConfigError(f"{what} is a number of seconds above 0, not {seconds!r}", key=what)
+        if self.places is not None and (isinstance(self.places, str) or not self.places):
+            raise ConfigError(f"places are names, one at least, not {self.places!r}", key="places")
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import builtins
+import math
 
+import numpy as np
 import pytest
-from maps.floors import FURNITURE, offices
+from maps.floors import FURNITURE, Floor, offices
 
 import mdm
 from mdm.errors import ConfigError, Error, MapError
 from mdm.maps import Map, Places, Pose
 from mdm.messages import PoseUpdate
-from mdm.simulation.building import Building, Visits
+from mdm.simulation.building import Building, DriveError, Visits
 
 
 def patrolled(seconds, seed):
@@ -52,6 +54,73 @@ def test_two_robots_patrol_without_touching_anything():
     assert len(poses) == 2 * steps
 
 
+def sent(floor, starts, goals, **options):
+    """Send robots to their goals at once; return how each drive ended, and in how many steps each touched something."""
+    building = Building(floor, seed=1)
+    robots = [building.robot(f"robot{turn}", at=at, **options) for turn, at in enumerate(starts)]
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            await runtime.start(building)
+            drives = [robot.go(goal) for robot, goal in zip(robots, goals, strict=True)]
+            return await asyncio.gather(*drives, return_exceptions=True)
+
+    return mdm.run(main, virtual=True), [robot.collisions for robot in robots]
+
+
+PASSAGE = Floor(
+    20.0,
+    8.0,
+    {"west": (0.0, 0.0, 7.0, 8.0), "passage": (7.0, 3.45, 13.0, 4.55), "east": (13.0, 0.0, 20.0, 8.0)},
+    {("passage", "west"): (6.8, 3.525, 7.2, 4.475), ("east", "passage"): (12.8, 3.525, 13.2, 4.475)},
+)
+
+
+@pytest.mark.parametrize("seconds_ahead", [0, 3, 6])
+def test_robots_that_meet_in_a_passage_give_way(seconds_ahead):
+    """It is too narrow for two; one drives back."""
+    west, east = Pose(2.0, 3.0), Pose(15.0, 3.0)
+    ends, collisions = sent(PASSAGE.map(), [Pose(2.0 + 0.5 * seconds_ahead, 3.0), east], [east, west])
+    assert ends == [None, None]
+    assert collisions == [0, 0]
+
+
+def test_a_robot_that_stands_in_a_passage_is_in_the_way():
+    ends, _ = sent(PASSAGE.map(), [Pose(2.0, 3.0), Pose(8.0, 3.0)], [Pose(15.0, 3.0), Pose(8.0, 3.0, 3.0)])
+    assert [type(end) for end in ends] == [DriveError, type(None)]
+    assert "has come no nearer to 15, 3 for 30 s" in str(ends[0])
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_four_robots_come_wherever_there_is_room(seed):
+    floor, random = offices(furniture=FURNITURE[offices]).map(), np.random.default_rng(seed)
+    building = Building(floor, seed=seed)
+    names = floor.graph.names
+    robots = [building.robot(name, at=name, noise=0.05) for name in names[:4]]
+    goals = dict(zip(robots, names, strict=False))
+    arrivals = dict.fromkeys(robots, 0)
+
+    async def roam(robot):
+        while True:
+            goals[robot] = str(random.choice([name for name in names if name not in goals.values()]))
+            await robot.go(floor.graph.node(goals[robot]).goal)
+            arrivals[robot] += 1
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            await runtime.start(building)
+            drives = [asyncio.create_task(roam(robot)) for robot in robots]
+            done, _ = await asyncio.wait(drives, timeout=600.0, return_when=asyncio.FIRST_EXCEPTION)
+            assert not [drive.exception() for drive in done]
+            for drive in drives:
+                drive.cancel()
+            await asyncio.wait(drives)
+
+    mdm.run(main, virtual=True)
+    assert min(arrivals.values()) > 15
+    assert [robot.collisions for robot in robots] == [0, 0, 0, 0]
+
+
 def test_the_same_seed_gives_the_same_run():
     assert patrolled(60.0, seed=4) == patrolled(60.0, seed=4)
     assert patrolled(60.0, seed=4) != patrolled(60.0, seed=5)
@@ -88,6 +157,60 @@ def test_what_does_not_fit_is_refused():
         building.robot("bob", at=Pose(-1.9, 6.0))
     with pytest.raises(MapError, match="no place 'attic'"):
         building.robot("bob", at="attic")
+    with pytest.raises(MapError, match="'bob' does not fit at 9.3, 7.25: robot 'ada' is there"):
+        building.robot("bob", at=Pose(9.3, 7.25))
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"radius": 0}, "the radius of robot 'ada' is a number above 0, not 0"),
+        ({"speed": -1.0}, "the speed of robot 'ada' is a number above 0, not -1"),
+        ({"speed": math.inf}, "the speed of robot 'ada' is a number above 0, not inf"),
+        ({"reach": math.nan}, "the reach of robot 'ada' is a number above 0, not nan"),
+        ({"noise": -0.1}, "the noise of robot 'ada' is a number from 0, not -0.1"),
+        ({"noise": "much"}, "the noise of robot 'ada' is a number from 0, not 'much'"),
+        ({"beams": -1}, "the beams of robot 'ada' are a whole number from 0, not -1"),
+        ({"beams": 1.5}, "the beams of robot 'ada' are a whole number from 0, not 1.5"),
+    ],
+)
+def test_numbers_that_no_robot_can_have_are_refused(option, message):
+    with pytest.raises(ConfigError, match=message):
+        Building(offices().map()).robot("ada", at="hall", **option)
+
+
+def test_a_robot_may_come_later():
+    floor = offices().map()
+    building, poses = Building(floor, seed=1), []
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            runtime.channel("building/bob/pose", PoseUpdate).subscribe(poses.append)
+            await runtime.start(building)
+            await runtime.clock.sleep(1.0)
+            bob = building.robot("bob", at="lab")
+            await bob.go(floor.graph.node("hall").goal)
+            assert math.dist((bob.pose.x, bob.pose.y), (9.0, 7.25)) < 0.3
+
+    mdm.run(main, virtual=True)
+    assert len(poses) > 100
+
+
+def test_drives_fail_when_the_building_stops():
+    floor = offices().map()
+    building = Building(floor, seed=1)
+    robot = building.robot("ada", at="hall")
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            await runtime.start(building)
+            drive = asyncio.create_task(robot.go(floor.graph.node("lab").goal))
+            await runtime.clock.sleep(1.0)
+            await runtime.stop(building)
+            with pytest.raises(DriveError, match="'ada' cannot go on: the building has stopped"):
+                await drive
+
+    mdm.run(main, virtual=True)
 
 
 def test_without_navground_there_is_one_sentence(monkeypatch):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from maps.floors import offices
+from maps.floors import Floor, offices
 
 import mdm
 from mdm.errors import ConfigError, MapError
@@ -55,10 +55,23 @@ def test_what_has_to_be_seen_to_stays_until_then():
     mdm.run(main, virtual=True)
 
 
+CLOSET = Floor(
+    6.0,
+    4.0,
+    {"room": (0.0, 0.0, 5.0, 4.0), "closet": (5.0, 0.0, 5.8, 4.0)},
+    {("closet", "room"): (4.8, 1.7, 5.2, 2.3)},
+)
+
+
 def test_wrong_visits_are_refused():
     floor = offices().map()
     with pytest.raises(ConfigError, match="every is a number of seconds above 0, not -1"):
         Visits("fire", every=-1)
+    for places in ([], "lab"):
+        with pytest.raises(ConfigError, match="places are names, one at least"):
+            Visits("fire", places=places)
+    with pytest.raises(MapError, match="no fire has room in 'closet': name other places"):
+        Building(CLOSET.map(), visits=[Visits("fire")])
     with pytest.raises(ConfigError, match="two visits are of the kind 'fire'"):
         Building(floor, visits=[Visits("fire"), Visits("fire")])
     with pytest.raises(MapError, match="no place 'attic'"):

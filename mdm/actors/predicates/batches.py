@@ -4,16 +4,49 @@ from __future__ import annotations
 
 from asyncio import _get_running_loop, current_task
 from threading import get_ident
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mdm.runtime.dispatcher import Dispatcher
 
-__all__ = ["Batch", "scope"]
+__all__ = ["Batch", "Batches"]
 
-Values = tuple[tuple[str, "bool | None"], ...]
+Value = tuple[str, "bool | None"]
+
+_get_ident: Final = get_ident  # what is final compiled code finds at once
+_current_task: Final = current_task
+
+
+class Batches:
+    """The open batches of a predicate manager: one a task, or outside of tasks one a thread.
+
+    Args:
+        tell: Takes what a batch has gathered, at its end.
+
+    Attributes:
+        dispatcher: The predicate manager's, once that has been started.
+        open: By task or thread.
+    """
+
+    __slots__ = ("dispatcher", "open", "tell")
+
+    def __init__(self, tell: Callable[[tuple[Value, ...], tuple[str, ...]], object]) -> None:
+        self.tell = tell
+        self.dispatcher: Dispatcher | None = None
+        self.open: dict[object, Batch] = {}
+
+    def scope(self) -> object:
+        """Return what runs: an asyncio task, or else a thread.
+
+        Hot path: which loop runs takes a system call to find out, and a dispatcher's own thread runs its loop.
+        """
+        thread, dispatcher = _get_ident(), self.dispatcher
+        loop = dispatcher.loop if dispatcher is not None and dispatcher.thread == thread else None
+        if loop is None:
+            loop = _get_running_loop()  # None where none runs, in place of an exception
+        return thread if loop is None else _current_task(loop) or thread
 
 
 class Batch:
@@ -22,56 +55,32 @@ class Batch:
     Within another batch of the same task or thread it leaves all to that one.
 
     Args:
-        batches: The open batches: one a task, or outside of tasks one a thread.
-        tell: Takes what was gathered, at the end.
-        dispatcher: The predicate manager's, once that has been started.
+        batches: The predicate manager's open ones.
 
     Attributes:
-        readings: Predicates with their values.
+        readings: Predicates with their values, by name.
         events: Their names.
     """
 
-    __slots__ = ("_batches", "_dispatcher", "_scope", "_tell", "events", "readings")
+    __slots__ = ("_batches", "_scope", "events", "readings")
 
-    def __init__(
-        self,
-        batches: dict[object, Batch],
-        tell: Callable[[Values, tuple[str, ...]], object],
-        dispatcher: Dispatcher | None,
-    ) -> None:
-        self.readings: dict[str, bool | None] = {}
-        self.events: list[str] = []
+    def __init__(self, batches: Batches) -> None:
         self._batches = batches
-        self._tell = tell
-        self._dispatcher = dispatcher
         self._scope: object = None
 
     def __enter__(self) -> None:
         """Gather from now on what the present task or thread reports."""
-        found = scope(self._dispatcher)
-        if found not in self._batches:
-            self._batches[found] = self
+        found = self._batches.scope()
+        if self._batches.open.setdefault(found, self) is self:
             self._scope = found
+            self.readings: dict[str, Value] = {}
+            self.events: tuple[str, ...] = ()
 
     def __exit__(self, *_: object) -> None:
         """Tell what was gathered, whoever calls this and whatever was raised."""
         if self._scope is None:
             return
-        del self._batches[self._scope]
+        del self._batches.open[self._scope]
         self._scope = None
-        readings, events = self.readings, self.events
-        if readings or events:
-            self.readings, self.events = {}, []
-            self._tell(tuple(readings.items()), tuple(events))
-
-
-def scope(dispatcher: Dispatcher | None) -> object:
-    """Return what runs: an asyncio task, or else a thread.
-
-    Hot path: which loop runs takes a system call to find out, and a dispatcher's own thread runs its loop.
-    """
-    thread = get_ident()
-    loop = dispatcher.loop if dispatcher is not None and dispatcher.thread == thread else None
-    if loop is None:
-        loop = _get_running_loop()  # None where none runs, in place of an exception
-    return thread if loop is None else current_task(loop) or thread
+        if self.readings or self.events:
+            self._batches.tell(tuple(self.readings.values()), self.events)

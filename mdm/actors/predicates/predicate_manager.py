@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from mypy_extensions import mypyc_attr
 
 from mdm.actors.predicates.backlog import Backlog
-from mdm.actors.predicates.batches import Batch, scope
+from mdm.actors.predicates.batches import Batch, Batches
 from mdm.actors.predicates.declarations import ACTION_END, Declarations
 from mdm.actors.predicates.follower import Follower
 from mdm.actors.predicates.sensor import EventSource, Sensor, truth
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from mdm.logic import Change
     from mdm.number import Number
     from mdm.runtime import Channel, Runtime, Supervision, Timer
-    from mdm.runtime.dispatcher import Dispatcher
 
     Truth = bool | np.bool_ | None
 
@@ -61,11 +60,11 @@ class PredicateManager(Actor):
     __slots__ = (
         "_batches",
         "_counter",
-        "_dispatcher",
         "_event_counter",
         "_max_age",
         "_network",
         "_now",
+        "_open",
         "_raised",
         "_senses",
         "action_ends",
@@ -90,8 +89,8 @@ class PredicateManager(Actor):
         self._seen: dict[str, int] = {}
         self._hold_timers: dict[str, Timer] = {}
         self._age_timers: dict[str, Timer] = {}
-        self._batches: dict[object, Batch] = {}
-        self._dispatcher: Dispatcher | None = None
+        self._batches = Batches(self._input)
+        self._open = self._batches.open
         self._backlog = Backlog()
         self._known: frozenset[str] = frozenset()
         self._senses: Callable[[SensorUpdate], None] | None = None
@@ -219,7 +218,7 @@ class PredicateManager(Actor):
 
         It takes what this task reports, or outside of tasks this thread: others go on while the block awaits something.
         """
-        return Batch(self._batches, self._input, self._dispatcher)
+        return Batch(self._batches)
 
     def sense(self, name: str, value: bool | np.bool_ | None) -> None:
         """Take a predicate's value, by its name. From any thread.
@@ -233,9 +232,9 @@ class PredicateManager(Actor):
 
     def take(self, readings: tuple[tuple[str, bool | None], ...]) -> None:
         """Take values of predicates as one update; `Sensor.set` calls this. From any thread."""
-        if self._batches and (batch := self._batches.get(scope(self._dispatcher))) is not None:
-            for name, value in readings:
-                batch.readings[name] = value
+        if self._open and (batch := self._open.get(self._batches.scope())) is not None:
+            for reading in readings:
+                batch.readings[reading[0]] = reading
         elif self._senses is None:
             self._input(readings, ())
         else:
@@ -250,8 +249,8 @@ class PredicateManager(Actor):
         for name in events:
             if name not in self._raised:
                 self.declared.check_input(name, "event")
-        if self._batches and (batch := self._batches.get(scope(self._dispatcher))) is not None:
-            batch.events.extend(events)
+        if self._open and (batch := self._open.get(self._batches.scope())) is not None:
+            batch.events += events
         else:
             self._input((), events)
 
@@ -298,7 +297,7 @@ class PredicateManager(Actor):
         self.updates = self.channel("updates", PredicateUpdate)
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
-        self._dispatcher = self.runtime.dispatcher
+        self._batches.dispatcher = self.runtime.dispatcher
         self._now = self.runtime.clock.reader()
         self._senses = self.sensed.publish
         now = self.runtime.clock.now()

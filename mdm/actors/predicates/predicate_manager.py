@@ -56,18 +56,32 @@ class PredicateManager(Actor):
         action_ends: The ends of actions that something here depends on, once it has started.
     """
 
-    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    # All of its own: beside an actor's other attributes they would be too many for CPython to find methods at once.
     __slots__ = (
+        "_age_timers",
+        "_backlog",
         "_batches",
+        "_begun",
         "_counter",
         "_event_counter",
+        "_first_events",
+        "_followed",
+        "_groundings",
+        "_held_for",
+        "_hold_timers",
+        "_home",
+        "_known",
+        "_lost",
         "_max_age",
         "_network",
         "_now",
         "_open",
         "_raised",
+        "_seen",
         "_senses",
+        "_sensors",
         "action_ends",
+        "declared",
         "events",
         "map",
         "sensed",

@@ -69,6 +69,8 @@ class KnownState:
         current: The state; None before the first observation.
     """
 
+    __slots__ = ("current",)
+
     takes: Literal["state"] = "state"
 
     def __init__(self) -> None:

@@ -77,6 +77,9 @@ class Controller:
         step.action_name, step.probability, controller.belief  # 'listen', 0.5, [0.85, 0.15]
     """
 
+    # What a look-up reads or writes, close together: among many controllers what is far apart is not in the cache.
+    __slots__ = ("__dict__", "__weakref__", "_last_epoch", "_rewards", "_table", "epoch", "information", "last_action")
+
     def __init__(
         self,
         policy: GivenPolicy,

@@ -97,26 +97,15 @@ class Channel(WeaklyHeld, Generic[T]):
         owner: The actor to whom errors of handlers without an actor are attributed.
     """
 
+    # What each message reads or writes, close together: among many channels what is far apart is not in the cache.
     __slots__ = (
-        "_deserted",
         "_dispatcher",
-        "_general",
-        "_owner",
-        "_snapshot",
         "_sole",
-        "_streams",
         "_subscriptions",
-        "_topics",
-        "_unheard",
         "_version",
-        "dropped",
         "heard",
         "last",
-        "merge",
-        "name",
         "published",
-        "retain",
-        "supersedes",
         "type",
     )
 
@@ -129,29 +118,29 @@ class Channel(WeaklyHeld, Generic[T]):
         retain: bool = False,
         owner: Actor | None = None,
     ) -> None:
-        self.name = name
         self.type = type
-        self.retain = retain
-        self.last: T | _Unmade[T] | None = None
+        self._dispatcher = dispatcher
         self.published = 0
+        self.last: T | _Unmade[T] | None = None
+        # All subscriptions; the only one, where there is but one, for every message; and how often they have changed.
+        self._subscriptions: tuple[Subscription[T], ...] = ()
+        self._sole: Subscription[T] | None = None
+        self._version = 0
+        # Whether anybody listens, so that a costly message need not be made for nobody.
+        self.heard = False
+        self.name = name
+        self.retain = retain
         self.dropped = 0
         # Tells what a message is about, where a newer one from another thread supersedes it; None where none does.
         self.supersedes: Callable[[T], Hashable | None] | None = None
         # Makes one of two of these, where too many wait: the older, and the newer, which counts.
         self.merge: Callable[[T, T], T] = lambda _, newer: newer
-        # Whether anybody listens, so that a costly message need not be made for nobody.
-        self.heard = False
         self._unheard = 0
-        self._dispatcher = dispatcher
         self._owner = owner
         self._snapshot: Callable[[], T | None] | None = None
-        # All subscriptions; those for every message; and those for topics, by topic.
-        self._subscriptions: tuple[Subscription[T], ...] = ()
+        # Subscriptions for every message; and those for topics, by topic.
         self._general: tuple[Subscription[T], ...] = ()
         self._topics: dict[str, tuple[Subscription[T], ...]] = {}
-        # The subscription, where there is but one, for every message; and how often subscriptions have changed.
-        self._sole: Subscription[T] | None = None
-        self._version = 0
         self._streams: tuple[Stream[T], ...] = ()
         self._deserted: Callable[[Channel[T]], object] | None = None
 

@@ -16,6 +16,8 @@ MOST = 4096
 class Memory(dict[K, V]):
     """What was found by key: a dictionary that begins anew when it is full."""
 
+    __slots__ = ()
+
     def keep(self, key: K, value: V) -> V:
         """Remember a value, and return it."""
         if len(self) >= MOST:

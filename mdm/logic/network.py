@@ -250,8 +250,10 @@ class Network(Declarations):
                 outcome = 4 * outcome + _STAYS
         for at in plan.raised:
             values[at] = FALSE
-        change = plan.changes.get(outcome)
-        return self._recurring(plan, outcome) if change is None else change
+        if outcome != plan.outcome:
+            plan.change = plan.changes.get(outcome) or self._recurring(plan, outcome)
+            plan.outcome = outcome
+        return plan.change
 
     def _recurring(self, plan: Plan, outcome: int) -> Change:
         """Return the change that comes of a plan with that outcome of its formulas, and remember it."""

@@ -41,9 +41,11 @@ class Plan:
 
     Attributes:
         changes: What has come of it, by the formulas' values in base 4: 3 where one stays.
+        outcome: These values when it came last, or -1.
+        change: What came of it then.
     """
 
-    __slots__ = ("changes", "codes", "dirty", "formulas", "order", "raised")
+    __slots__ = ("change", "changes", "codes", "dirty", "formulas", "order", "outcome", "raised")
 
     def __init__(
         self,
@@ -59,3 +61,5 @@ class Plan:
         self.formulas = formulas
         self.raised = raised
         self.changes: dict[int, Change] = {}
+        self.outcome = -1
+        self.change: Change | None = None

@@ -112,8 +112,8 @@ class ActionLayer(Layer):
         "_lives",
         "_now",
         "_recent",
+        "_swift",
         "bindings",
-        "ended",
         "names",
         "predicates",
         "started",
@@ -141,7 +141,9 @@ class ActionLayer(Layer):
         self._briefs = tuple([_Brief(binding) if binding.brief else None for binding in self.bindings])
         self.safe = _safe_binding(safe_action, names, self.bindings)
         self.started = 0
-        self.ended: dict[ActionStatus, int] = {}
+        self._ended: dict[ActionStatus, int] = {}
+        # Functions that were called and have succeeded, and are not counted above yet.
+        self._swift = 0
         self.skipped = 0
         self._component = component
         self.joint = component is not None
@@ -167,6 +169,14 @@ class ActionLayer(Layer):
         """The names of the actions that are live now."""
         current = () if self._current is None else (self._current.name,)
         return (*current, *self._beside)
+
+    @property
+    def ended(self) -> dict[ActionStatus, int]:
+        """How many actions have ended in which way, safe actions among them; in the order in which they first did."""
+        if self._swift:
+            self._ended["succeeded"] = self._ended.get("succeeded", 0) + self._swift
+            self._swift = 0
+        return self._ended
 
     @property
     def num_ended(self) -> int:
@@ -334,10 +344,7 @@ class ActionLayer(Layer):
         if result is not None or self._halted:
             self._take(_Life(self.started, self.names[index], self.bindings[index], action), result, jobs)
             return
-        try:
-            self.ended["succeeded"] += 1
-        except KeyError:
-            self.ended["succeeded"] = 1
+        self._swift += 1
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(self.names[index], "succeeded")
 
@@ -519,7 +526,8 @@ class ActionLayer(Layer):
         self._settle()
 
     def _end_life(self, life: _Life, status: ActionStatus, detail: str = "") -> None:
-        self.ended[status] = self.ended.get(status, 0) + 1
+        ended = self.ended
+        ended[status] = ended.get(status, 0) + 1
         text = f"action {life.name!r} {status.replace('_', ' ')}: {detail}".rstrip(": ")
         if life.secures:
             self._tell_secured(None if status == "succeeded" else text)

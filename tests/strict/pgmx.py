@@ -1,7 +1,8 @@
 """A strict reader of ProbModelXML, as MADP reads it.
 
 No variable's name begins with that of another; a name may end with its slice, as `` [1]``. No observation is linked to
-another, and no initial value. The first variable of a table changes fastest.
+another, and no initial value. The first variable of a table changes fastest. A utility has variables; where one of them
+is at slice 1, so are its parents that are there among them.
 """
 
 from __future__ import annotations
@@ -107,6 +108,12 @@ class _Reader:
         outcomes = not {*later, *seen}.isdisjoint(place for scope in scopes for place in scope)
         told = not set(seen).isdisjoint(place for scope in scopes for place in scope)
         axes = [*actions, *states, *(later if outcomes else []), *(seen if told else [])]
+        for scope in scopes:
+            need(scope, "a utility of no variable")
+            beside = {
+                parent for parent, child in self.links if child in set(scope) & {*later, *seen} and parent[1] == 1
+            }
+            need(beside <= set(scope), f"a utility without {beside - set(scope)}")
         rewards: Any = 0
         for place in utilities:
             rewards = rewards + self.function(self.potentials[place], axes)

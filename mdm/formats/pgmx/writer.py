@@ -96,10 +96,31 @@ class _Document:
             self._variables[Node("action", place)] if place < agents else self._title(f"informed{place}")
             for place in range(len(network.factors("observation")))
         ]
-        self._rewards = [self._title(f"reward{index}") for index in range(len(utilities(network)))]
+        self._rewards = {
+            self._title(f"reward{index}"): self._with_parents(utility)
+            for index, utility in enumerate(utilities(network))
+        }
         # MADP takes the first variable whose name begins with the wanted one; a slice in each name ends them.
         names = sorted(self._taken)
         self._with_slices = any(after.startswith(name) for name, after in pairwise(names))
+
+    def _with_parents(self, utility: Potential) -> Potential:
+        """Return a utility over a variable at least, and with each at slice 1 over its parents there.
+
+        MADP needs both: it takes the expectation from the potentials of the variables at slice 1.
+        """
+        scope = list(utility.scope or [Node("action", 0)])
+        for node in scope:  # which grows
+            if _SLICES[node.role] == 1:
+                parents = self._network.parents(node)
+                scope += [parent for parent in parents if _SLICES[parent.role] == 1 and parent not in scope]
+        if len(scope) == len(utility.scope):
+            return utility
+        table = tabulated(utility)
+        added = [node for node in scope if node not in table.scope]
+        values = table.values.reshape(*table.values.shape, *(1 for _ in added))
+        sizes = [len(self._values[node]) for node in added]
+        return Table([*table.scope, *added], np.broadcast_to(values, (*table.values.shape, *sizes)))
 
     def _title(self, name: str) -> str:
         title = self._titles.spell([name], self._taken, numbered=False)[0]
@@ -128,7 +149,7 @@ class _Document:
         for role, each in potentials.items():
             for place, potential in enumerate(each):
                 lines += _Writer(self._reference, self._values, Node(role, place)).lines(potential)
-        for name, utility in zip(self._rewards, utilities(network), strict=True):
+        for name, utility in self._rewards.items():
             lines += _Writer(self._reference, self._values, None, self._key(name, 0)).lines(utility)
         return [*lines, "</Potentials>", "</ProbNet>", "</ProbModelXML>"]
 
@@ -167,7 +188,7 @@ class _Document:
         ]
         pairs += [
             (self._reference(node), f"<Variable {self._key(name, 0)}/>")
-            for name, utility in zip(self._rewards, utilities(network), strict=True)
+            for name, utility in self._rewards.items()
             for node in utility.scope
         ]
         return [f'<Link directed="true">{parent}{child}</Link>' for parent, child in pairs]

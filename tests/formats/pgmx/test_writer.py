@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -10,11 +11,13 @@ from hypothesis import given
 from loading import load
 from places import each
 from random_models import NAMES, assert_same, factored_models, flat_models
+from strict import pgmx as strict
+from strict.numbers import assert_same_numbers
 
 from mdm import ModelError
 from mdm.errors import ModelWarning
 from mdm.formats.pgmx import writer as pgmx
-from mdm.models import MDP, POMDP, Factor, FactoredMDP, Node, Space, Table, Tree, TwoSliceNetwork
+from mdm.models import MDP, POMDP, Factor, FactoredMDP, FactoredPOMDP, Node, Space, Table, Tree, TwoSliceNetwork
 from mdm.problems import fire_fighting_graph, patrol
 
 
@@ -142,3 +145,31 @@ def test_independent_observations_are_not_linked(tmp_path):
 def test_observations_that_madp_does_not_read_are_told(tmp_path):
     with pytest.warns(ModelWarning, match="MADP reads one observation of each agent, but there are 2 for 1"):
         pgmx.write(team(["robot"], ["hear", "see"]), tmp_path / "m.pgmx")
+
+
+@pytest.mark.parametrize("as_tree", [False, True])
+def test_utilities_are_over_all_that_madp_needs_to_weigh_them(tmp_path, as_tree):
+    """MADP reads no utility of no variable; at slice 1 it needs the parents, and their parents, that are there."""
+    state, after, seen = (Node(role, 0) for role in ("state", "next_state", "observation"))
+    later = Node("next_state", 1)
+    spaces = [Space([Factor("door", 2), Factor("lamp", 3)]), Space([Factor("go", 2)]), Space([Factor("see", 2)])]
+    each = np.array([[0.25, 0.75], [0.5, 0.5]])
+    lamp = np.array([[0.25, 0.5, 0.25], [0.0, 0.5, 0.5]])
+    told = Table([seen], [1.5, -2.0])
+    network = TwoSliceNetwork(
+        *spaces,
+        initial=[Table([state], [0.5, 0.5]), Table([Node("state", 1)], [0.25, 0.25, 0.5])],
+        transitions=[Table([state, after], each), Table([after, later], lamp)],
+        observation=[Table([later, seen], [[0.5, 0.5], [0.25, 0.75], [1.0, 0.0]])],
+        utilities=[Table([], 3.0), Tree(seen, [0, 1], [Table([], 1.5), Table([], -2.0)]) if as_tree else told],
+    )
+    model = FactoredPOMDP(network, discount=0.9)
+    pgmx.write(model, tmp_path / "m.pgmx")
+    assert_same_numbers(strict.read(tmp_path / "m.pgmx"), model)
+    scopes = [
+        {(variable.get("name"), variable.get("timeSlice")) for variable in potential.find("Variables")}
+        for potential in ET.parse(tmp_path / "m.pgmx").iter("Potential")
+        if potential.find("UtilityVariable") is not None
+    ]
+    assert scopes == [{("go", "0")}, {("see", "1"), ("lamp", "1"), ("door", "1")}]
+    assert_same(load(tmp_path / "m.pgmx"), model)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
+import tomllib
 import zipfile
+from pathlib import Path
 
 import pytest
 from places import ROOT
@@ -66,3 +69,32 @@ def test_what_is_to_be_compiled_fails_where_it_cannot_be(tmp_path):
 def test_another_wish_is_refused(tmp_path):
     with pytest.raises(AssertionError, match="MDM_WHEEL is 'plain' or 'compiled', not 'fast'"):
         build(tmp_path, MDM_WHEEL="fast")
+
+
+@pytest.mark.skipif(sys.version_info[:2] != (3, 11), reason="plain on this version of Python, whatever there is")
+def test_types_hold_where_no_more_is_installed_than_what_compiles(tmp_path):
+    """A wheel is built in an environment of its own, without numpy: there its types are unknown."""
+    pytest.importorskip("mypy")
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    hook = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hook)
+    (tmp_path / "msgspec").symlink_to(Path(importlib.util.find_spec("msgspec").origin).parent)
+    told = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    modules = told["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["custom"]["modules"]
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "mypy",
+            *hook.OPTIONS,
+            "--no-site-packages",
+            f"--cache-dir={tmp_path / 'cache'}",
+            *modules,
+        ],
+        cwd=ROOT,
+        env={**os.environ, "MYPYPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
+    assert done.returncode == 0, done.stdout

@@ -26,6 +26,7 @@ from mdm.runtime.supervision import text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import TypeAlias
 
     import numpy as np
 
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from mdm.number import Number
     from mdm.runtime import Channel, Runtime, Supervision, Timer
 
-    Truth = bool | np.bool_ | None
+    Truth: TypeAlias = bool | np.bool_ | None
 
 __all__ = ["PredicateManager"]
 

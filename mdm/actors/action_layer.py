@@ -494,9 +494,12 @@ class ActionLayer(Layer):
             self._finish(life, "succeeded")
 
     def _ensemble_ended(self, life: _Life) -> None:
-        assert life.binding.ensemble is not None
-        if life.binding.ensemble.failing:
-            self._finish(life, "failed", f"ensemble {life.binding.ensemble.path!r} failed")
+        ensemble = life.binding.ensemble
+        assert ensemble is not None
+        if ensemble.failing:
+            self._finish(life, "failed", f"ensemble {ensemble.path!r} failed")
+        elif ensemble.safety.ending:  # what is below ends before this layer has asked for it
+            self._finish(life, "preempted")
         else:
             self._finish(life, life.ending or "succeeded")
 

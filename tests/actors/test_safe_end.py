@@ -7,6 +7,7 @@ import sys
 from contextlib import nullcontext, suppress
 
 import pytest
+from action_lives import lives_of, told
 from safe_robots import Log, forever, robot, sensed, two_levels
 
 from mdm import Actor, ActorFailure, Ensemble, PredicateManager, Restart, Runtime, StateFactor, bind, run
@@ -50,6 +51,24 @@ def test_at_the_end_the_outermost_has_the_last_word_and_one_failure_stops_no_oth
     run_virtual(main)
     assert list(dict.fromkeys(log)) == ["bottom", "middle", "top"]
     assert log == sorted(log, key=["bottom", "middle", "top"].index)
+
+
+@pytest.mark.parametrize("how", ["runtime", "ensemble"])
+def test_what_is_below_ends_with_what_is_above_and_has_not_succeeded(how):
+    async def main():
+        below = Ensemble("below", policy=[0], actions={"Work": forever})
+        top = Ensemble("top", policy=[0], actions={"Below": below})
+        async with Runtime(log=None) as runtime:
+            lives = lives_of(runtime, "top")
+            await runtime.start(top)
+            for each in (below, top):
+                each.publish_state(0)
+            assert below.action.live == ("Work",)
+            if how == "ensemble":
+                await runtime.stop(top)
+        assert told(lives) == [("Below", "running"), ("Below", "preempted")]
+
+    run(main, virtual=True)
 
 
 @pytest.mark.parametrize("how", ["release", "input"])

@@ -5,14 +5,17 @@ from __future__ import annotations
 import asyncio
 import itertools
 import math
+import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from importlib import import_module
 
 import pytest
-from places import EXAMPLES
+from places import EXAMPLES, ROOT
 from team_file import running
 from team_processes import histories, on_free_ports, up
 
@@ -27,6 +30,18 @@ def run(name, *arguments):
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return done.stdout
+
+
+@contextmanager
+def modules(*names):
+    """Import modules of examples anew, and forget them."""
+    before = list(sys.path)
+    try:
+        yield
+    finally:
+        sys.path[:] = before
+        for name in names:
+            sys.modules.pop(name, None)
 
 
 def test_q_table():
@@ -112,6 +127,109 @@ def test_patrol(arguments):
     assert output.splitlines()[:-1] == again.splitlines()[:-1]  # the last line tells the time it took
 
 
+def on_a_terminal(seconds, *arguments, **environment):
+    """Run the patrol on a terminal; return what it wrote there."""
+    here, there = os.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-W", "error", str(EXAMPLES / "patrol" / "patrol.py"), "--seconds", str(seconds), *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=there,
+        stderr=subprocess.PIPE,
+        env={"PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT), "TERM": "xterm", **environment},
+    )
+    os.close(there)
+    written = b""
+    with suppress(OSError), os.fdopen(here, "rb", buffering=0) as terminal:  # which ends by an error
+        while part := terminal.read(65536):
+            written += part
+    error = process.communicate(timeout=100)[1].decode()
+    assert (process.returncode, error) == (0, "")
+    return written.decode().replace("\r\n", "\n")
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(80, 24), (40, 15)])
+def test_the_patrol_is_seen_on_a_terminal(columns, rows):
+    """What is observed, decided and done stands below the floor, and all of it on the screen."""
+    written = on_a_terminal(1.5, COLUMNS=str(columns), LINES=str(rows))
+    *_, last = written.split("\x1b[H")
+    screen = re.sub(r"\x1b\[[0-9;]*[A-Za-z]", "", last.partition("\x1b[J")[0]).splitlines()
+    assert 10 <= len(screen) < rows
+    assert max(map(len, screen)) <= columns
+    begins = [line.split()[0] for line in screen if line.split()[:1] in (["observes"], ["decides"], ["does"])]
+    assert begins == ["observes", "decides", "does"]
+    assert "inf m" not in written
+    assert written.count("\x1b") < 40 * written.count("\x1b[H") * rows
+
+
+@pytest.mark.parametrize("arguments", [(), ("--log",), ("--fast",)])
+def test_the_patrol_is_told_without_colours_where_they_are_not_wanted(arguments):
+    written = on_a_terminal(1, *arguments, NO_COLOR="1")
+    assert "\x1b[3" not in written
+    assert "\x1b[4" not in written
+    assert ("\x1b" in written) is (not arguments)  # to draw in one place
+    assert "\x1b" not in on_a_terminal(1, *arguments, TERM="dumb")
+
+
+@pytest.mark.parametrize(
+    ("output", "message"),
+    [
+        (">&-", ""),
+        ("> /dev/full", "patrol.py: [Errno 28] No space left on device"),
+        ("--film x.bmp", "patrol.py: x.bmp: a film ends in .gif, or in .png for a sheet of its pictures"),
+    ],
+)
+def test_the_patrol_where_nothing_can_be_written(output, message):
+    command = f"{sys.executable} {EXAMPLES / 'patrol' / 'patrol.py'} --fast --seconds 1 {output}"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=100)
+    assert (done.stdout, done.stderr.strip()) == ("", message)
+    assert done.returncode == (1 if message else 0)
+
+
+@pytest.mark.parametrize("module", ["argparse", "numpy", "mdm.views", "navground"])
+def test_ctrl_c_ends_the_patrol_while_it_is_loading(module):
+    """Also where it comes in the middle of an import."""
+    program = f"""
+import os, runpy, signal, sys
+
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.modules.pop({module!r}, None)
+sys.meta_path.insert(0, Interrupting())
+runpy.run_path({str(EXAMPLES / "patrol" / "patrol.py")!r}, run_name="__main__")
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=100)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
+
+
+def test_the_robot_sees_to_what_it_knows_of_alone():
+    with modules("building"):
+        sys.path.insert(0, str(EXAMPLES / "patrol"))
+        example = import_module("building")
+        told = []
+        example.World.tell = told.append
+
+        async def main():
+            async with mdm.Runtime(log=None) as runtime:
+                await runtime.start(example.building)
+                for visit in example.building.present("intruder"):
+                    example.building.go(visit)
+                near, _ = (example.building.come("intruder", room) for room in ("SoccerField", "CoffeeRoom"))
+                await example.warn_intruder()
+                assert told == []
+                example.World.known[near.number] = near
+                drive = asyncio.create_task(example.warn_intruder())
+                await asyncio.sleep(1)
+                example.building.go(near)
+                await drive
+                assert told == []  # it has gone by itself
+                assert len(example.building.present("intruder", "CoffeeRoom")) >= 1
+
+        mdm.run(main, virtual=True)
+
+
 @pytest.mark.parametrize("name", ["film.gif", "film.png"])
 def test_the_patrol_is_filmed(tmp_path, name):
     from PIL import Image
@@ -142,18 +260,6 @@ def test_the_patrol_s_files_can_be_made_again(tmp_path):
     assert [one.transition_matrix(a).tolist() for a in range(4)] == [
         other.transition_matrix(a).tolist() for a in range(4)
     ]
-
-
-@contextmanager
-def modules(*names):
-    """Import modules of examples anew, and forget them."""
-    before = list(sys.path)
-    try:
-        yield
-    finally:
-        sys.path[:] = before
-        for name in names:
-            sys.modules.pop(name, None)
 
 
 def decided(name, seconds, look=lambda systems: None):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from mdm.maps import Pose, load_map
 from mdm.messages import PoseUpdate
@@ -35,8 +35,9 @@ robot = building.robot("robot", at="ElevatorHallway", speed=1.0, noise=0.05)
 
 
 class World:
-    """What else is known of the robot. ``tell`` is called with a sentence for everything that happens."""
+    """What the robot knows of: people who have called, and what it has seen. ``tell`` takes all that happens."""
 
+    known: ClassVar[dict[int, Visit]] = {}
     tell: Callable[[str], None] = staticmethod(lambda _: None)
 
 
@@ -47,19 +48,25 @@ async def live(system: mdm.System) -> None:
     see = system.places.see
     runtime.channel("building/robot/pose", PoseUpdate).subscribe(lambda pose: see(Pose(pose.x, pose.y, pose.yaw)))
     await runtime.start(building)
-    known: dict[int, str] = {}
     while True:
         there = {visit.number: visit for kind in ("person", "intruder", "fire") for visit in building.present(kind)}
-        for number in known.keys() - there.keys():
-            World.tell(f"{known.pop(number)} is gone")
+        for number, visit in list(World.known.items()):
+            if number not in there:
+                del World.known[number]
+                World.tell(f"the {visit.kind} in {visit.place} is gone")
         for number, visit in there.items():
-            if number not in known and (visit.kind == "person" or robot.sees(visit.x, visit.y, reach=6.0)):
-                known[number] = f"the {visit.kind} in {visit.place}"
-                World.tell(f"a person calls from {visit.place}" if visit.kind == "person" else f"sees {known[number]}")
+            if number not in World.known and (visit.kind == "person" or robot.sees(visit.x, visit.y, reach=6.0)):
+                World.known[number] = visit
+                call = f"a person calls from {visit.place}"
+                World.tell(call if visit.kind == "person" else f"sees the {visit.kind} in {visit.place}")
         for predicate, kind in (("PersonIsWaiting", "person"), ("IntruderIsSeen", "intruder"), ("FireIsSeen", "fire")):
-            seen = any(visit.kind == kind and number in known for number, visit in there.items())
-            system.predicates.sense(predicate, seen)
+            system.predicates.sense(predicate, bool(known(kind)))
         await asyncio.sleep(0.2)
+
+
+def known(kind: str) -> list[Visit]:
+    """Return what the robot knows of that has to be seen to, of one kind."""
+    return [visit for visit in World.known.values() if visit.kind == kind]
 
 
 def drive() -> object:
@@ -71,28 +78,29 @@ def drive() -> object:
 
 
 async def assist() -> None:
-    """Drive to a person and help."""
-    for person in building.present("person"):
+    """Drive to people who have called, and help."""
+    for person in known("person"):
         await _attend(person, 1.5, "the person has been helped, and leaves")
 
 
 async def warn_intruder() -> None:
-    """Drive to an intruder, who leaves then."""
-    for intruder in building.present("intruder"):
+    """Drive to intruders that were seen, who leave then."""
+    for intruder in known("intruder"):
         await _attend(intruder, 1.0, "the intruder runs away")
 
 
 async def fight_fire() -> None:
-    """Drive to a fire and put it out."""
-    for fire in building.present("fire"):
+    """Drive to fires that were seen, and put them out."""
+    for fire in known("fire"):
         await _attend(fire, 2.0, "the fire is out")
 
 
 async def _attend(visit: Visit, seconds: float, told: str) -> None:
     await robot.go(floor.graph.node(visit.place).goal)
     await asyncio.sleep(seconds)
-    World.tell(told)
-    building.go(visit)
+    if visit in building.present(visit.kind):  # and has not gone by itself
+        World.tell(told)
+        building.go(visit)
 
 
 def stop_motors() -> None:

@@ -7,8 +7,14 @@ with ``--log``. ``--fast`` runs in virtual time, without waiting; ``--film FILE.
 
 from __future__ import annotations
 
+import signal
+
+if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # until the robot is there, Ctrl-C just ends the program
+
 import argparse
 import asyncio
+import os
 import shutil
 import sys
 import time
@@ -29,7 +35,8 @@ SECONDS = 40.0
 COLOURS = {"world": "36", "senses": "33", "top": "1;35", "patrol": "34", "action": "32", "fault": "1;31"}
 SIGNS = {"person": ("P", (20, 140, 60)), "intruder": ("I", (150, 40, 160)), "fire": ("F", (220, 70, 20))}
 PICTURES = 2  # a second, in a film
-LINES = 6  # of what happened, below the floor
+LINES = 4  # of what happened, below the floor
+LEGEND = "→ robot  P person  I intruder  F fire"
 
 
 class Display(mdm.Actor):
@@ -42,6 +49,7 @@ class Display(mdm.Actor):
         self.view = FloorView(floor)
         self.last: deque[str] = deque(maxlen=LINES)
         self.decisions: dict[str, int] = {"top": 0, "patrol": 0}
+        self.decided: dict[str, str] = {"top": "nothing yet", "patrol": "nothing yet"}
 
     def on_start(self) -> None:
         """Listen to decisions, actions, predicates and faults."""
@@ -53,6 +61,7 @@ class Display(mdm.Actor):
         for ensemble in self.system.ensembles.values():
             self.subscribe(self.runtime.channel(f"{ensemble.path}/lives", ActionLife), self.on_life)
         if self.moving:
+            print("\x1b[2J", end="")
             self.every(5.0, lambda _: self.draw())
         if self.film is not None:
             self.every(PICTURES, lambda _: self.shoot())
@@ -70,13 +79,20 @@ class Display(mdm.Actor):
         return [*marks, Mark(robot.pose.x, robot.pose.y, yaw=robot.pose.yaw, ink=(30, 80, 220))]
 
     def draw(self) -> None:
-        """Draw the floor in the place of the last one."""
-        size = shutil.get_terminal_size()
-        text = self.view.text(
-            self.marks(), columns=size.columns, rows=max(8, size.lines - LINES - 2), colours=self.colour
-        )
-        lines = [*text.splitlines(), f"{self.seconds():5.1f} s  {self.where()}", *self.last]
-        print("\x1b[H" + "\n".join(f"{line}\x1b[K" for line in lines) + "\x1b[J", end="", flush=True)
+        """Draw the floor in the place of the last one, and below it what the robot observes, decides and does."""
+        columns, rows = shutil.get_terminal_size()
+        text = self.view.text(self.marks(), columns=columns, rows=max(4, rows - LINES - 5), colours=self.colour)
+        known = ", ".join(f"the {one.kind} in {one.place}" for one in World.known.values())
+        patrols = f", {self.decided['patrol']}" if self.decided["top"] == "Patrol" else ""
+        lines = [
+            f"{self.seconds():5.1f} s  {LEGEND}",
+            f" observes  {self.place()}; {known or 'nothing to see to'}",
+            f"  decides  {self.decided['top']}{patrols}",
+            f"     does  {self.to_go()}",
+            *self.last,
+        ]
+        shown = [*text.splitlines(), *(line[: columns - 1] for line in lines)][: rows - 1]
+        print("\x1b[H" + "\n".join(f"{line}\x1b[K" for line in shown) + "\x1b[J", end="", flush=True)
 
     def shoot(self) -> None:
         """Take a picture."""
@@ -84,12 +100,14 @@ class Display(mdm.Actor):
         last = self.last[-1].split("s ", 1)[-1].strip() if self.last else ""
         self.film.add(self.marks(), f"{self.seconds():.1f} s: {last}")
 
-    def where(self) -> str:
+    def place(self) -> str:
         """Return where the robot is, as its predicates have it."""
         values = self.system.predicates.values()
-        room = next((name for name in floor.labels.names if values[name]), "nowhere known")
-        to_go = f", {robot.remaining:.1f} m to go" if robot.remaining else ""
-        return f"the robot is in {room}{to_go}"
+        return next((name for name in floor.labels.names if values[name]), "nowhere known")
+
+    def to_go(self) -> str:
+        """Return what the robot does."""
+        return f"drives, {robot.remaining:.1f} m to go" if robot.remaining else "stands"
 
     # -- What happens --------------------------------------------------------------------------------------------
 
@@ -125,6 +143,7 @@ class Display(mdm.Actor):
         else:
             (place, at), (_, halfway) = values
             words = f"{place.names[at]}, {'second' if halfway else 'first'} half of the round"
+        self.decided[name] = str(decision.action_name)
         self.show(name, f"the state is '{words}': {decision.action_name}")
 
     def on_life(self, life: ActionLife) -> None:
@@ -139,24 +158,25 @@ class Display(mdm.Actor):
 
 async def patrol(arguments: argparse.Namespace) -> None:
     """Run the system for a time, and say how it went."""
+    film = None if arguments.film is None else Film(FloorView(floor), arguments.film)
     system = mdm.load_system(HERE / "patrol.toml")
     seconds = arguments.seconds
     print("The ensembles:\n")
     print("\n".join(f"  {line}" for line in system.tree().splitlines()))
     print(f"\nThe next {seconds:g} seconds:\n", flush=True)
-    moving = sys.stdout.isatty() and not arguments.log and not arguments.fast
-    film = None if arguments.film is None else Film(FloorView(floor), arguments.film)
-    display = Display(system, moving=moving, colour=sys.stdout.isatty(), film=film)
-    if moving:
-        print("\x1b[2J", end="")
+    terminal = sys.stdout is not None and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
+    colour = terminal and not os.environ.get("NO_COLOR")
+    moving = terminal and not arguments.log and not arguments.fast
+    display = Display(system, moving=moving, colour=colour, film=film)
     async with mdm.Runtime(log=None) as runtime:
         await runtime.start(display)
         await runtime.start(system)
         await asyncio.sleep(seconds)
         latencies = {name: ensemble.action.latency for name, ensemble in system.ensembles.items()}
-        where = display.where()
+        where = f"the robot is in {display.place()}, and {display.to_go()}"
     print(f"\nAt the end {where}.\n")
-    print(display.view.text(display.marks(), columns=72, rows=24, colours=sys.stdout.isatty()))
+    columns = min(72, shutil.get_terminal_size().columns - 1)
+    print(display.view.text(display.marks(), columns=columns, rows=24, colours=colour))
     print("\nWhat it took:\n")
     for name, latency in latencies.items():
         lives = ", ".join(f"{count} {status}" for status, count in sorted(system.ensembles[name].action.ended.items()))
@@ -184,7 +204,9 @@ def main() -> None:
     except KeyboardInterrupt:
         print("\nstopped: the running action has ended, and the safe action has run")
         sys.exit(130)
-    except mdm.Error as error:
+    except (mdm.Error, OSError) as error:
+        if sys.stdout is not None:  # what could not be printed is not tried again at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(f"patrol.py: {error}")
     print(f"\nDone in {time.monotonic() - began:.1f} s.")
 

@@ -127,9 +127,10 @@ class FloorView:
             if cell is None:
                 continue
             row = int((cell[0] - top) / side / 2) + 1
-            start = int((cell[1] - left) / side) - len(node.name) // 2
             if not 0 <= row < len(signs):
                 continue
+            start = int((cell[1] - left) / side) - len(node.name) // 2
+            start = max(0, min(start, len(signs[row]) - len(node.name)))
             for column, letter in enumerate(node.name, start):
                 if 0 <= column < len(signs[row]):
                     signs[row][column] = letter
@@ -138,16 +139,18 @@ class FloorView:
         self, line: Sequence[str], labels: NDArray[np.uint16], row: int, inks: dict[tuple[int, int], Ink]
     ) -> str:
         parts: list[str] = []
+        last = ""
         for column, sign in enumerate(line):
             upper, lower = (_tint(int(labels[2 * row + half, column])) for half in (0, 1))
+            ink = inks.get((row, column))
             if sign == " ":
-                parts.append(f"{_front(upper)}{_back(lower)}▀")
+                code, sign = f"\x1b[22m{_front(upper)}{_back(lower)}", "▀"  # noqa: PLW2901 - drawn in its place
+            elif ink is None:
+                code = f"\x1b[22m{_front(_BLACK)}{_back(upper)}"
             else:
-                ink = inks.get((row, column))
-                if ink is None:
-                    parts.append(f"{_front(_BLACK)}{_back(upper)}{sign}")
-                else:
-                    parts.append(f"\x1b[1m{_front(_WHITE)}{_back(ink)}{sign}\x1b[22m")
+                code = f"\x1b[1m{_front(_WHITE)}{_back(ink)}"
+            parts.append(sign if code == last else code + sign)
+            last = code
         return "".join(parts) + "\x1b[0m"
 
     # -- Pictures ------------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from maps.floors import flat, offices
 
+from mdm.maps import Graph, Labels, Map, Node
 from mdm.views.floor import FloorView, Mark
 
 
@@ -48,6 +49,18 @@ def test_colours_are_those_of_places():
     coloured = FloorView(floor).text(columns=80, rows=30)
     backs = set(re.findall(r"\x1b\[48;2;(\d+;\d+;\d+)m", coloured))
     assert len(backs) == len(floor.labels.names) + 1  # and walls
+
+
+def test_names_at_the_edge_are_whole():
+    """And a code for colours is there where they change alone."""
+    floor = offices().map()
+    names = {"east": "east-of-the-offices"}
+    goals = Graph(tuple(Node(names.get(node.name, node.name), node.goal) for node in floor.graph.nodes), ())
+    named = Map(Labels(floor.labels.frame, floor.labels.raster, goals.names), goals, floor.grid)
+    coloured = FloorView(named).text(columns=44, rows=60)
+    bare = re.sub(r"\x1b\[[0-9;]*m", "", coloured)
+    assert "east-of-the-offices" in bare
+    assert coloured.count("\x1b[48") < len(bare) / 4
 
 
 def test_marks_off_the_floor_are_left_out():

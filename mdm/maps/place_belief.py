@@ -96,10 +96,13 @@ class PlaceBelief(Actor):
             weights: Of each particle, in any unit; without, all count the same.
 
         Raises:
-            Error: If this has not started, or there are not as many of each.
+            Error: If this has not started, they are no numbers, or there are not as many of each.
         """
-        along, up = np.array(x, dtype=np.float64), np.array(y, dtype=np.float64)
-        heavy = None if weights is None else np.array(weights, dtype=np.float64)
+        try:
+            along, up = np.array(x, dtype=np.float64), np.array(y, dtype=np.float64)
+            heavy = None if weights is None else np.array(weights, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            raise Error("particles are arrays of numbers: x, y, and weights where they differ") from None
         counts = {array.shape for array in (along, up, heavy) if array is not None}
         if len(counts) > 1 or along.ndim != 1:
             raise Error(f"particles are arrays of the same length, not of the shapes {sorted(counts)}")

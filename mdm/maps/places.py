@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Literal
 
 from mdm.actors.predicates.declarations import ACTION_END
@@ -128,8 +129,8 @@ class Places(Actor):
         self._at: frozenset[int] = frozenset()  # the goals where it is
         self._last_at: frozenset[int] = frozenset()
         self._reached: int | None = None  # the last goal where it was
-        # When there was a pose, one that told a place, and one that was not finite.
-        self._seen = self._placed = self._bad = -(1 << 62)
+        # When there was a pose that counts, one that told a place, one that was not finite, and one that was too old.
+        self._seen = self._placed = self._bad = self._delayed = -(1 << 62)
         self._told: dict[str, bool | None] = {}
         self._witness: tuple[str, bool] | None = None  # a predicate that is as told, unless the manager began anew
         self._timer: Timer | None = None
@@ -144,14 +145,18 @@ class Places(Actor):
             stamp: When it was there, in seconds of the runtime's clock; by default now.
 
         Raises:
-            Error: If this has not started, or the stamp is no time.
+            Error: If this has not started, or the pose or the stamp is none.
         """
         now = self.runtime.clock.now()
         if stamp is not None:
-            if not is_number(stamp):
+            if not is_number(stamp) or not math.isfinite(stamp):
                 raise Error(f"a stamp is a time in seconds of the runtime's clock, not {stamp!r}")
-            now = min(now, round(stamp * 1e9))
-        self.channel("pose", PoseUpdate).publish(PoseUpdate(now, float(pose.x), float(pose.y), float(pose.yaw)))
+            now = round(min(now, stamp * 1e9))
+        try:
+            update = PoseUpdate(now, float(pose.x), float(pose.y), float(pose.yaw))
+        except (AttributeError, TypeError, ValueError, OverflowError):
+            raise Error(f"a Pose of x, y and yaw was expected, not {pose!r}") from None
+        self.channel("pose", PoseUpdate).publish(update)
 
     @property
     def place(self) -> str | None:
@@ -186,7 +191,7 @@ class Places(Actor):
             return
         time = min(pose.time, now)
         if time < self._seen or now - time >= self._max_age:
-            self.late += 1
+            self._on_late_pose(time, now)
             return
         self._seen = time
         code = self._look_up(pose.x, pose.y)
@@ -213,7 +218,8 @@ class Places(Actor):
         return frozenset(
             index
             for index, (goal_x, goal_y, near, far) in enumerate(self._goals)
-            if (x - goal_x) ** 2 + (y - goal_y) ** 2 <= (far if index in before else near)
+            # Products, not powers, which raise where a pose is too far away for its square.
+            if (x - goal_x) * (x - goal_x) + (y - goal_y) * (y - goal_y) <= (far if index in before else near)
         )
 
     def _on_bad_pose(self, pose: PoseUpdate, now: int) -> None:
@@ -222,6 +228,19 @@ class Places(Actor):
             where = f"x = {pose.x}, y = {pose.y}, yaw = {pose.yaw}"
             self.report("pose", f"a pose is not finite ({where}): places are unknown until one is")
         self._bad = now
+
+    def _on_late_pose(self, time: int, now: int) -> None:
+        """Leave a pose out; tell where nothing is known since all that come are so old."""
+        self.late += 1
+        if not self._located and now - time >= self._max_age:
+            if now - self._delayed >= _QUIET:
+                age, most = (now - time) / 1e9, self._max_age / 1e9
+                self.report(
+                    "late",
+                    f"a pose is {age:.3g} s old, and none counts that is {most:g} s old: places are unknown until "
+                    f"newer ones come; are the stamps those of the runtime's clock?",
+                )
+            self._delayed = now
 
     # -- Telling -------------------------------------------------------------------------------------------------
 
@@ -271,7 +290,7 @@ class Places(Actor):
     def _look(self) -> None:
         now, seconds = self.runtime.clock.now(), f"{self._max_age / 1e9:g} s"
         if self._located and now >= self._seen + self._max_age:
-            self.report("stale", f"there was no pose for {seconds}: places are unknown")
+            self.report("stale", f"there was no pose for {seconds} that counts: places are unknown")
             self._lose()
         elif self._room and now >= self._placed + self._max_age:
             self.report("stale", f"the robot has been outside of all places for {seconds}: its place is unknown")

@@ -114,3 +114,5 @@ def test_what_does_not_fit_is_refused():
         believe(robot(Factor("position", ["A", "B", "C"])), [1, 2], [1])
     with pytest.raises(Error, match="particles are arrays of the same length"):
         believe(robot(Factor("position", ["A", "B", "C"])), [[1]], [[1]])
+    with pytest.raises(Error, match="particles are arrays of numbers"):
+        believe(robot(Factor("position", ["A", "B", "C"])), ["one"], [1])

@@ -170,8 +170,46 @@ def test_the_age_of_a_pose_is_that_of_its_stamp():
         watched.see(7, stamp=clock.time() - 0.1)  # older than the last one
         assert watched.values["Hall"] is True
         assert watched.places.late == 2
-        with pytest.raises(Error, match="a stamp is a time in seconds of the runtime's clock, not 'now'"):
-            watched.see(1, stamp="now")
+        for stamp in ("now", math.nan, math.inf):
+            with pytest.raises(Error, match=f"a stamp is a time in seconds of the runtime's clock, not {stamp!r}"):
+                watched.see(1, stamp=stamp)
+
+    watch(script)
+
+
+def test_poses_that_all_come_too_late_are_told_as_such_once():
+    async def script(watched):
+        await asyncio.sleep(10)
+        for _ in range(50):
+            watched.see(1, stamp=watched.places.runtime.clock.time() - 0.7)
+            await asyncio.sleep(0.1)
+        assert watched.values["Hall"] is None
+        assert [fault.kind for fault in watched.faults] == ["late"]
+        assert "a pose is 0.7 s old, and none counts that is 0.5 s old" in watched.faults[0].detail
+        watched.see(1)
+        watched.see(1, stamp=watched.places.runtime.clock.time() - 0.7)  # out of order: nothing is wrong
+        assert len(watched.faults) == 1
+
+    watch(script)
+
+
+@pytest.mark.parametrize("far", [1e200, -1e308])
+def test_a_pose_far_away_is_outside_of_all_places(far):
+    async def script(watched):
+        watched.see(2)
+        watched.see(far, far)
+        assert watched.predicates.value("Hall.at_goal") is False
+        watched.see(2)
+        assert watched.predicates.value("Hall.at_goal") is True
+
+    watch(script)
+
+
+@pytest.mark.parametrize("pose", [None, (1.0, 2.0), Pose("here", 2.0), Pose(1.0, None), Pose(10**400, 0.0)])
+def test_a_pose_that_is_none_is_refused(pose):
+    async def script(watched):
+        with pytest.raises(Error, match="a Pose of x, y and yaw was expected, not "):
+            watched.places.see(pose)
 
     watch(script)
 

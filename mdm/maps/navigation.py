@@ -140,6 +140,7 @@ class Navigation:
             except Error:
                 return False  # it starts anew, and says what is wrong
 
+        _call(go, "way", label)
         return Binding(
             go,
             on_repeat="restart",

@@ -305,6 +305,7 @@ def test_what_does_not_fit_is_refused():
     assert list(navigation.actions(stay="Stay")) == ["Right", "Left", "Stay"]
     assert navigation.actions()["Left"].on_repeat == "restart"
     assert navigation.go_to("C").function.__qualname__ == "Navigation.go_to('C')"
+    assert navigation.way("Left").function.__qualname__ == "Navigation.way('Left')"
     with pytest.raises(ConfigError, match="'Left' is a way of the map: give the action that stays another name"):
         navigation.actions(stay="Left")
     with pytest.raises(MapError, match="there is no place 'D'; there are A, B, C"):

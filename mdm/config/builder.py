@@ -123,19 +123,23 @@ class _Builder:
         places, navigation = self._places(document, declarations, share)
         declarations.declare(document)
         declarations.declare_others(document.get("ensembles"))
-        builder = Ensembles(self._path.parent, declarations.manager, self._functions, self._problems, share, navigation)
+        located = places is not None or "places" not in document  # else any name may be one of the map's
+        builder = Ensembles(
+            self._path.parent, declarations.manager, self._functions, self._problems, share, navigation, located=located
+        )
         ensembles = builder.build(document)
         tasks = self._tasks(self._own_tasks(document, share))
         emergency = self._emergency(document.get("emergency"))
         member = None
-        if described is not None and share is not None and builder.complete:
+        if described is not None and share is not None and builder.complete and located:
             with self._problems.collecting("team"):
                 if options.get("transport") is None:
                     options |= described.options(share.agent)
                 joint = [ensembles[name] for name in builder.joint]
                 member = share.team.member(share.agent, *joint, placement=builder.joint, **options)
-        declarations.check()
-        if share is None or member is not None:  # else nothing leads what the team decides
+        if located:
+            declarations.check()
+        if located and (share is None or member is not None):  # else nothing leads what the team decides
             builder.check(ensembles)
         if builder.complete:
             declarations.check_ends({name for ensemble in ensembles.values() for name in ensemble.action.names})
@@ -145,7 +149,7 @@ class _Builder:
     def _places(
         self, document: dict[str, Any], declarations: Declarations, share: Share | None
     ) -> tuple[Places | None, Navigation | None]:
-        """Return the places of the map, or raise their problems: what else uses them would be wrong as well."""
+        """Return the places of the map, and what drives there; None where there are problems."""
         if "places" not in document:
             return None, None
         if "places" in dict(self._problems.tables(document, "ensembles")):
@@ -154,11 +158,9 @@ class _Builder:
             )
         from mdm.config.places import read_places  # noqa: PLC0415 - files without a map load nothing of maps
 
-        found = read_places(
+        return read_places(
             document["places"], self._path.parent, declarations.manager, self._functions, self._problems, share
         )
-        self._problems.raise_all()
-        return found
 
     def _share(self, document: dict[str, Any], agent: str | None) -> tuple[TeamFile, Share] | tuple[None, None]:
         """Return the team, and what of its file is the agent's."""

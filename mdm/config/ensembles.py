@@ -53,6 +53,7 @@ class Ensembles:
         problems: Where problems are noted.
         share: In a team's file, whose part it is.
         navigation: What takes the ways of the file's map.
+        located: Whether it is known which places there are; else what names them is not checked.
 
     Attributes:
         joint: The placements of the team's ensembles, by their names: of those that agents decide together.
@@ -66,8 +67,11 @@ class Ensembles:
         problems: Problems,
         share: Share | None = None,
         navigation: Navigation | None = None,
+        *,
+        located: bool = True,
     ) -> None:
         self._navigation = navigation
+        self._located = located
         self._folder = folder
         self._predicates = predicates
         self._functions = functions
@@ -354,6 +358,8 @@ class Ensembles:
         for key in keys:
             if key not in {what, "timeout", "grace"}:
                 raise ConfigError(f"{key!r} means nothing beside a {what}; its keys are {what}, timeout, grace")
+        if not self._located:
+            return Binding(nothing, timeout=entry.timeout, grace=entry.grace)
         if self._navigation is None:
             raise ConfigError(f"a {what} needs what drives there: give a table [places] with a navigator")
         if entry.place is not None:

@@ -58,10 +58,9 @@ def read_places(
             if reference is None:
                 return places, None
             make = functions.find(reference, "places.navigator")
-            if make is not None:
-                navigator = _made(make, reference) if functions.imported else _Parked()
-                return places, Navigation(floor, navigator, places)
-        return places, None
+            navigator = _made(make, reference) if make is not None and functions.imported else _Parked()
+            return places, Navigation(floor, navigator, places)
+        return places, Navigation(floor, _Parked(), places)  # so that its actions are checked, too
     return None, None
 
 
@@ -93,7 +92,7 @@ def _made(make: Any, reference: str) -> Any:
 
 
 class _Parked:
-    """In place of a navigator that is not to be made."""
+    """In place of a navigator that is not to be made, or cannot be."""
 
     async def go(self, goal: object) -> None:
         """Stay."""

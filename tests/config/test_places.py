@@ -150,6 +150,31 @@ def test_what_is_wrong_is_told_with_its_key(tmp_path, old, new, key, words):
     assert any(place == key and words in message for place, message in found), found
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ('graph = "floor.geojson"', 'graph = "none.geojson"', "places"),
+        ('prefix = "In"', "margins = 1.0", "places.margins"),
+        ("reach = 1.5", "reach = 1.5\nmargin = 4.0", "places"),
+    ],
+)
+def test_all_else_is_checked_beside_a_map_that_is_wrong_but_for_its_names(tmp_path, old, new, key):
+    text = FILE.replace(old, new).replace("[0, 1]", '"none.npz"').replace("timeout = 60.0", "timeout = -1.0")
+    text += '\n[predicates.Late]\nformula = "Cooks and"\n'
+    found = {place for place, _ in problems(tmp_path, text)}
+    assert found == {key, "predicates.Late", "ensembles.robot.actions.Home.timeout", "ensembles.robot.policy"}
+
+
+def test_ways_and_names_are_checked_beside_a_navigator_that_is_wrong(tmp_path):
+    text = FILE.replace("wheels:Wheels", "wheels:Broken").replace('way = "Right"', 'way = "Up"')
+    found = problems(tmp_path, text.replace("InKitchen and", "Kitchen and"))
+    assert {place for place, _ in found} == {
+        "places.navigator",
+        "ensembles.robot.actions.Right",
+        "predicates.Cooks",
+    }
+
+
 NAVIGATORS = 'navigator = { a = "wheels:Wheels", b = "wheels:Broken" }'
 
 

@@ -5,16 +5,17 @@ the beliefs of a good plan become nodes of a finite-state controller (E. A. Hans
 policy space*, UAI 1998): each has its action, and after each observation the node whose vector is the best for what is
 then believed, over all visits to the node, weighted by how likely and how soon they are. The controller's own values,
 those of a linear system, replace the vectors. Each of them is at most the value of its action followed by others of
-them, and so the policy that chooses by them earns no less than the greatest at the initial belief.
+them, and so the policy that chooses by them earns no less than the greatest at the initial belief. A plan is improved
+by its own values: what follows each node is chosen anew among the nodes, while that makes it better.
 
-Cost of a round: the entries of P(s', o | s, a) of a block for each node of it, times the vectors of the next block to
-choose among.
+Cost of a round: for each node the entries of T in its block, and for each observation the states that it is made in
+times the vectors to choose among.
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -34,6 +35,10 @@ if TYPE_CHECKING:
 __all__ = ["Condensed", "Controller", "Vectors", "condensed"]
 
 _ROUNDS = 60
+_SETTLED = 1e-2
+"""The part of all visits from which on changes of what follows them count."""
+_SEARCH = 0.5
+"""The part of the time that is left in which nodes are chosen; the rest is for their evaluation."""
 _PUSHES = 6
 _CHUNK = 2_000_000
 """Numbers that are held at once for some nodes and what may follow them."""
@@ -41,6 +46,10 @@ _CLOSE = 1e-10
 """The error of the linear system's solution, as a share of the rewards."""
 _ITERATIONS, _SWEEPS = 300, 10
 _ROUNDING = 1e-13
+_FINER = 1e-2
+"""What may be lost when nodes are chosen among anew, as a part of what may be lost before."""
+_RARE = 1e-2
+"""What is lost where a rare observation is followed by anything is at most this part of what a choice may lose."""
 
 
 class Vectors(NamedTuple):
@@ -75,17 +84,30 @@ class Condensed(NamedTuple):
     followers: list[Indices]
 
 
-class _Steps(NamedTuple):
-    """What may follow an action in a block: P(s', o | s, a), with a column for each pair of o and s' that is possible.
+class _Sign(NamedTuple):
+    """An observation that may follow an action in a block.
 
-    Columns are ordered by observation.
+    Attributes:
+        observation: Its index.
+        block: The block that it is made in.
+        arrivals: Where it is made, among the arrivals of the steps.
+        places: Their places in the block.
+        chances: Of each arrival, its chance there.
     """
 
-    matrix: Matrix
-    transposed: Matrix
-    observations: Indices
-    places: Indices
-    blocks: Indices
+    observation: int
+    block: int
+    arrivals: Indices | slice
+    places: Indices | slice
+    chances: Vector
+
+
+class _Steps(NamedTuple):
+    """What may follow an action in a block: T to the arrivals that it reaches, its transpose, and the observations."""
+
+    ahead: Matrix
+    back: Matrix
+    signs: list[_Sign]
 
 
 class Controller:
@@ -99,7 +121,7 @@ class Controller:
 
     def __init__(self, layout: Layout, vectors: Vectors, defaults: Indices) -> None:
         self._layout = layout
-        self._vectors = vectors
+        self.vectors = vectors
         self._defaults = defaults
         self._width = vectors.values.shape[1]
         self._steps: dict[tuple[int, int], _Steps] = {}
@@ -108,90 +130,108 @@ class Controller:
 
     @cached_property
     def _of_block(self) -> list[Indices]:
-        return [np.flatnonzero(self._vectors.blocks == block) for block in range(len(self._defaults))]
+        return [np.flatnonzero(self.vectors.blocks == block) for block in range(len(self._defaults))]
 
-    def _groups(self, nodes: Indices) -> Iterator[tuple[Indices, _Steps, int, int]]:
-        """Yield nodes of one action and block, not too many at once, with their steps, action and block."""
-        pairs = self._vectors.actions[nodes] * len(self._defaults) + self._vectors.blocks[nodes]
+    def _groups(self, nodes: Indices) -> Iterator[tuple[Indices, _Steps]]:
+        """Yield nodes of one action and block, not too many at once, with their steps."""
+        pairs = self.vectors.actions[nodes] * len(self._defaults) + self.vectors.blocks[nodes]
         order = np.argsort(pairs, kind="stable")
         for part in np.split(nodes[order], np.flatnonzero(np.diff(pairs[order])) + 1):
-            action, block = int(self._vectors.actions[part[0]]), int(self._vectors.blocks[part[0]])
-            steps = self._steps_of(action, block)
-            size = max(1, _CHUNK // len(steps.places))
+            if not len(part):
+                continue
+            steps = self._steps_of(int(self.vectors.actions[part[0]]), int(self.vectors.blocks[part[0]]))
+            size = max(1, _CHUNK // max(steps.ahead.shape[1], len(self._after)))
             for begin in range(0, len(part), size):
-                yield part[begin : begin + size], steps, action, block
+                yield part[begin : begin + size], steps
 
     def _steps_of(self, action: int, block: int) -> _Steps:
         if (action, block) not in self._steps:
             self._steps[action, block] = _steps(self._layout, action, block)
         return self._steps[action, block]
 
-    def _followers(self, nodes: Indices, steps: _Steps) -> Indices:
-        """Return the node after each column of the steps."""
-        after = self._after[nodes][:, steps.observations]
-        return np.where(after >= 0, after, self._defaults[steps.blocks])
+    def _followers(self, nodes: Indices, sign: _Sign) -> Indices:
+        """Return the node after an observation, of each of some nodes."""
+        after = self._after[nodes, sign.observation]
+        return np.asarray(np.where(after >= 0, after, self._defaults[sign.block]))
 
     def visits(self, start: Vector, before: Vector | None, goes_on: Callable[[], bool]) -> Vector:
         """Return the discounted number of visits to each state with each node, N x Y, as far as some steps tell."""
         visits = start if before is None else before
         for _ in range(_PUSHES):
-            if not goes_on():
-                break
-            ahead: Vector = start.ravel().copy()
-            for group, steps, _, _ in self._groups(np.flatnonzero(visits.any(axis=1))):
-                weights = self._layout.discount * (steps.transposed @ visits[group].T).T
-                places = self._followers(group, steps) * self._width + steps.places
-                ahead += np.bincount(places.ravel(), weights.ravel(), minlength=len(ahead))
-            visits = ahead.reshape(start.shape)
+            ahead = start.copy()
+            for group, steps in self._groups(np.flatnonzero(visits.any(axis=1))):
+                if not goes_on():
+                    return visits
+                self._push(visits[group], group, steps, ahead)
+            visits = ahead
         return visits
 
-    def choose(self, visits: Vector, slack: float, goes_on: Callable[[], bool]) -> bool:
+    def _push(self, visits: Vector, group: Indices, steps: _Steps, ahead: Vector) -> None:
+        """Add the visits that follow those to some nodes."""
+        arrived = _product(steps.back, visits) * self._layout.discount
+        for sign in steps.signs:
+            followers = self._followers(group, sign)
+            order = np.argsort(followers, kind="stable")
+            starts = np.flatnonzero(np.diff(followers[order], prepend=-1))
+            reached = followers[order[starts]]
+            weights = arrived[order][:, sign.arrivals] * sign.chances
+            rows = ahead[reached]
+            rows[:, sign.places] += np.add.reduceat(weights, starts, axis=0)
+            ahead[reached] = rows
+
+    def choose(self, visits: Vector, slack: float, goes_on: Callable[[], bool]) -> float:
         """Choose the node after each observation: the best for the states that it is reached in.
 
         Args:
             visits: N x Y.
-            slack: What may be lost, for each visit, for a node that has been chosen already.
+            slack: What may be lost, for each visit, for a node that is used already, and for the one chosen before.
             goes_on: False ends it; some nodes are then followed as before.
 
         Returns:
-            Whether a choice has changed.
+            The visits after which a choice has changed.
         """
         used = np.asarray(visits.any(axis=1))
-        changed = False
-        for group, steps, _, _ in self._groups(np.flatnonzero(used)):
+        least = _RARE * slack / max(float(np.ptp(self.vectors.values)), np.finfo(np.float64).tiny)
+        changed = 0.0
+        for group, steps in self._groups(np.flatnonzero(used)):
             if not goes_on():
                 break
-            weights = (steps.transposed @ visits[group].T).T
-            begins = np.flatnonzero(np.diff(steps.observations, prepend=-1))
-            for begin, end in zip(begins, [*begins[1:], len(steps.places)], strict=True):
-                some = np.flatnonzero(weights[:, begin:end].any(axis=1))
-                places, block = steps.places[begin:end], int(steps.blocks[begin])
-                best = self._best(weights[some, begin:end], block, places, used, slack)
-                used[best] = True
-                at = group[some], steps.observations[begin]
-                changed = changed or bool((self._after[at] != best).any())
-                self._after[at] = best
+            arrived = _product(steps.back, visits[group])
+            for sign in steps.signs:
+                weights = arrived[:, sign.arrivals] * sign.chances
+                mass = weights.sum(axis=1)
+                some = np.flatnonzero(mass > least)
+                if len(some):
+                    at = group[some], sign.observation
+                    best = self._best(weights[some], sign, self._after[at], used, slack)
+                    used[best] = True
+                    changed += float(mass[some][self._after[at] != best].sum())
+                    self._after[at] = best
         return changed
 
-    def _best(self, seen: Vector, block: int, places: Indices, used: npt.NDArray[np.bool_], slack: float) -> Indices:
-        """Return the best node of a block for each row of weights of some of its places."""
-        nodes = self._of_block[block]
-        scores = seen @ self._vectors.values[np.ix_(nodes, places)].T
-        rows = np.arange(len(seen))
-        best = scores.argmax(axis=1)
-        if not used[nodes].any():
-            return np.asarray(nodes[best])
-        known = np.flatnonzero(used[nodes])
-        other = known[scores[:, known].argmax(axis=1)]
-        near = scores[rows, other] >= scores[rows, best] - slack * seen.sum(axis=1)
-        return np.asarray(nodes[np.where(near, other, best)])
+    def _best(
+        self, weights: Vector, sign: _Sign, before: Indices, used: npt.NDArray[np.bool_], slack: float
+    ) -> Indices:
+        """Return the best nodes after an observation for rows of weights of the places that it is made in."""
+        nodes = self._of_block[sign.block]
+        values = self.vectors.values
+        if len(nodes) < len(values):
+            values = values[nodes]
+        scores = weights @ values[:, sign.places].T
+        lost = slack * weights.sum(axis=1)
+        scores -= np.multiply.outer(lost, ~used[nodes])
+        known = np.flatnonzero(before >= 0)
+        scores[known, np.searchsorted(nodes, before[known])] += lost[known]
+        return np.asarray(nodes[scores.argmax(axis=1)])
 
     def followers(self) -> list[Indices]:
         """Return the nodes that may follow each node."""
         result = [np.empty(0, dtype=np.intp)] * len(self._after)
-        for group, steps, _, _ in self._groups(np.arange(len(self._after))):
-            for node, after in zip(group.tolist(), self._followers(group, steps), strict=True):
-                result[node] = np.unique(after)
+        for group, steps in self._groups(np.arange(len(self._after))):
+            if steps.signs:
+                table = np.stack([self._followers(group, sign) for sign in steps.signs], axis=1)
+                for node, after in zip(group.tolist(), table, strict=True):
+                    result[node] = np.unique(after)
         return result
 
     def reached(self, roots: Indices) -> Controller:
@@ -205,81 +245,103 @@ class Controller:
             front = after[~kept[after]]
             kept[front] = True
         place = np.cumsum(kept) - 1
-        result = Controller(self._layout, self._vectors.only(np.flatnonzero(kept)), place[self._defaults])
+        result = Controller(self._layout, self.vectors.only(np.flatnonzero(kept)), place[self._defaults])
         after = self._after[kept]
         result._after = np.where(after >= 0, place[after], -1)
         result._steps = self._steps
         return result
 
-    def evaluated(self, goes_on: Callable[[], bool] = lambda: True) -> Vectors:
+    def of(self, vectors: Vectors) -> Controller:
+        """Return the controller with other values of its nodes, which nothing is chosen for yet."""
+        result = Controller(self._layout, vectors, self._defaults)
+        result._steps = self._steps
+        return result
+
+    def evaluated(self, goes_on: Callable[[], bool] = lambda: True) -> Vectors | None:
         """Return the vectors with lower bounds of the nodes' own values, near to them where the system is solved.
 
-        Where it may not go on, the bounds are those that begin it, with what is lost for ever.
+        None where it may not go on.
         """
+        try:
+            return self.vectors._replace(values=self._values(goes_on))
+        except TimeoutError:
+            return None
+
+    def _values(self, goes_on: Callable[[], bool]) -> Vector:
         from scipy.sparse.linalg import LinearOperator, bicgstab  # noqa: PLC0415 - slow to import
 
-        begin = self._vectors.values
-        nodes = np.arange(len(begin))
+        begin = self.vectors.values
         discount = self._layout.discount
-        rewards = np.stack([self._rewards(node) for node in nodes.tolist()]).ravel()
+        rewards = self._layout.rewards.reshape(-1, len(self._defaults), self._width)
+        earned = rewards[self.vectors.actions, self.vectors.blocks]
 
-        def ahead(given: Vector) -> Vector:
-            values = given.reshape(begin.shape)
-            result = np.empty_like(values)
-            for group, steps, _, _ in self._groups(nodes):
-                result[group] = discount * (steps.matrix @ values[self._followers(group, steps), steps.places].T).T
-            return result.ravel()
+        def ahead(values: Vector) -> Vector:
+            result = np.empty_like(begin)
+            for group, steps in self._groups(np.arange(len(begin))):
+                if not goes_on():
+                    raise TimeoutError
+                told = np.zeros((len(group), steps.ahead.shape[1]))
+                for sign in steps.signs:
+                    told[:, sign.arrivals] += values[self._followers(group, sign)][:, sign.places] * sign.chances
+                result[group] = discount * _product(steps.ahead, told)
+            return result
 
-        system = LinearOperator((begin.size, begin.size), matvec=lambda x: x - ahead(x), dtype=np.float64)
+        def rest(given: Vector) -> Vector:
+            return np.asarray(given - ahead(given.reshape(begin.shape)).ravel())
+
+        system = LinearOperator((begin.size, begin.size), matvec=rest, dtype=np.float64)
         close = _CLOSE * (1 - discount)
-
-        def check(_: Vector) -> None:
-            if not goes_on():
-                raise TimeoutError
-
-        found = begin.ravel()
-        with np.errstate(all="ignore"), suppress(TimeoutError):  # it may break down
-            found, _ = bicgstab(system, rewards, x0=found, rtol=close, atol=0.0, maxiter=_ITERATIONS, callback=check)
-        if not np.isfinite(found).all():
-            found = begin.ravel()
+        with np.errstate(all="ignore"):  # it may break down
+            solved, _ = bicgstab(system, earned.ravel(), x0=begin.ravel(), rtol=close, atol=0.0, maxiter=_ITERATIONS)
+        found = np.asarray(solved).reshape(begin.shape) if np.isfinite(solved).all() else begin
         least = 0.0
         for _ in range(_SWEEPS):
-            backed = rewards + ahead(found)
+            backed = earned + ahead(found)
             least = float((backed - found).min())
             found = backed
-            if not goes_on():
-                break
         # What a backup lowers by no more than so much is a bound when it is lowered by that for ever.
-        loss = min(0.0, discount * least / (1 - discount)) - _ROUNDING * float(np.abs(found).max())
-        return self._vectors._replace(values=(found + loss).reshape(begin.shape))
-
-    def _rewards(self, node: int) -> Vector:
-        first = self._layout.first_state[self._vectors.blocks[node]]
-        return self._layout.rewards[self._vectors.actions[node], first : first + self._width]
+        return found + min(0.0, discount * least / (1 - discount)) - _ROUNDING * float(np.abs(found).max())
 
 
 def _steps(layout: Layout, action: int, block: int) -> _Steps:
-    first, end = layout.first_state[block : block + 2]
+    begin, end = (int(place) for place in layout.first_state[block : block + 2])
     transitions, observations = layout.transitions, layout.observations
-    rows = np.arange(first, end) + transitions.first[action]
-    sizes = np.diff(transitions.starts.astype(np.int64))[rows]
-    entries = _stretches(transitions.starts[rows].astype(np.int64), sizes)
-    states = np.repeat(np.arange(end - first), sizes)
-    after = transitions.columns[entries].astype(np.int64)
-    told = after + observations.first[action]
+    row = int(transitions.first[action])
+    starts = transitions.starts[row + begin : row + end + 1].astype(np.int64)
+    entries = slice(starts[0], starts[-1])
+    arrivals, columns = np.unique(transitions.columns[entries].astype(np.int64), return_inverse=True)
+    if not len(arrivals):  # nothing is ever detected: a column of zeros
+        arrivals = np.array([0])
+    ahead = csr((transitions.values[entries], columns, starts - starts[0]), (end - begin, len(arrivals)))
+    told = arrivals + observations.first[action]
     counts = np.diff(observations.starts.astype(np.int64))[told]
-    signs = _stretches(observations.starts[told].astype(np.int64), counts)
-    size = layout.rewards.shape[1]
-    chances = np.repeat(transitions.values[entries], counts) * observations.values[signs]
-    pairs = observations.columns[signs].astype(np.int64) * size + np.repeat(layout.state[after], counts)
-    columns, places = np.unique(pairs, return_inverse=True)
-    if not len(columns):  # nothing is ever detected: a column of zeros
-        columns = np.array([first])
-    starts = np.concatenate(([0], np.cumsum(np.bincount(np.repeat(states, counts), minlength=int(end - first)))))
-    matrix = csr((chances, places, starts), (int(end - first), len(columns)))
-    reached = columns % size
-    blocks = layout.block[reached].astype(np.intp)
-    return _Steps(matrix, csr(matrix.T), columns // size, reached - layout.first_state[blocks], blocks)
+    entries_of = _stretches(observations.starts[told].astype(np.int64), counts)
+    symbols = observations.columns[entries_of].astype(np.int64)
+    order = np.argsort(symbols, kind="stable")
+    at = np.repeat(np.arange(len(arrivals)), counts)[order]
+    chances = observations.values[entries_of][order]
+    states = layout.state[arrivals]
+    blocks = layout.block[states].astype(np.intp)
+    places = states - layout.first_state[blocks]
+    signs = []
+    firsts = np.flatnonzero(np.diff(symbols[order], prepend=-1)).tolist()
+    for first, last in pairwise([*firsts, len(at)]):
+        of = at[first:last]
+        block_of = int(blocks[of[0]])
+        width = int(layout.first_state[block_of + 1] - layout.first_state[block_of])
+        symbol = int(symbols[order[first]])
+        signs.append(_Sign(symbol, block_of, _whole(of, len(arrivals)), _whole(places[of], width), chances[first:last]))
+    return _Steps(ahead, csr(ahead.T), signs)
+
+
+def _whole(indices: Indices, size: int) -> Indices | slice:
+    """Return indices; where they are all there are, in order, as a slice, which copies nothing."""
+    return slice(None) if np.array_equal(indices, np.arange(size)) else indices
+
+
+def _product(matrix: Matrix, rows: Vector) -> Vector:
+    """Return the product of a matrix with each row."""
+    return np.ascontiguousarray((matrix @ rows.T).T)
 
 
 def _stretches(starts: Indices, sizes: Indices) -> Indices:
@@ -295,10 +357,12 @@ def condensed(
     roots: Indices,
     *,
     slack: float,
-    goes_on: Callable[[], bool] = lambda: True,
-    evaluates_on: Callable[[], bool] = lambda: True,
-) -> Condensed:
-    """Return the vectors of a small plan.
+    part: Callable[[float], Callable[[], bool]] = lambda _: lambda: True,
+) -> Condensed | None:
+    """Return the vectors of a small plan; None where there is no time to evaluate one.
+
+    The first plan is made of the vectors that are given. Its nodes are chosen among anew, by their own values, while
+    that makes it better by more than what may be lost.
 
     Args:
         layout: The model.
@@ -307,20 +371,44 @@ def condensed(
         start: The initial belief, X x Y: a row for each block.
         roots: The best vector in each block of the initial belief.
         slack: What may be lost at a belief for a vector less.
-        goes_on: False ends the search for a plan.
-        evaluates_on: False ends the evaluation of the one that was found.
+        part: Returns a function that tells whether there is time left of a share of what remains now.
     """
+    best: Condensed | None = None
     controller = Controller(layout, vectors, defaults)
+    while True:
+        _settle(controller, start, roots, slack if best is None else _FINER * slack, part(_SEARCH))
+        reached = controller.reached(roots)
+        found = reached.evaluated(part(1.0))
+        if found is None:
+            return best
+        lower, roots = _best_nodes(found, start)
+        gain = np.inf if best is None else lower - best.lower
+        if gain > 0:
+            best = Condensed(found, lower, reached.followers())
+        if gain <= slack:
+            return best
+        controller = reached.of(found)
+
+
+def _settle(controller: Controller, start: Vector, roots: Indices, slack: float, goes_on: Callable[[], bool]) -> None:
+    """Choose what follows each node for the states that it is reached in, until neither changes."""
+    vectors = controller.vectors
     begin = np.zeros_like(vectors.values)
     begin[roots] = start[vectors.blocks[roots]]
     visits: Vector | None = None
     for _ in range(_ROUNDS):
         visits = controller.visits(begin, visits, goes_on)
-        if not controller.choose(visits, slack, goes_on) or not goes_on():
-            break
-    reached = controller.reached(roots)
-    found = reached.evaluated(evaluates_on)
-    lower = 0.0
+        changed = controller.choose(visits, slack, goes_on)
+        if changed <= _SETTLED * float(visits.sum()) or not goes_on():
+            return
+
+
+def _best_nodes(vectors: Vectors, start: Vector) -> tuple[float, Indices]:
+    """Return the value of the initial belief, and the best vector in each of its blocks."""
+    value, best = 0.0, []
     for block in np.flatnonzero(start.any(axis=1)):
-        lower += float((found.values[found.blocks == block] @ start[block]).max())
-    return Condensed(found, lower, reached.followers())
+        nodes = np.flatnonzero(vectors.blocks == block)
+        values = vectors.values[nodes] @ start[block]
+        value += float(values.max())
+        best.append(nodes[values.argmax()])
+    return value, np.array(best)

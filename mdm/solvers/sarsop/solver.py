@@ -77,8 +77,8 @@ _SHORT = 1.0
 """The seconds that a small model has to be solved in by plain Python before compiled code is called for."""
 _SMALL = 5_000
 """The entries of T and O up to which a model counts as small."""
-_FEWER = 5e-3, 5e-5, 0.0
-"""What a belief may lose for a vector less, as shares of the gap: each is tried where the one before loses too much."""
+_FEWER = 5e-3, 5e-4, 5e-5, 0.0
+"""What a belief may lose for a vector less, as shares of the gap: each is tried where the one before is of no use."""
 
 
 def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -> Solution:
@@ -173,6 +173,7 @@ class _Search:
         self.backups = 0
         self._budget = 16
         self._next_plan = _FIRST_PLAN
+        self._fewer = 0
         self._start(blind)
         self._kept_vectors = self.size
         self._kept_points = 0
@@ -301,11 +302,15 @@ class _Search:
         So each vector is at most the value of an action followed by others of them, and a policy of them earns no less
         than the lower bound.
         """
+        return self._vectors(np.flatnonzero(self._is_part()))
+
+    def _is_part(self) -> npt.NDArray[np.bool_]:
+        """Return a mask of the best vectors at the roots and all that they are made of."""
         graph = self._graph
         needed = np.zeros(int(graph.counts[VECTORS]), dtype=np.bool_)
         needed[graph.best[self._roots]] = True
         needed[graph.default_vector] = True
-        return self._vectors(np.flatnonzero(parts_of(graph, needed)))
+        return parts_of(graph, needed)
 
     def condense(self, limits: Limits) -> None:
         """Add the vectors of a good plan, with the values that they have there, for a part of the time."""
@@ -313,11 +318,14 @@ class _Search:
         if began < self._next_plan:
             return
         lower, upper = self.bounds()
-        found = self._plan(limits, _FEWER[1] * (upper - lower), max(_LEAST_PLAN, _PLANS * began))
+        slack = _FEWER[self._fewer] * (upper - lower)
+        found = self._plan(limits, slack, began + 2 * max(_LEAST_PLAN, _PLANS * began))
         gains = found is not None and found.lower > lower + _GAIN * (upper - lower)
         if found is not None and gains:
             self._add(found)
             self._prune_vectors(limits.gap)
+        elif found is not None:
+            self._fewer = (self._fewer + 1) % len(_FEWER)
         share = _PLANS if gains else _PLANS / 2
         self._next_plan = limits.seconds + (limits.seconds - began) / share
 
@@ -334,18 +342,22 @@ class _Search:
         least, part = _CONDENSATION
         end = limits.seconds + max(least, part * limits.seconds)
         enough = min(lower, upper - limits.gap) if limits.reason == "gap" else lower - self.rounding
-        for share in _FEWER if limits.reason == "gap" else _FEWER[1:]:
-            found = self._plan(limits, share * max(upper - lower, 0.0), (end - limits.seconds) / 2)
+        for share in _FEWER:
+            found = self._plan(limits, share * max(upper - lower, 0.0), (limits.seconds + end) / 2 if share else end)
             if found is not None and found.lower >= enough:
                 return found.vectors, found.lower
             if limits.seconds >= end:
                 break
         return None
 
-    def _plan(self, limits: Limits, slack: float, seconds: float) -> Condensed | None:
+    def _plan(self, limits: Limits, slack: float, end: float) -> Condensed | None:
         graph = self._graph
-        active = np.union1d(np.flatnonzero(graph.is_active[: graph.counts[VECTORS]]), graph.default_vector)
-        vectors = self._vectors(active)
+        chosen = graph.is_active[: graph.counts[VECTORS]] > 0
+        chosen[graph.default_vector] = True
+        if slack == 0:  # only with the parts of the best vectors is there a plan that loses nothing
+            chosen |= self._is_part()
+        some = np.flatnonzero(chosen)
+        vectors = self._vectors(some)
         # What is chosen among, the visits, and a dozen vectors of the linear system.
         if 16 * vectors.values.nbytes >= limits.room:
             return None
@@ -353,12 +365,11 @@ class _Search:
         return condensed(
             self._layout,
             vectors,
-            np.searchsorted(active, graph.default_vector),
+            np.searchsorted(some, graph.default_vector),
             start,
-            np.searchsorted(active, graph.best[self._roots]),
+            np.searchsorted(some, graph.best[self._roots]),
             slack=slack,
-            goes_on=limits.until(limits.seconds + seconds),
-            evaluates_on=limits.until(limits.seconds + 2 * seconds),
+            part=lambda share: limits.until(limits.seconds + share * (end - limits.seconds)),
         )
 
     def _vectors(self, which: npt.NDArray[np.intp]) -> Vectors:

@@ -85,6 +85,11 @@ def _main(arguments: Sequence[str] | None, interruption: Interruption) -> int:
     except SystemExit as stop:
         _flush()
         return stop.code if isinstance(stop.code, int) else 2
+    except OSError as error:  # what an option has printed goes nowhere
+        _flush()
+        if not isinstance(error, BrokenPipeError):
+            print(f"mdm: {_sentence(error)}", file=sys.stderr)
+        return 1
     if parsed.verb is None:
         parsed.command, parsed.format_usage = "", parser.format_usage
     if unknown:

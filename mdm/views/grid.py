@@ -42,7 +42,7 @@ def grid_figure(model: MDP, policy: Any, axes: Sequence[str] | None, columns: in
     """
     space = model.state_space
     if columns is not None or (axes is None and len(space.factors) == 1):
-        width = columns or math.ceil(math.sqrt(len(space)))
+        width = min(columns or math.ceil(math.sqrt(len(space))), len(space))
         count = math.ceil(len(space) / width) * width
         states = np.where(np.arange(count) < len(space), np.arange(count), -1).reshape(-1, width)
         labels, title = None, "states in rows, the first at the top left"

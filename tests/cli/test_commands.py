@@ -183,6 +183,15 @@ def test_output_that_cannot_be_written_is_told(arguments):
     assert (done.returncode, done.stderr) == (1, f"mdm {arguments[0]}: No space left on device\n")
 
 
+@pytest.mark.parametrize(("error", "told"), [(BrokenPipeError(), ""), (OSError(28, "No space"), "mdm: No space\n")])
+def test_what_an_option_prints_may_have_nowhere_to_go(mdm, monkeypatch, error, told):
+    def print_nothing(*_, **__):
+        raise error
+
+    monkeypatch.setattr("mdm.cli.policies.solve.print", print_nothing, raising=False)
+    assert mdm("solve", "--solver", "help") == (1, [], told)
+
+
 @pytest.mark.parametrize("verb", ["check", "info", "show", "convert"])
 @pytest.mark.parametrize(
     ("name", "content", "words"),

@@ -66,6 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
         model = function(**given)
     except ModelError as error:
         raise UsageError(str(error)) from error
+    except OverflowError:
+        raise UsageError("a parameter is too large a number") from None
     save_model(model, target)
     sizes = [(len(model.state_space), "states"), (len(model.action_space), "actions")]
     if hasattr(model, "observation_space"):

@@ -104,7 +104,9 @@ def _system(arguments: argparse.Namespace) -> System:
     from mdm.actors import ControlOptions, Ensemble, PredicateManager  # noqa: PLC0415
     from mdm.config import System, load_system  # noqa: PLC0415
     from mdm.config.functions import nothing  # noqa: PLC0415
+    from mdm.errors import ConfigError  # noqa: PLC0415
     from mdm.formats import load_model, load_policy  # noqa: PLC0415
+    from mdm.runtime.scheduler import check_rate  # noqa: PLC0415
 
     if arguments.file is not None:
         for name in _OPTIONS:
@@ -122,10 +124,13 @@ def _system(arguments: argparse.Namespace) -> System:
     policy = load_policy(arguments.policy, model, seed=arguments.seed)
     actions = policy.num_actions if model is None else len(model.action_space.factors[0])
     if arguments.drive not in {None, "event"}:
+        given_drive = arguments.drive
         try:
-            arguments.drive = float(arguments.drive)
-        except ValueError:
-            raise UsageError(f"--drive is 'event' or a rate in decisions per second, not {arguments.drive!r}") from None
+            arguments.drive = float(given_drive)
+            check_rate(arguments.drive)
+        except (ValueError, ConfigError):
+            text = "--drive is 'event' or a rate of 0.000001 to 1,000,000 decisions per second"
+            raise UsageError(f"{text}, not {given_drive!r}") from None
     given = [
         (option, getattr(arguments, option, None)) for option in ControlOptions.__annotations__ if option != "seed"
     ]

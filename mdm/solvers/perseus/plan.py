@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mdm.errors import ModelError
 from mdm.models.dynamics import Dynamics, Indices
 from mdm.models.matrices import Vector  # noqa: TC001 - the fields' types are looked at
 from mdm.policies import FiniteStateController
@@ -32,6 +33,7 @@ __all__ = ["plan"]
 
 _NAME = "perseus"
 _BLOCK = 64
+_MOST = 1_000_000_000
 
 
 class _Stage(NamedTuple):
@@ -53,8 +55,14 @@ def plan(
     """Return a plan of so many decisions, as a controller. See `mdm.solvers.perseus.perseus`.
 
     Where it has to stop early, the missing stages are planned for the initial belief alone.
+
+    Raises:
+        ModelError: If there are too many decisions.
     """
     dynamics = JointDynamics(Dynamics(model), model.false_negative)
+    numbers = horizon * (dynamics.size + len(model.observation_space))  # of a node for each decision, at least
+    if numbers > _MOST:
+        raise ModelError(f"a plan of {horizon:,} decisions needs {numbers:,} numbers; take a shorter horizon")
     upper = upper_bound(dynamics, first, limits, horizon)
     points = dynamics.points(sampled(model, dynamics, model.initial_belief[None], beliefs, random, limits))
     stages: list[_Stage] = []

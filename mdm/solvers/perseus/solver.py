@@ -85,7 +85,7 @@ def perseus(
             belief.
 
     Raises:
-        ModelError: If the discount is 1 and there is no horizon.
+        ModelError: If the discount is 1 and there is no horizon, or the horizon is far too long.
         ConfigError: If the number of beliefs or the horizon is not positive.
     """
     if horizon is not None and horizon < 1:

@@ -131,6 +131,10 @@ def _write(path: Path, content: bytes, *, secret: bool) -> str:
         raise Error(f"{path} is there already: name another folder, or remove it first") from None
     except OSError as error:
         raise Error(f"cannot write {path}: {error.strerror}") from None
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(content)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise Error(f"cannot write {path}: {error.strerror}") from None
     return str(path)

@@ -19,6 +19,7 @@ POLICY = ["policy", TIGER, TIGER_VECTORS]
         POLICY,
         [*POLICY, "--states", "tiger-right", "tiger-left"],
         [*POLICY, "--columns", "2"],
+        [*POLICY, "--columns", str(10**30)],
         ["belief", TIGER, TIGER_VECTORS, "--seed", "3", "--steps", "40"],
     ],
 )

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from perseus_models import SEEDS, SMALL, parts, reachable, recursion
 
+from mdm import ModelError
 from mdm.problems import tiger
 from mdm.solvers import Limits, controller_values
 from mdm.solvers.perseus import perseus
@@ -40,3 +41,8 @@ def test_a_plan_is_whole_wherever_it_is_stopped():
     worth = controller_values(tiger(), solution.policy)[solution.policy.start] @ tiger().initial_belief
     assert worth == pytest.approx(solution.lower)
     assert perseus(tiger().with_discount(1), beliefs=100, horizon=9).lower > solution.lower
+
+
+def test_a_horizon_that_no_plan_could_have_is_refused():
+    with pytest.raises(ModelError, match="a plan of 1,000,000,000,000 decisions needs .* take a shorter horizon"):
+        perseus(tiger(), horizon=10**12)

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import errno
+import io
+import os
 import stat
 import sys
 from pathlib import Path
@@ -61,6 +64,24 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(Error, match="cannot write"):
         make_certificates(tmp_path / "file" / "folder", {"a": []})
+
+
+def test_a_disk_that_is_full_is_told_with_the_file(tmp_path, monkeypatch):
+    pytest.importorskip("cryptography")
+    fdopen = os.fdopen
+
+    class Full(io.BytesIO):
+        def write(self, content):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    def opened(descriptor, mode):
+        fdopen(descriptor, mode).close()
+        return Full()
+
+    monkeypatch.setattr("mdm.team.transport.certificates.os.fdopen", opened)
+    with pytest.raises(Error, match=r"cannot write .*authority\.pem: No space left on device"):
+        make_certificates(tmp_path, {"a": []})
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_without_the_package_it_is_said_how_to_install_it(tmp_path, monkeypatch):

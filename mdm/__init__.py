@@ -7,9 +7,11 @@ The names here are loaded when they are first asked for. What a model, a policy 
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # `typing` takes a while to load, in which Ctrl-C would show a traceback of the command
 if TYPE_CHECKING:
+    from typing import Any
+
     from mdm import (
         actors,
         beliefs,

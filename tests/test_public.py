@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -57,6 +58,14 @@ def test_importing_loads_nothing_else():
     """What a program does not ask for costs it nothing."""
     program = "import sys, mdm; print(*(m for m in sys.modules if m.startswith(('mdm.', 'numpy', 'numba', 'scipy'))))"
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == "\n"
+
+
+def test_little_is_loaded_before_the_command_heeds_ctrl_c():
+    """Before it does, Ctrl-C shows a traceback; -S leaves out what an installation loads for itself."""
+    program = f"import sys; sys.path.insert(0, {str(Path(mdm.__file__).parents[1])!r}); import mdm.__main__; "
+    program += "print(*sorted(name for name in ('typing', 're', 'argparse', 'mdm.cli') if name in sys.modules))"
+    done = subprocess.run([sys.executable, "-S", "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "\n"
 
 
 def test_a_running_robot_loads_no_solver_format_or_compiler():

@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import mdm
-from mdm.maps import Edge, Graph, load_graph
-from mdm.maps.model import model as floor_model
-from mdm.models import MDP, POMDP, Factor, FactoredMDP, Node, Space, Table, TwoSliceNetwork
+from mdm.models import MDP, POMDP, Factor, Space
 
 HERE = Path(__file__).parent
 
@@ -27,11 +25,6 @@ PATROLLING, WAITING = 1.0, -2.0  # while the robots are in both wings; while the
 CARRIERS = ("a", "b", "c", "d")
 ARRIVES = (0.2, 0.2, 0.1, 0.1)  # chance that an empty carrier is loaded
 COSTS = (1.0, 2.0, 3.0, 4.0)  # of a load that waits
-
-FLOOR = HERE.parent / "patrol" / "floor.xml"
-ROUNDS = {"field": ("LRM", "SoccerField"), "hallway": ("CoffeeRoom", "ElevatorHallway")}
-COMES = 0.9  # of all drives to the next room; the rest end where they began
-TOGETHER = -2.0  # for each step that ends with both robots in one room
 
 
 def moved(room: int, move: int) -> dict[int, float]:
@@ -95,40 +88,6 @@ def unloading() -> MDP:
     return MDP(transitions, rewards, discount=0.9, states=states, actions=actions)
 
 
-def building() -> FactoredMDP:
-    """Return the task of two robots that share a patrol: at both ends of a floor, to be in one room and then the other.
-
-    Each end is a factor: whether somebody has been in the second of its rooms since somebody was in the first. Whoever
-    changes that earns 1.
-    """
-    graph = load_graph(FLOOR)
-    # An action is called by the room that it leads to: it leads there, too, when it is chosen again in mid-way.
-    ways = Graph(graph.nodes, [Edge(edge.source, edge.target, edge.target) for edge in graph.edges])
-    one = floor_model(ways, success=COMES, stay="Stay", idle_cost=1.0)  # drives that skip rooms are not worth it
-    rooms, drives = graph.names, one.action_space.names
-    moves = np.stack([one.transition_matrix(action) for action in range(len(drives))])
-    drive, here, there = ([Node(what, robot) for robot in range(2)] for what in ("action", "state", "next_state"))
-    initial = [Table([room], np.full(len(rooms), 1 / len(rooms))) for room in here]
-    transitions = [Table([*nodes], moves) for nodes in zip(drive, here, there, strict=True)]
-    utilities = [Table([*nodes], one.rewards.T) for nodes in zip(drive, here, strict=True)]
-    utilities.append(Table([*drive, *here], TOGETHER * np.einsum("apx,bqx->abpq", moves, moves)))
-    for factor, ends in enumerate(ROUNDS.values(), 2):
-        now, later = Node("state", factor), Node("next_state", factor)
-        change = np.tile(np.eye(2), (len(rooms), len(rooms), 1, 1))  # next rooms x before x after
-        for pair in itertools.product(range(len(rooms)), repeat=2):
-            visited = [end in {rooms[index] for index in pair} for end in ends]
-            if visited[0] != visited[1]:
-                change[pair] = np.eye(2)[int(visited[1])]
-        earned = np.einsum("apx,bqy,xyuv->abpqu", moves, moves, change * (1 - np.eye(2)))
-        initial.append(Table([now], [1, 0]))
-        transitions.append(Table([*there, now, later], change))
-        utilities.append(Table([*drive, *here, now], earned))
-    states = Space([Factor("ada", rooms), Factor("bob", rooms), *(Factor(name, ["no", "yes"]) for name in ROUNDS)])
-    actions = Space([Factor("ada", drives), Factor("bob", drives)])
-    network = TwoSliceNetwork(states, actions, initial=initial, transitions=transitions, utilities=utilities)
-    return FactoredMDP(network, discount=0.95)
-
-
 def main() -> None:
     """Write the files."""
     for name, model, suffix in (("meeting", meeting(), "vf"), ("unloading", unloading(), "policy")):
@@ -136,12 +95,6 @@ def main() -> None:
         solution = mdm.solve(model, gap=0.3, time=120)
         mdm.save_policy(solution.policy, HERE / f"{name}.{suffix}")
         print(f"{name}: {len(model.state_space)} states, value between {solution.lower:.2f} and {solution.upper:.2f}")
-    patrol = building()
-    values = mdm.solve(patrol, gap=0.01, time=60).policy.values
-    best = mdm.policies.DeterministicPolicy(values.argmax(axis=1), len(patrol.action_space))  # a number for each state
-    mdm.save_model(patrol, HERE / "building.npz")
-    mdm.save_policy(best, HERE / "building.policy")
-    print(f"building: {len(patrol.state_space)} states, {len(patrol.action_space)} joint actions")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from mdm.maps.passages import passages, widest
 from mdm.maps.problem import Problem
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -27,6 +27,8 @@ RADIUS = 0.25
 """The radius of a robot, in metres, if nobody says another."""
 MARGIN = 0.3
 """How deep inside a place a robot must be that comes into it, in metres, if nobody says another."""
+_TOLD = ("entered", "left", "at_goal", "arrived", "reached")
+"""What is told of a place, after its name and a dot."""
 _SLACK = 1e-9
 _SHOWN = 200
 """Cells of a stray colour that a problem names."""
@@ -41,6 +43,7 @@ def check(floor: Map, *, radius: float = RADIUS, margin: float = MARGIN) -> tupl
       a passage that is wide enough, and there is no way.
     * Not all places can be reached from each other.
     * A colour of the image of labels is no place's, and has fewer cells than any place, and than 1 % of all.
+    * The name of a place stands for something else in formulas, so that `Places` would refuse it.
 
     Where the files are at hand, `mdm map check` also tells of larger colours that are no place's and cover free cells.
 
@@ -83,6 +86,7 @@ def examine(
             text = f"the way {edge.label!r} from {edge.source!r} leads to where it comes from"
             yield Problem("ways", text, (edge.source,))
     yield from _apart(graph)
+    yield from _names(tuple(dict.fromkeys((*labels.names, *graph.names))))
 
 
 def _strays(labels: Labels, colours: NDArray[np.uint32] | None) -> Iterator[Problem]:
@@ -199,6 +203,21 @@ def _apart(graph: Graph) -> Iterator[Problem]:
         if names:
             told = ", ".join(map(repr, names[:5])) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
             yield Problem("ways", text.format(told, start), tuple(names))
+
+
+def _names(places: Sequence[str]) -> Iterator[Problem]:
+    """Yield a problem for each name that could not be a predicate's beside those of the other places."""
+    from mdm.actors.predicates.declarations import ACTION_END  # noqa: PLC0415 - maps alone need no actors
+
+    told = {f"{name}.{what}": name for name in places for what in _TOLD}
+    for name in places:
+        other = told.get(name)
+        if other is not None:
+            text = f"the name {name!r} is what {other!r} has for a predicate or an event: give one another name"
+            yield Problem("rooms", text, (name, other))
+        elif "/" in name or ACTION_END.fullmatch(name):
+            stands = "another agent's predicate" if "/" in name else "the end of an action"
+            yield Problem("rooms", f"the name {name!r} reads as {stands}: give the place another name", (name,))
 
 
 def _reached(start: str, following: dict[str, set[str]]) -> set[str]:

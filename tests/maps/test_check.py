@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from floor_file import GRAPH, rooms, write_floor
 
-from mdm.maps import Edge, Graph, Labels, Map, Node, Pose, check, load_map
+from mdm import PredicateManager
+from mdm.errors import ConfigError
+from mdm.maps import Edge, Graph, Labels, Map, Node, Places, Pose, check, load_map
 
 
 def floor(tmp_path, raster=None, graph=GRAPH):
@@ -154,3 +156,18 @@ def test_a_single_place_is_deep_everywhere():
     labels = Labels(frame, np.ones((5, 5), dtype=np.uint16), ("a",))
     grid = Grid(frame, np.ones((5, 5), dtype=bool), np.zeros((5, 5), dtype=bool))
     assert told(Map(labels, Graph((Node("a", Pose(0.25, 0.25)),), ()), grid)) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("b/hall", "reads as another agent's predicate: give the place another name"),
+        ("hall.failed", "reads as the end of an action: give the place another name"),
+        ("office.left", "is what 'office' has for a predicate or an event: give one another name"),
+    ],
+)
+def test_a_name_that_predicates_could_not_have(tmp_path, name, why):
+    some = floor(tmp_path, graph=GRAPH.replace("hall", name))
+    assert told(some) == [("rooms", f"the name {name!r} {why}")]
+    with pytest.raises(ConfigError):
+        Places(some, PredicateManager(), margin=0.1)

@@ -6,11 +6,13 @@ import inspect
 from typing import TYPE_CHECKING, Any, Protocol
 
 from mdm.actors.binding import Binding
+from mdm.choice import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.logic import similar
 from mdm.maps.map import Map
 from mdm.maps.places import Places
 from mdm.messages import Progress
+from mdm.runtime.handler import kind_of
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -37,7 +39,10 @@ class ReportingNavigator(Protocol):
     """A `Navigator` that tells how far it is."""
 
     def go(self, goal: Pose, feedback: Callable[[float], object], /) -> Awaitable[None]:
-        """Drive to a pose; call the feedback with the metres that remain, from any thread, as often as it likes."""
+        """Drive to a pose; call the feedback with the metres that remain, from any thread, as often as it likes.
+
+        Of what waits in another thread the newest counts.
+        """
 
 
 class Navigation:
@@ -57,7 +62,8 @@ class Navigation:
         name: What its channel begins with.
 
     Raises:
-        ConfigError: If there is no predicate for a place, or the navigator cannot be called.
+        ConfigError: If there is no predicate for a place, or the navigator cannot be called, or ``replaces`` is neither
+            True nor False.
 
     Example::
 
@@ -85,7 +91,8 @@ class Navigation:
             self.predicates = places
         self.name = name
         self._reports = _takes_feedback(navigator)
-        self._replaces = getattr(navigator, "replaces", False) is True
+        self._replaces = getattr(navigator, "replaces", False)
+        check_flag(self._replaces, "replaces, of a navigator,", key="replaces")
         self._rooms = {node.name: prefix + node.name for node in self.graph.nodes}
         declared = self.predicates.declared
         for place, room in self._rooms.items():
@@ -203,10 +210,11 @@ class Navigation:
     async def _drive(self, node: Node) -> None:
         navigator: Any = self.navigator
         if not self._reports:
-            await navigator.go(node.goal)
+            await _awaitable(navigator.go(node.goal))
             return
         runtime = self.predicates.runtime
         channel = runtime.channel(f"{self.name}/progress", Progress)
+        channel.supersedes = lambda _: "progress"
         under_way = True
 
         def feedback(remaining: float) -> None:
@@ -214,7 +222,7 @@ class Navigation:
                 channel.publish(Progress(runtime.clock.now(), node.name, float(remaining)))
 
         try:
-            await navigator.go(node.goal, feedback)
+            await _awaitable(navigator.go(node.goal, feedback))
         finally:
             under_way = False
 
@@ -228,15 +236,35 @@ def _stay() -> None:
     """Do nothing: that an action is chosen has ended the drive before it."""
 
 
+def _awaitable(given: Any) -> Any:
+    """Return what a navigator's method returned, if it can be awaited."""
+    if not inspect.isawaitable(given):
+        raise Error(f"a navigator's 'go' is an async function, and this one returned {given!r}: the drive has no end")
+    return given
+
+
 def _takes_feedback(navigator: object) -> bool:
     """Whether a navigator's method takes feedback besides the goal."""
+    if isinstance(navigator, type):
+        raise ConfigError(f"a navigator is an object, not its class: give {navigator.__name__}(…)")
     go = getattr(navigator, "go", None)
     if not callable(go):
         raise ConfigError(f"a navigator has an async method 'go', which takes a pose; {navigator!r} has none")
+    kind = kind_of(go)
+    if kind is not None and "generator" in kind:
+        raise ConfigError(f"a navigator's 'go' is an async function without 'yield', not {kind}: {go!r}")
+    try:
+        signature = inspect.signature(go)
+    except ValueError:  # compiled code need not tell
+        return False
     for count in (2, 1):
         try:
-            inspect.signature(go).bind(*range(count))
+            given = signature.bind(*range(count)).arguments
         except TypeError:
             continue
-        return count == 2
+        if count == 1:
+            return False
+        second = signature.parameters[[*given][-1]]
+        # An option of another name, such as a speed, is not meant.
+        return second.name == "feedback" or second.default is second.empty
     raise ConfigError(f"a navigator's 'go' takes a pose, and may take a function for feedback; {go!r} does not")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 
 import pytest
 from drives import Replacing, Reporting, Robot, patroller
@@ -325,3 +326,79 @@ def test_what_does_not_fit_is_refused():
 
     with pytest.raises(ConfigError, match="'go' takes a pose, and may take a function for feedback"):
         Navigation(THREE, Idle(), predicates)
+    with pytest.raises(ConfigError, match=r"a navigator is an object, not its class: give Robot\(…\)"):
+        Navigation(THREE, Robot, robot.places)
+
+    class Yielding:
+        async def go(self, goal):
+            yield goal
+
+    with pytest.raises(ConfigError, match="without 'yield', not an async generator function"):
+        Navigation(THREE, Yielding(), robot.places)
+    robot.replaces = "yes"
+    with pytest.raises(ConfigError, match="replaces, of a navigator, is True or False, not 'yes'"):
+        Navigation(THREE, robot, robot.places)
+
+
+@pytest.mark.parametrize("result", [None, 5.0])
+def test_a_drive_that_cannot_be_awaited_fails_with_a_sentence(result):
+    class Plain(Robot):
+        def go(self, goal):
+            return result
+
+    async def script(driven):
+        await asyncio.sleep(1)
+        assert driven.told == [("Right", "running"), ("Right", "failed")]
+        assert f"a navigator's 'go' is an async function, and this one returned {result}" in driven.faults[0].detail
+
+    drive(script, Plain)
+
+
+def test_a_plain_function_may_return_what_is_awaited():
+    class Plain(Robot):
+        def go(self, goal):
+            return asyncio.ensure_future(super().go(goal))
+
+    async def script(driven):
+        await asyncio.sleep(60)
+        assert driven.robot.said == ["go 6", "stop", "go 10", "stop"]
+        assert driven.faults == []
+
+    drive(script, Plain)
+
+
+def test_an_option_of_a_drive_is_not_taken_for_its_feedback():
+    class Fast(Robot):
+        async def go(self, goal, speed=2.0):
+            self.speed = speed
+            await super().go(goal)
+
+    class Telling(Robot):
+        async def go(self, goal, feedback=None):
+            feedback(1.0)
+            await super().go(goal)
+
+    async def script(driven):
+        await asyncio.sleep(60)
+        assert driven.robot.said == ["go 6", "stop", "go 10", "stop"]
+        assert driven.robot.speed == (2.0 if isinstance(driven.robot, Fast) else 0.5)
+        assert bool(driven.progress) == isinstance(driven.robot, Telling)
+
+    drive(script, Fast)
+    drive(script, Telling)
+
+
+def test_feedback_from_a_thread_keeps_the_newest_and_loses_none_that_counts():
+    class Chatty(Robot):
+        async def go(self, goal, feedback):
+            thread = threading.Thread(target=lambda: [feedback(float(left)) for left in range(5_000, -1, -1)])
+            thread.start()
+            thread.join()
+            await super().go(goal)
+
+    async def script(driven):
+        await asyncio.sleep(1)
+        assert driven.progress[-1].remaining == 0.0
+        assert driven.faults == []
+
+    drive(script, Chatty)

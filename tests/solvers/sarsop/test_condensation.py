@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
@@ -9,7 +11,7 @@ from places import TIGER
 from random_models import dense, distributions
 from sarsop_models import mixed
 
-from mdm import load_model
+from mdm import evaluate, load_model, problems
 from mdm.models import POMDP, MixedPOMDP
 from mdm.models.dynamics import Dynamics
 from mdm.solvers import Limits
@@ -84,3 +86,32 @@ def test_the_tiger_needs_few():
     assert len(found.policy.actions) < 20
     assert found.lower <= 19.37137 <= found.upper  # A. R. Cassandra's optimum
     assert len(sarsop(model, limits=Limits(gap=1e-3), whole=True).policy.actions) > 100
+
+
+@pytest.mark.parametrize("name", ["tiger", "one rock", "two rocks"])
+def test_simulated_returns_lie_within_the_bounds_and_near_those_of_all_vectors(name):
+    models = {
+        "tiger": lambda: load_model(TIGER).with_discount(0.95),
+        "one rock": lambda: problems.rock_sample(2, 1),
+        "two rocks": lambda: problems.rock_sample(3, 2),
+    }
+    model = models[name]()
+    found, means, errors = [], [], []
+    for whole in (False, True):
+        solution = sarsop(model, limits=Limits(gap=1e-3, iterations=200, clock=ticks()), whole=whole)
+        # With different seeds the means are independent; five standard errors are left in once in a million runs.
+        simulated = evaluate(model, solution.policy, episodes=2000, seed=1 + whole)
+        slack = 5 * simulated.standard_error
+        assert solution.lower - slack <= simulated.mean <= solution.upper + slack
+        found.append(solution)
+        means.append(simulated.mean)
+        errors.append(simulated.standard_error)
+    assert found[0].lower >= found[1].lower - 1e-3
+    assert found[0].history[-1].size < found[1].history[-1].size
+    assert abs(means[0] - means[1]) <= 5 * np.hypot(*errors)
+
+
+def ticks():
+    """Return a clock on which a run takes the same course each time."""
+    times = itertools.count(0, 1e-5)
+    return lambda: next(times)

@@ -43,9 +43,9 @@ class Batches:
         Hot path: which loop runs takes a system call to find out, and a dispatcher's own thread runs its loop.
         """
         thread, dispatcher = _get_ident(), self.dispatcher
-        loop = dispatcher.loop if dispatcher is not None and dispatcher.thread == thread else None
-        if loop is None:
-            loop = _get_running_loop()  # None where none runs, in place of an exception
+        if dispatcher is not None and dispatcher.thread == thread and dispatcher.loop is not None:
+            return _current_task(dispatcher.loop) or thread
+        loop = _get_running_loop()  # None where none runs, in place of an exception
         return thread if loop is None else _current_task(loop) or thread
 
 

@@ -13,7 +13,7 @@ from unittest.mock import patch
 import numpy as np
 from random_models import distributions
 
-from mdm import problems
+from mdm import load_model, problems
 from mdm.beliefs import Support, compact
 from mdm.beliefs.adaptive import AdaptiveFilter
 from mdm.beliefs.compact import CompactFilter
@@ -118,10 +118,11 @@ def solve(model: MDP, seed: int) -> None:
         policy.action(Support(states, belief[states]))
 
 
-def main(count: int) -> None:
-    """Run on so many random models, and on the named ones."""
+def main(count: int, files: list[str]) -> None:
+    """Run on so many random models and on those of files, or on the named ones where there are no files."""
     warnings.simplefilter("ignore")
-    named = [
+    read = map(load_model, files)
+    named = [model.with_discount(min(model.discount, 0.95)) for model in read] or [
         problems.tiger(), problems.aloha(3), problems.rock_sample(2, 2), problems.rock_sample(2, 2).revealed(),
         problems.machine_maintenance(2), problems.patrol(2), problems.forest(), problems.river_swim(),
         problems.grid_world(discount=0.9), chain(30),
@@ -142,4 +143,4 @@ def main(count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), sys.argv[2:])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import py_trees
 import pytest
@@ -149,6 +150,52 @@ def test_a_tree_that_would_wait_for_ever_says_so():
             asyncio.run(ADAPTERS[library].tree_action(*arguments)())
 
 
+def repeated(library, work):
+    """Return an action that does work until the third time, with a leaf beside it that takes an hour."""
+    adapter = ADAPTERS[library]
+    if library == "behaviortree_cpp":
+        text = """<root BTCPP_format="4"><BehaviorTree ID="tree"><Parallel success_count="1" failure_count="2">
+          <ForceSuccess><KeepRunningUntilFailure><Try name="try"/></KeepRunningUntilFailure></ForceSuccess>
+          <Stay name="stay"/></Parallel></BehaviorTree></root>"""
+        return adapter.tree_action(text, work)
+
+    def make():
+        once = adapter.Work("try", work["Try"])
+        again = py_trees.decorators.Inverter("until it fails", py_trees.decorators.Repeat("again", once, -1))
+        both = py_trees.composites.Parallel("both", policy=py_trees.common.ParallelPolicy.SuccessOnOne())
+        both.add_children([again, adapter.Work("stay", work["Stay"])])
+        return both
+
+    return adapter.tree_action(make)
+
+
+@pytest.mark.parametrize("library", TREES)
+def test_work_is_repeated_as_soon_as_it_has_ended(library):
+    times = []
+
+    async def once():
+        await asyncio.sleep(1)
+        times.append(asyncio.get_running_loop().time())
+        return len(times) < 3
+
+    async def stay():
+        await asyncio.sleep(3600)
+
+    async def main():
+        await repeated(library, {"Try": once, "Stay": stay})()
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    run(main, virtual=True)
+    assert times == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("period", [0, -1.0, float("nan")])
+def test_a_period_of_no_time_is_refused(period):
+    action = ADAPTERS["py_trees"].tree_action(lambda: Counting("count"), period=period)
+    with pytest.raises(ValueError, match="period is a number of seconds above 0, not"):
+        run(action, virtual=True)
+
+
 def test_a_machine_that_keeps_its_errors_is_refused():
     class Chart(StateChart):
         one = State(initial=True)
@@ -157,6 +204,27 @@ def test_a_machine_that_keeps_its_errors_is_refused():
 
     with pytest.raises(TypeError, match="keeps errors to itself: it needs catch_errors_as_events = False"):
         asyncio.run(ADAPTERS["statemachine"].machine_action(Chart)())
+
+
+def test_a_machine_without_async_callbacks_is_refused():
+    class Switch(StateMachine):
+        off = State(initial=True)
+        on = State(final=True)
+        turn = off.to(on)
+
+    with pytest.raises(TypeError, match="Switch waits for nothing: one of its callbacks at least is an async function"):
+        asyncio.run(ADAPTERS["statemachine"].machine_action(Switch)())
+
+
+@pytest.mark.parametrize("queued", [False, True, "model"])
+def test_a_machine_of_transitions_that_does_not_begin_fails(queued):
+    def make():
+        machine = AsyncMachine(states=["ready", "busy"], initial="ready", auto_transitions=False, queued=queued)
+        machine.add_transition("begin", "ready", "busy", conditions=lambda: False)
+        return machine
+
+    with pytest.raises(RuntimeError, match="AsyncMachine stays in ready: nothing lets it begin"):
+        run(ADAPTERS["transitions"].machine_action(make), virtual=True)
 
 
 def test_a_machine_may_wait_for_events_from_outside():
@@ -232,6 +300,29 @@ def smach_machine(state, transitions=None):
     with machine:
         smach.StateMachine.add("only", state, transitions)
     return machine
+
+
+def test_machines_of_smach_keep_no_thread_from_others():
+    """Each waits for the other, and those of the event loop would be too few."""
+    adapter = ADAPTERS["smach"]
+
+    async def main():
+        asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(1))
+        here, there = asyncio.Event(), asyncio.Event()
+
+        async def meet(mine, other):
+            mine.set()
+            await other.wait()
+            await asyncio.to_thread(int)
+
+        pairs = ((here, there), (there, here))
+        actions = [
+            adapter.machine_action(lambda pair=pair: smach_machine(adapter.Work(lambda: meet(*pair)))) for pair in pairs
+        ]
+        async with asyncio.timeout(30):
+            await asyncio.gather(*(action() for action in actions))
+
+    asyncio.run(main())
 
 
 def test_a_state_of_smach_that_polls_ends_when_asked():

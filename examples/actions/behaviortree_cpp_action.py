@@ -1,7 +1,8 @@
 """A behaviour tree of BehaviorTree.CPP as an action, through its wheel, behaviortreepy.
 
-The tree is ticked when work of one of its leaves has ended. A Python function that raises within a tick is a node that
-fails, and the error a text on the screen; so leaves keep the errors of their work, and the action raises them.
+The tree is ticked when work of one of its leaves has ended, and once more, for what repeats it. A Python function that
+raises within a tick is a node that fails, and the error a text on the screen; so leaves keep the errors of their work,
+and the action raises them.
 """
 
 import asyncio
@@ -43,6 +44,7 @@ class Work:
         task = self.running[node.uid()]
         if not task.done():
             return NodeStatus.RUNNING
+        self.tasks.taken()
         self.error = asyncio.CancelledError() if task.cancelled() else task.exception()
         if self.error is None and task.result() is not False:
             return NodeStatus.SUCCESS

@@ -1,8 +1,8 @@
 """A behaviour tree of py_trees as an action.
 
-The tree is ticked when work of one of its leaves has ended: nothing polls. Pre-empted, it is stopped at its root, and
-the action ends when the work of its leaves has ended. `BehaviourTree.interrupt` would not do: it ends py_trees' own
-loop, and stops no leaf.
+The tree is ticked when work of one of its leaves has ended, and once more, for what repeats it: nothing polls.
+Pre-empted, it is stopped at its root, and the action ends when the work of its leaves has ended.
+`BehaviourTree.interrupt` would not do: it ends py_trees' own loop, and stops no leaf.
 """
 
 import asyncio
@@ -37,6 +37,7 @@ class Work(Behaviour):
         assert self.task is not None
         if not self.task.done():
             return Status.RUNNING
+        self.tasks.taken()
         return Status.FAILURE if self.task.result() is False else Status.SUCCESS
 
     def terminate(self, new_status: Status) -> None:

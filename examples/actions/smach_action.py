@@ -9,6 +9,7 @@ import asyncio
 import logging
 import threading
 from collections.abc import Awaitable, Callable, Collection
+from concurrent.futures import ThreadPoolExecutor
 
 import smach
 from errand import Feedback, Robot, play
@@ -82,8 +83,11 @@ def machine_action(
 
         machine.register_start_cb(entered)
         machine.register_transition_cb(entered)
+        # Its own thread: those of the event loop are few, and a state that does not end would keep one from others.
+        own = ThreadPoolExecutor(1, "smach")
         # Its own data: without them all machines of a program share what SMACH takes in place of none.
-        thread = asyncio.ensure_future(asyncio.to_thread(machine.execute, smach.UserData()))
+        thread = loop.run_in_executor(own, machine.execute, smach.UserData())
+        own.shutdown(wait=False)
         try:
             await asyncio.wait([thread])
         except asyncio.CancelledError:

@@ -4,6 +4,7 @@ States do their work as they are entered, and send what has come of it as an eve
 """
 
 import asyncio
+import inspect
 from collections.abc import Awaitable, Callable, Collection
 from typing import Any
 
@@ -45,7 +46,10 @@ def machine_action(
             raise TypeError(f"{machine.name} keeps errors to itself: it needs catch_errors_as_events = False")
         listener = Listener(feedback)
         machine.add_listener(listener)
-        await machine.activate_initial_state()
+        activated = machine.activate_initial_state()
+        if not inspect.isawaitable(activated):
+            raise TypeError(f"{machine.name} waits for nothing: one of its callbacks at least is an async function")
+        await activated
         final = await listener.final
         if final not in succeeds:
             raise RuntimeError(f"{machine.name} ended in {final}")

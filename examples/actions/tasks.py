@@ -32,13 +32,20 @@ class Tasks:
         if task.cancelled() or task.exception() is None:
             self._tasks.discard(task)
 
+    def taken(self) -> None:
+        """Have one more tick: a leaf has taken the end of its work in this one, and what is above it may go on then."""
+        self._change.set()
+
     async def change(self, period: float | None) -> None:
         """Wait until work has ended, so that a tick makes sense, or so many seconds have passed.
 
         Raises:
+            ValueError: If the period is not above 0: nothing else would have its turn.
             RuntimeError: If there is nothing to wait for.
         """
-        if period is None and not self._tasks:
+        if period is not None and not period > 0:
+            raise ValueError(f"a tree's period is a number of seconds above 0, not {period}")
+        if period is None and not self._tasks and not self._change.is_set():
             raise RuntimeError("the tree runs, but none of its leaves waits for work: give it a period")
         try:
             async with asyncio.timeout(period):

@@ -31,7 +31,11 @@ def machine_action(
         machine = make()
         loop, ended = asyncio.get_running_loop(), asyncio.Event()
 
+        begun = False
+
         def entered() -> None:
+            nonlocal begun
+            begun = True
             if feedback is not None and not machine.get_state(machine.state).final:
                 # Not from here: what an action brings about in its own task counts as its last step.
                 loop.call_soon(feedback, machine.state)
@@ -43,6 +47,8 @@ def machine_action(
         task = asyncio.current_task()
         if task is not None and task.cancelling():
             raise asyncio.CancelledError
+        if not begun:
+            raise RuntimeError(f"{type(machine).__name__} stays in {machine.state}: nothing lets it {begin}")
         await ended.wait()
         if machine.state not in succeeds:
             raise RuntimeError(f"{type(machine).__name__} ended in {machine.state}")

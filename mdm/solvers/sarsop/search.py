@@ -22,7 +22,7 @@ __all__ = ["add_node", "add_vector", "backup", "explore", "refresh"]
 
 _GRID = 1e9
 """Beliefs that agree to one part in so many are one."""
-_NEGLIGIBLE = 1e-15
+_NEGLIGIBLE = 1e-10
 """Weights below this part of a belief are left out. In models of some noise they are most of its states."""
 _DEEP, _SHALLOW = 0.2, 0.5
 

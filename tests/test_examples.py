@@ -232,6 +232,57 @@ def test_the_robot_sees_to_what_it_knows_of_alone():
         mdm.run(main, virtual=True)
 
 
+def test_the_patrol_on_another_floor(tmp_path):
+    """As docs/maps.md says how."""
+    folder = tmp_path / "patrol"
+    shutil.copytree(EXAMPLES / "patrol", folder, ignore=shutil.ignore_patterns("floor.*", "labels.png", "*.npz"))
+    names = {
+        "draw_floor.py": [
+            (r"ROOMS = \{.*?\n\}", "ROOMS = {'Lobby': (0, 0, 8, 6), 'Office': (8, 0, 16, 6), 'Lab': (0, 6, 16, 14)}"),
+            (r"DOORS = \(.*?\n\)", "DOORS = ((7.8, 2, 8.2, 3.4), (3, 5.8, 4.4, 6.2))"),
+            (r"FURNITURE = .*?\n", "FURNITURE = ()\n"),
+            (
+                r"GOALS = \{.*?\n\}",
+                (
+                    "GOALS = {'Lobby': ((4, 3, 0), {'Right': 'Office', 'Up': 'Lab'}), "
+                    "'Office': ((12, 3, 0), {'Left': 'Lobby'}), 'Lab': ((8, 10, 0), {'Down': 'Lobby'})}"
+                ),
+            ),
+        ],
+        "make_models.py": [("ElevatorHallway", "Office"), ("SoccerField", "Lab")],
+        "patrol.toml": [
+            ("ElevatorHallway.at_goal", "Office.at_goal"),
+            ("SoccerField.at_goal", "Lab.at_goal"),
+            ("(SouthCorridor|WestCorridor|CoffeeRoom) = .*?\n", ""),
+            ("ElevatorHallway", "Office"),
+            ("SoccerField", "Lab"),
+            ("LRM", "Lobby"),
+        ],
+    }
+    for name, changes in names.items():
+        text = (folder / name).read_text()
+        for old, new in changes:
+            text = re.sub(old, new, text, flags=re.DOTALL)
+        (folder / name).write_text(text)
+        if name.endswith(".py"):
+            subprocess.run([sys.executable, folder / name], check=True, timeout=100)
+    output = run(folder / "patrol.py", "--fast")
+    assert "patrol (MDP, 6 states, 4 actions, event-driven)" in output
+    assert "the state is 'Office, second half of the round': Left" in output
+    assert "fault" not in output
+
+
+def test_the_patrol_without_its_simulator_says_what_it_needs():
+    program = f"""
+import runpy, sys
+sys.modules["navground"] = None
+runpy.run_path({str(EXAMPLES / "patrol" / "patrol.py")!r}, run_name="__main__")
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=100)
+    assert done.stderr.startswith("patrol.py: simulated buildings need navground: pip install ")
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+
+
 @pytest.mark.parametrize("name", ["film.gif", "film.png"])
 def test_the_patrol_is_filmed(tmp_path, name):
     output = run("patrol/patrol.py", "--fast", "--seconds", "10", "--film", str(tmp_path / name))

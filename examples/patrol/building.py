@@ -31,7 +31,7 @@ building = Building(
     ],
     seed=21,
 )
-robot = building.robot("robot", at="ElevatorHallway", speed=1.0, noise=0.05)
+robot = building.robot("robot", at=floor.graph.names[0], speed=1.0, noise=0.05)
 
 
 class World:

@@ -29,7 +29,10 @@ from mdm.views.floor import FloorView, Mark
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-from building import World, building, floor, robot  # noqa: E402 - it stands beside this file
+try:
+    from building import World, building, floor, robot  # it stands beside this file
+except mdm.Error as error:
+    sys.exit(f"patrol.py: {error}")
 
 SECONDS = 40.0
 COLOURS = {"world": "36", "senses": "33", "top": "1;35", "patrol": "34", "action": "32", "fault": "1;31"}

@@ -130,7 +130,7 @@ def _goal(node: Node, labels: Labels, clearance: NDArray[np.float64] | None, rad
         return
     if clearance[cell] == 0:
         yield Problem("goals", f"{where} is not free in the map", (node.name,), [cell])
-    elif clearance[cell] < radius:
+    elif clearance[cell] < radius - _SLACK:
         text = f"{where} is {clearance[cell]:.2f} m from what is not free, and the robot needs {radius:g} m"
         yield Problem("goals", text, (node.name,), [cell])
 
@@ -176,14 +176,14 @@ def _ways(labels: Labels, graph: Graph, grid: Grid, radius: float) -> Iterator[P
         if passage is None:
             text = f"a way leads from {source!r} to {target!r}, and these places do not touch"
             yield Problem("ways", text, (source, target))
-        elif passage.width < 2 * radius:
+        elif passage.width < 2 * radius - _SLACK:
             text = (
                 f"a way leads from {source!r} to {target!r}, and the widest passage is {passage.width:.2f} m, too "
                 f"narrow for a robot of {2 * radius:g} m"
             )
             yield Problem("ways", text, (source, target), [passage.middle])
     for pair, passage in widths.items():
-        if pair not in wanted and passage.width >= 2 * radius:
+        if pair not in wanted and passage.width >= 2 * radius - _SLACK:
             one, other = passage.places
             text = f"{one!r} and {other!r} touch by a passage of {passage.width:.2f} m, and no way leads through it"
             yield Problem("ways", text, (one, other), [passage.middle])

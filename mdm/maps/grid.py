@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Grid"]
 
+_SLACK = 1e-9
+"""Clearances are multiples of the resolution, and rounded."""
+
 
 @dataclass(frozen=True, eq=False)
 class Grid:
@@ -44,6 +47,11 @@ class Grid:
                 )
         if np.any(self.free & self.occupied):
             raise MapError("a cell is both free and occupied")
+
+    def fits(self, radius: float) -> NDArray[np.bool_]:
+        """Return for each cell whether a robot of a radius in metres fits there: its clearance is as large."""
+        fitting: NDArray[np.bool_] = self.free & (self.clearance() >= radius - _SLACK)
+        return fitting
 
     def clearance(self) -> Vector:
         """Return for each cell the distance of its centre to the nearest centre of one that is not free, in metres."""

@@ -9,6 +9,7 @@ the robot is next.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ from mdm.models import Durations, Factor, FactoredMDP, FactoredPOMDP, Node, Spac
 from mdm.number import is_number
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     import numpy.typing as npt
 
@@ -115,6 +116,8 @@ def model(
     if not graph.labels:
         raise MapError("the graph has no ways, so that there is nothing to decide")
     labels = graph.labels if stay is None else (*graph.labels, stay)
+    if stay is not None and not stay.strip():
+        raise MapError("the action that stays has no name")
     if len(set(labels)) < len(labels):
         raise MapError(f"{stay!r} is a way of the map: give the action that stays another name")
     places = len(graph.nodes)
@@ -128,6 +131,7 @@ def model(
     transitions = [Table([action, here, there], moves)]
     utilities = [Table([action, here], moves @ earned - costs)]
     for index, factor in enumerate(factors, 1):
+        _check_names(factor)
         now, later = Node("state", index), Node("next_state", index)
         size = len(factor.values)
         shape = places, size, size
@@ -159,6 +163,18 @@ def model(
         utilities=utilities,
     )
     return FactoredPOMDP(network, discount=discount)
+
+
+def _check_names(factor: FloorFactor) -> None:
+    """Refuse a factor without a name, or without names of its values; users' own functions return them."""
+    if not isinstance(factor.name, str) or not factor.name:
+        raise MapError(f"a factor is called {factor.name!r}: give it a name, as text")
+    values: object = factor.values
+    if isinstance(values, str) or not isinstance(values, Sequence) or not values:
+        raise MapError(f"the values of {factor.name!r} are {values!r}: give a list of names")
+    for value in values:
+        if not isinstance(value, str) or not value:
+            raise MapError(f"a value of {factor.name!r} is {value!r}: give it a name, as text")
 
 
 def _numbers(given: npt.ArrayLike, shape: tuple[int, ...], what: str) -> Vector:
@@ -223,7 +239,7 @@ def arrivals(floor: Map, *, speed: float, radius: float = 0.25) -> Vector:
     if not is_number(speed) or not (math.isfinite(speed) and speed > 0):
         raise MapError(f"a speed of {speed!r} brings no robot anywhere: give metres a second above 0")
     graph = floor.graph
-    paths = Paths(floor.grid.frame, floor.grid.clearance() > radius)
+    paths = Paths(floor.grid.frame, floor.grid.fits(radius))
     goals = []
     for node in graph.nodes:
         try:
@@ -280,7 +296,10 @@ def sightings(floor: Map, noise: float, *, radius: float = 0.25) -> Vector:
     if not is_number(noise) or not (math.isfinite(noise) and noise >= 0):
         raise MapError(f"a noise of {noise!r} is no standard deviation: give metres, 0 or more")
     labels = floor.labels
-    fits = np.ones(labels.frame.shape, dtype=bool) if floor.grid is None else floor.grid.clearance() > radius
+    across = math.hypot(*labels.frame.shape) * labels.frame.resolution
+    if noise > across:
+        raise MapError(f"a noise of {noise:g} m is more than the map is across, {across:.1f} m: give metres")
+    fits = np.ones(labels.frame.shape, dtype=bool) if floor.grid is None else floor.grid.fits(radius)
     cells = noise / labels.frame.resolution
     seen = np.zeros((len(floor.graph.nodes), len(floor.graph.nodes)))
     blurred = [

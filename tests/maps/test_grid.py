@@ -33,3 +33,11 @@ def test_rasters_that_do_not_fit_are_refused():
         Grid(Frame(3, 2, 1.0), free, ~free)
     with pytest.raises(MapError, match="both free and occupied"):
         Grid(Frame(2, 3, 1.0), free, free)
+
+
+def test_a_robot_fits_where_the_clearance_is_as_large():
+    grid = Grid(Frame(7, 7, 0.05), np.ones((7, 7), dtype=bool), np.zeros((7, 7), dtype=bool))
+    assert grid.fits(0.2).sum() == 1
+    assert grid.fits(0.15).sum() == 9  # three cells of 0.05 m are a little more
+    assert grid.fits(0.21).sum() == 0
+    assert grid.fits(0.0).all()

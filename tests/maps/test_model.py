@@ -11,7 +11,7 @@ from maps.floors import FURNITURE, flat, offices
 
 import mdm
 from mdm.errors import MapError
-from mdm.maps import Edge, Graph, Node, Pose
+from mdm.maps import Edge, Frame, Graph, Grid, Map, Node, Pose, check, draft
 from mdm.maps.model import FloorFactor, arrivals, durations, latch, model, sightings
 
 ROOMS = ("SoccerField", "LRM", "SouthCorridor", "CoffeeRoom", "WestCorridor", "ElevatorHallway")
@@ -132,6 +132,25 @@ def test_models_are_written_and_read(tmp_path, suffix):
     np.testing.assert_allclose(read.rewards, made.rewards, atol=1e-9)
 
 
+def test_what_fits_by_the_check_has_paths(tmp_path):
+    """A door of nine cells of 0.05 m is as wide as a robot of 0.25 m: both say so."""
+    free = np.zeros((60, 100), dtype=bool)
+    free[5:55, 5:48] = free[5:55, 52:95] = free[20:29, 48:52] = True
+    nodes = Node("a", Pose(1.0, 1.0)), Node("b", Pose(4.0, 0.5))
+    graph = Graph(nodes, (Edge("a", "b", "go"), Edge("b", "a", "back")))
+    grid = Grid(Frame(60, 100, 0.05), free, ~free)
+    floor = Map(draft(grid, graph), graph, grid)
+    assert check(floor, radius=0.25, margin=0.1) == ()
+    assert np.isfinite(arrivals(floor, speed=1.0, radius=0.25)).all()
+    assert len(check(floor, radius=0.26, margin=0.1)) == 1
+    with pytest.raises(MapError, match="there is no path"):
+        arrivals(floor, speed=1.0, radius=0.26)
+
+
+def with_factor(floor, name, values):
+    return model(floor.graph, factors=[FloorFactor(name, values, np.tile(np.eye(2), (6, 1, 1)))])
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
@@ -151,6 +170,14 @@ def test_models_are_written_and_read(tmp_path, suffix):
         ),
         (lambda floor: arrivals(floor, speed=1.0, radius=9.0), "does not fit at the goal of 'entrance'"),
         (lambda floor: sightings(floor, -1.0), "a noise of -1.0 is no standard deviation"),
+        (lambda floor: sightings(floor, 1e9), r"a noise of 1e\+09 m is more than the map is across"),
+        (lambda floor: model(floor.graph, stay=" "), "the action that stays has no name"),
+        (lambda floor: with_factor(floor, 3, ("a", "b")), "a factor is called 3: give it a name, as text"),
+        (lambda floor: with_factor(floor, "", ("a", "b")), "a factor is called ''"),
+        (lambda floor: with_factor(floor, "lamp", ()), r"the values of 'lamp' are \(\): give a list of names"),
+        (lambda floor: with_factor(floor, "lamp", None), "the values of 'lamp' are None"),
+        (lambda floor: with_factor(floor, "lamp", "ab"), "the values of 'lamp' are 'ab'"),
+        (lambda floor: with_factor(floor, "lamp", (1, 2)), "a value of 'lamp' is 1: give it a name, as text"),
     ],
 )
 def test_what_makes_no_model_is_refused(wrong, message):

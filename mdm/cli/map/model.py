@@ -193,9 +193,11 @@ def _factors(arguments: argparse.Namespace, graph: Graph) -> list[FloorFactor]:
     function = find_function(reference, Path(arguments.graph).parent)
     try:
         returned = function(graph)
-        own = [returned] if isinstance(returned, FloorFactor) else list(returned)
+        own = [returned] if isinstance(returned, FloorFactor) else None if returned is None else list(returned)
     except (Exception, SystemExit) as error:
         raise Error(f"{reference} fails: {type(error).__name__}: {error}") from error
+    if own is None:
+        raise Error(f"{reference} returns nothing: give FloorFactor objects")
     for factor in own:
         if not isinstance(factor, FloorFactor):
             raise Error(f"{reference} returns a {type(factor).__name__} among its factors: give FloorFactor objects")

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["Labels"]
 
 _MOST = 65_535
+_BLACK = (0, 0xFF << 24)
+"""The number of black, without and with opacity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +99,13 @@ class Labels:
 
     @cached_property
     def strays(self) -> dict[int, int]:
-        """The unnamed colours with fewer cells than any place, and than 1 % of all, and the numbers of their cells."""
+        """The unnamed colours with fewer cells than any place, and than 1 % of all, and the numbers of their cells.
+
+        Black is none of them: it is what drafts have where there is no place, and on a large floor that is little.
+        """
         sizes = np.bincount(self.raster.ravel(), minlength=1)[1:]
         least = min([self.raster.size / 100, *sizes[sizes > 0].tolist()])
-        return {colour: count for colour, count in self.unnamed.items() if count < least}
+        return {colour: count for colour, count in self.unnamed.items() if count < least and colour not in _BLACK}
 
     @cached_property
     def depth(self) -> Vector:

@@ -67,3 +67,10 @@ def test_what_is_ambiguous_is_refused():
         Labels(frame, raster, ("a",))
     with pytest.raises(MapError, match="shape"):
         Labels(Frame(2, 1, 1.0), raster, ("a", "b"))
+
+
+def test_black_is_no_stray():
+    """Drafts have it where there is no place: on a large floor that is little."""
+    raster = np.ones((100, 100), dtype=np.uint16)
+    raster[0, :50] = 0
+    assert Labels(Frame(100, 100, 1.0), raster, ("a",), {0: 30, 0xFF << 24: 15, 8: 5}).strays == {8: 5}

@@ -133,6 +133,8 @@ def content(path: Path) -> bytes:
         raise FormatError("this is a folder, not a file", file=path) from None
     except OSError as error:
         raise FormatError(f"the file cannot be read: {error.strerror}", file=path) from None
+    except ValueError as error:  # a zero byte in the name, which a file that names another may have
+        raise FormatError(f"the file cannot be read: {error}", file=str(path).replace("\0", "\\0")) from None
 
 
 def _decompressed(data: bytes, path: Path) -> bytes:

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Gathered"]
 
+_FAR = 1e9
+"""Metres that are on no map: more than the way around the Earth."""
+
 
 class Gathered:
     """The places and ways that a reader has met.
@@ -27,12 +30,17 @@ class Gathered:
 
     def add_node(self, node: Node, fail: Fail) -> None:
         """Add a place."""
+        _check_name(node.name, "a place", fail)
+        for x, y in ((node.goal.x, node.goal.y), *(node.zone or ())):
+            if max(abs(x), abs(y)) > _FAR:
+                fail(f"{node.name!r} lies at {x:g}, {y:g}: metres were expected, less than {_FAR:g}")
         if node.name in self._nodes:
             fail(f"a second place is called {node.name!r}")
         self._nodes[node.name] = node
 
     def add_edge(self, edge: Edge, fail: Fail) -> None:
         """Add a way; of two with the same ends and label the cheaper one counts."""
+        _check_name(edge.label, f"a way from {edge.source!r}", fail)
         before = self._edges.setdefault((edge.source, edge.label), (edge, fail))[0]
         if before.target != edge.target:
             fail(f"from {edge.source!r} two ways are called {edge.label!r}: to {before.target!r} and {edge.target!r}")
@@ -51,3 +59,11 @@ class Gathered:
                         f"are {', '.join(self._nodes)}"
                     )
         return Graph(tuple(self._nodes.values()), tuple(edge for edge, _ in self._edges.values()))
+
+
+def _check_name(name: str, what: str, fail: Fail) -> None:
+    """Refuse names that cannot be read in a table, or be given as arguments."""
+    if not name.strip():
+        fail(f"{what} has no name")
+    if not name.isprintable():
+        fail(f"{what} is called {name!r}: names have no line breaks and no other control characters")

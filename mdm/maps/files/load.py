@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Parts", "load_graph", "load_map", "load_parts", "read_label_image"]
 
+_FAR = 1_000_000.0
+"""Metres that no place reaches."""
+
 GivenPath: TypeAlias = str | PathLike[str]
 
 
@@ -102,6 +105,8 @@ def load_parts(
         FormatError: If a file is missing or malformed, or the image has another size than the map.
         MapError: If what is given is too little or too much to know the areas of the places.
     """
+    if reach is not None and not 0 < reach <= _FAR:
+        raise MapError(f"places that reach {reach:g} m from their goals: give metres above 0, at most {_FAR:,.0f}")
     graph = graph if isinstance(graph, Graph) else load_graph(graph)
     grid = grid if grid is None or isinstance(grid, Grid) else load_grid(Path(grid))
     if labels is None:

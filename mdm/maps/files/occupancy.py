@@ -62,7 +62,7 @@ def load_grid(path: str | Path) -> Grid:
         origin.fail(f"origin: x, y and yaw of the lower left corner were expected, not {len(corner)} numbers")
     resolution = root.need("resolution", _WHAT)
     side = resolution.number("resolution")
-    occupied, free = (root.need(key, _WHAT).number(key) for key in ("occupied_thresh", "free_thresh"))
+    occupied, free = (_threshold(root.need(key, _WHAT), key) for key in ("occupied_thresh", "free_thresh"))
     if free > occupied:
         root.need("free_thresh", _WHAT).fail(f"free_thresh, {free:g}, is above occupied_thresh, {occupied:g}")
     mode, negate = _mode(root), _truth(root, "negate")
@@ -101,6 +101,11 @@ def _darkness(image: Image, mode: str, *, negate: bool) -> tuple[NDArray[np.floa
         else:
             brightness = (3 * brightness + opacity) / 4
     return (brightness if negate else image.most - brightness) / image.most, known
+
+
+def _threshold(entry: Entry, key: str) -> float:
+    value = entry.number(key)
+    return value if 0 <= value <= 1 else entry.fail(f"{key}: a number from 0 to 1 was expected, not {value:g}")
 
 
 def _mode(root: Entry) -> str:

@@ -6,13 +6,13 @@ number; likewise a way, whose label is else `to` and the name of its target. Goa
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from mdm.maps.files.gathered import Gathered
 from mdm.maps.graph import Edge, Graph, Node, Pose
+from mdm.number import is_number
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from mdm.formats.source import Source
 
 __all__ = ["read_route_graph"]
+
+_SHOWN = 80
+"""Letters of a value that an error shows."""
 
 
 class _Geometry(msgspec.Struct):
@@ -114,9 +117,16 @@ def _name(feature: _Feature, fail: Callable[[str], NoReturn]) -> str | None:
 
 def _pose(feature: _Feature, fail: Callable[[str], NoReturn]) -> Pose:
     coordinates = feature.geometry.coordinates
-    numbers = isinstance(coordinates, list) and all(
-        isinstance(value, int | float) and math.isfinite(value) for value in coordinates
-    )
+    numbers = isinstance(coordinates, list) and all(map(is_number, coordinates))
     if not numbers or len(coordinates) not in {2, 3}:
-        fail(f"the coordinates x and y were expected, not {coordinates!r}")
-    return Pose(float(coordinates[0]), float(coordinates[1]))
+        fail(f"the coordinates x and y were expected, not {_short(coordinates)}")
+    try:
+        pose = Pose(float(coordinates[0]), float(coordinates[1]))
+    except OverflowError:  # JSON has whole numbers of any size
+        fail(f"the coordinates x and y were expected, not {_short(coordinates)}")
+    return pose if pose.is_finite else fail(f"the coordinates {_short(coordinates)} are not finite")
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"

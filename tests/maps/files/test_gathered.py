@@ -36,5 +36,13 @@ def test_what_does_not_fit_is_told_where_it_stands():
     some.add_edge(Edge("a", "d", "jump"), fail)
     with pytest.raises(LookupError, match="no place 'd'; there are a, b, c"):
         some.graph(fail)
+    with pytest.raises(LookupError, match="a way from 'a' has no name"):
+        some.add_edge(Edge("a", "b", " "), fail)
+    with pytest.raises(LookupError, match="a place has no name"):
+        some.add_node(Node("", Pose(0, 0)), fail)
+    with pytest.raises(LookupError, match="a place is called '.x1b': names have no line breaks"):
+        some.add_node(Node("\x1b", Pose(0, 0)), fail)
+    with pytest.raises(LookupError, match="'d' lies at 0, -2e.09: metres were expected"):
+        some.add_node(Node("d", Pose(0, 0), ((0, 0), (1, 0), (0, -2e9))), fail)
     with pytest.raises(LookupError, match="no places"):
         Gathered().graph(fail)

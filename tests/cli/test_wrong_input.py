@@ -6,6 +6,7 @@ import os
 import shutil
 
 import pytest
+from floor_file import write_floor
 from places import EXAMPLES
 
 COMMANDS = [
@@ -46,6 +47,16 @@ COMMANDS = [
     "plot policy FILE.pomdp tiger.vf -o OUT.png",
     "plot policy tiger.pomdp FILE.vf -o OUT.png",
     "plot belief tiger.pomdp FILE.npz -o OUT.png",
+    "map draft FILE.yaml graph.xml -o OUT.png",
+    "map draft map.yaml FILE.xml -o OUT.png",
+    "map check FILE.yaml labels.ppm graph.xml",
+    "map check map.yaml FILE.png graph.xml",
+    "map check map.yaml labels.ppm FILE.tmap2",
+    "map check map.yaml labels.ppm graph.xml --names FILE.yaml",
+    "map show map.yaml FILE.json --reach 1",
+    "map show map.yaml FILE.ppm graph.xml -o OUT.png",
+    "map model FILE.yaml labels.ppm graph.xml -o OUT.npz",
+    "map model map.yaml labels.ppm FILE.xml -o OUT.npz",
 ]
 """What reads a file, with the suffix that the file has."""
 
@@ -58,6 +69,9 @@ OUTPUTS = [
     "show tiger.pomdp --picture OUT.png",
     "plot policy tiger.pomdp tiger.vf -o OUT.png",
     "plot belief tiger.pomdp tiger.vf -o OUT.svg",
+    "map draft map.yaml graph.xml -o OUT.png",
+    "map show map.yaml labels.ppm graph.xml -o OUT.png",
+    "map model map.yaml labels.ppm graph.xml -o OUT.npz",
 ]
 """What writes a file."""
 
@@ -94,6 +108,22 @@ TWO = [
     ("problem --list tiger", "--list"),
     ("problem tiger tiger", "tiger"),
     ("problem tigre -o x.pomdp", "tigre"),
+    ("map draft map.yaml graph.xml", "--output"),
+    ("map check map.yaml graph.xml --radius -1", "--radius"),
+    ("map check map.yaml graph.xml --margin nan", "--margin"),
+    ("map show map.yaml graph.xml --reach inf", "--reach"),
+    ("map show map.yaml graph.xml --radius wide", "--radius"),
+    ("map model map.yaml graph.xml -o x.npz --period 1", "--period"),
+    ("map model map.yaml graph.xml -o x.npz --speed 1", "--speed"),
+    ("map model map.yaml graph.xml -o x.npz --speed 1 --period 1 --success 0.5", "--success"),
+    ("map model map.yaml graph.xml -o x.npz --speed 1 --period 1 --durations y.npz", "--durations"),
+    ("map model map.yaml graph.xml -o x.npz --speed 1 --durations x.npz", "same file"),
+    ("map model map.yaml graph.xml -o x.npz --speed 1 --durations y.npz --discount 1", "--discount"),
+    ("map model map.yaml graph.xml -o x.npz --stages 2", "--stages"),
+    ("map model map.yaml graph.xml -o x.npz --radius 2", "--radius"),
+    ("map model map.yaml graph.xml -o x.npz --latch half=hall", "--latch"),
+    ("map model map.yaml graph.xml -o x.npz --reward hall=1 --reward hall=2", "--reward"),
+    ("map model map.yaml graph.xml -o x.npz --success 1e9", "--success"),
 ]
 """What contradicts itself, and what of it is named."""
 
@@ -102,6 +132,7 @@ TWO = [
 def folder(tmp_path, monkeypatch):
     for name in ("tiger.pomdp", "tiger.vf", "tiger.toml", "tiger.py"):
         shutil.copy(EXAMPLES / name, tmp_path)
+    write_floor(tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.map.floor import add_floor, load, metres
+from mdm.errors import Error
 
 if TYPE_CHECKING:
     import argparse
@@ -44,7 +45,9 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         type=metres,
         help="how deep inside a place a robot must be to be there, in metres (0.3)",
     )
-    parser.add_argument("--pictures", metavar="DIR", help="a folder for a picture of each problem (needs mdm[maps])")
+    parser.add_argument(
+        "--pictures", metavar="DIR", help="a folder for a picture of each problem, of the first 50 (needs mdm[maps])"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
 
@@ -54,6 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.maps.check import MARGIN, RADIUS, examine  # noqa: PLC0415
 
+    if arguments.pictures is not None and Path(arguments.pictures).exists() and not Path(arguments.pictures).is_dir():
+        raise Error(f"{arguments.pictures}: this is a file: give a folder for --pictures")
     parts = load(arguments)
     radius = RADIUS if arguments.radius is None else arguments.radius
     margin = MARGIN if arguments.margin is None else arguments.margin
@@ -97,7 +102,10 @@ def _draw(parts: Parts, problems: Sequence[Problem], folder: Path, radius: float
     """Draw a picture for each problem that is somewhere; return their files by the numbers of the problems."""
     from mdm.cli.map.drawing import keep, problem_picture  # noqa: PLC0415
 
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise Error(f"{folder}: the folder for --pictures cannot be made: {error.strerror}") from None
     files: dict[int, str] = {}
     for index, problem in enumerate(problems[:_DRAWN]):
         picture = problem_picture(parts, problem, radius, _AROUND)

@@ -111,6 +111,23 @@ def test_zones_in_place_of_an_image(mdm, floor, tmp_path):
     assert (status, output, errors) == (0, ["2 places, no problems"], "")
 
 
+def test_pictures_need_a_folder(mdm, floor, tmp_path):
+    (tmp_path / "file").write_text("")
+    for place, words in (
+        (tmp_path / "file", "this is a file: give a folder for --pictures"),
+        (tmp_path / "file" / "in", "the folder for --pictures cannot be made: Not a directory"),
+    ):
+        status, output, errors = mdm("map", "check", *floor, "--pictures", place)
+        assert (status, output, errors) == (1, [], f"mdm map check: {place}: {words}\n")
+
+
+@pytest.mark.parametrize("reach", ["1e308", "0"])
+def test_a_reach_that_no_place_has(mdm, floor, reach):
+    status, output, errors = mdm("map", "show", floor[0], floor[2], "--reach", reach)
+    assert (status, output) == (1, [])
+    assert "from their goals: give metres above 0, at most 1,000,000" in errors
+
+
 @pytest.mark.parametrize("name", ["map.yaml", "labels.ppm", "graph.xml"])
 @pytest.mark.parametrize("content", [None, b"", b"\0\1", b"{", b"[", b"<", b"P5 1 1 255\n\0", b"a: &a [*a]\n"])
 def test_broken_files_give_a_sentence(mdm, tmp_path, name, content):

@@ -9,6 +9,7 @@ from mdm.errors import Error
 __all__ = [
     "UsageError",
     "add_discount",
+    "add_durations",
     "add_false_negative",
     "add_import",
     "complete",
@@ -42,6 +43,15 @@ def _discount(text: str) -> float:
     if not 0 < number <= 1:
         raise argparse.ArgumentTypeError(f"a number above 0 and at most 1 was expected, not {text!r}")
     return number
+
+
+def add_durations(parser: argparse.ArgumentParser) -> None:
+    """Add the option of how long actions take."""
+    parser.add_argument(
+        "--durations",
+        metavar="FILE.npz",
+        help="how long actions take: values are those in real time, in which the model's discount is that of a second",
+    )
 
 
 def add_false_negative(parser: argparse.ArgumentParser) -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["OVER", "Durations", "in_time"]
+__all__ = ["OVER", "Durations", "discounts_in_time", "in_time"]
 
 OVER = "over"
 """The name of the state that takes up what time has discounted."""
@@ -99,6 +99,27 @@ class Durations:
         return f"<Durations: {self.means.min():g} to {self.means.max():g} s>"
 
 
+def discounts_in_time(model: MDP, durations: Durations) -> Vector:
+    """Return D(s, a), S x A, of a model whose actions may take time.
+
+    Raises:
+        ModelError: If the durations are none, or the model's discount is 1, its observations are events, or one is a
+            false negative; or if an action is so short that its discount is 1, or all are so long that it is 0.
+    """
+    if not isinstance(durations, Durations):
+        raise ModelError(f"durations are mdm.models.Durations(…), not {durations!r}")
+    if model.discount >= 1:
+        raise ModelError("with a discount of 1 time costs nothing: leave the durations out")
+    if isinstance(model, POMDP) and (model.event_observations or model.false_negative is not None):
+        raise ModelError("durations are for observations of states, P(o | a, s'), none of which is a false negative")
+    discounts = durations.discounts(model)
+    if not 0 < discounts.max() < 1:
+        short = "an action is so short that its time costs nothing"
+        what = short if discounts.max() else "each action is so long that nothing counts after it"
+        raise ModelError(f"at a discount of {model.discount:g} a second {what}: give the durations in seconds")
+    return discounts
+
+
 def in_time(model: MDP, durations: Durations) -> MDP:
     """Return the Markov decision process whose values are those of a model with durations.
 
@@ -109,7 +130,7 @@ def in_time(model: MDP, durations: Durations) -> MDP:
         durations: How long its actions take.
 
     Raises:
-        ModelError: If the discount is 1, observations are events, or one is a false negative.
+        ModelError: As of `discounts_in_time`.
 
     Example::
 
@@ -117,11 +138,7 @@ def in_time(model: MDP, durations: Durations) -> MDP:
         in_time = mdm.models.in_time(forest, mdm.models.Durations([[30.0, 2.0]] * 3))
         len(in_time.state_space), round(in_time.discount, 3)  # 4, 0.826
     """
-    if model.discount >= 1:
-        raise ModelError("with a discount of 1 time costs nothing: solve the model without durations")
-    if isinstance(model, POMDP) and (model.event_observations or model.false_negative is not None):
-        raise ModelError("durations are for observations of states, P(o | a, s'), none of which is a false negative")
-    discounts = durations.discounts(model)
+    discounts = discounts_in_time(model, durations)
     discount = float(discounts.max())
     actions = range(len(model.action_space))
     transitions = [_scaled(model.transition_matrix(action), discounts[:, action] / discount) for action in actions]

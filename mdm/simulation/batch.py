@@ -21,6 +21,7 @@ import numpy as np
 from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
 from mdm.models import POMDP
+from mdm.models.durations import discounts_in_time
 from mdm.models.matrices import Vector
 from mdm.policies import mismatch
 from mdm.simulation.episodes import EpisodeBatch, limits, one_by_one
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mdm.loading import GivenModel, GivenPolicy
-    from mdm.models import MDP
+    from mdm.models import MDP, Durations
 
 __all__ = ["Evaluation", "evaluate"]
 
@@ -99,6 +100,7 @@ def evaluate(
     episodes: int | None = None,
     steps: int | None = None,
     seed: int | None = None,
+    durations: Durations | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Evaluation:
     """Estimate the value of a policy at the start of its model.
@@ -114,11 +116,14 @@ def evaluate(
         episodes: The number of episodes; by default 10,000, or 1,000 if they run one at a time.
         steps: Decisions per episode.
         seed: The same seed gives the same result; by default it is random.
+        durations: How long actions take; the model's discount is then that of a second. Times are not drawn: what comes
+            after an action counts by the expectation of the discount. By default all take one time step.
         progress: Called at each time step with how many episodes have ended, and of how many; where it returns True,
             the result is of those that are known by then, which may be none.
 
     Raises:
         ConfigError: If the policy does not fit the model, or episodes have no end.
+        ModelError: If the durations do not fit the model.
 
     Example::
 
@@ -129,7 +134,8 @@ def evaluate(
     model = model_of(model)
     policy = policy_of(policy, model)
     _check(model, policy, episodes, steps)
-    ends = limits(model, policy, steps)
+    discounts = None if durations is None else discounts_in_time(model, durations)
+    ends = limits(model, policy, steps, None if discounts is None else float(discounts.max()))
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
     takes = getattr(policy, "input", "belief")
     small = takes != "belief" or len(model.state_space) <= _TOGETHER
@@ -137,9 +143,11 @@ def evaluate(
     began = time.perf_counter()
     if batch is None:
         count = 1_000 if episodes is None else episodes
-        returns, moves = one_by_one(model, policy, ends, episodes=count, seed=seed, progress=progress)
+        returns, moves = one_by_one(
+            model, policy, ends, episodes=count, seed=seed, discounts=discounts, progress=progress
+        )
     else:
-        run = EpisodeBatch(model, batch, ends, observed=takes != "state")
+        run = EpisodeBatch(model, batch, ends, observed=takes != "state", discounts=discounts)
         chunk = min(_CHUNK, max(_TOGETHER, _NUMBERS // len(model.state_space)))
         returns, moves = _in_chunks(run, 10_000 if episodes is None else episodes, chunk, seed, progress)
     seconds = time.perf_counter() - began

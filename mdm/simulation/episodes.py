@@ -43,8 +43,14 @@ class Limits(NamedTuple):
     moves: float
 
 
-def limits(model: MDP, policy: Any, steps: int | None) -> Limits:
+def limits(model: MDP, policy: Any, steps: int | None, discount: float | None = None) -> Limits:
     """Return the end of episodes.
+
+    Args:
+        model: The model.
+        policy: The policy.
+        steps: Decisions.
+        discount: In place of the model's, the most that a time step may have.
 
     Raises:
         ConfigError: If they have none.
@@ -52,8 +58,9 @@ def limits(model: MDP, policy: Any, steps: int | None) -> Limits:
     horizon = getattr(policy, "horizon", None)  # of plans and staged policies
     if steps is not None:
         return Limits(steps if horizon is None else min(steps, horizon), math.inf)
-    if model.discount < 1:
-        moves = max(1, math.ceil(math.log(_REST) / math.log(model.discount)))
+    discount = model.discount if discount is None else discount
+    if discount < 1:
+        moves = max(1, math.ceil(math.log(_REST) / math.log(discount)))
         return Limits(math.inf if horizon is None else horizon, moves)
     if horizon is None:
         raise ConfigError("with a discount of 1 an episode needs an end: give a discount or the number of steps")
@@ -68,11 +75,15 @@ class EpisodeBatch:
         batch: The policy's decisions.
         observed: Whether the policy needs observations.
         ends: The end of an episode.
+        discounts: Of each state and action, S x A; by default that of the model.
     """
 
-    def __init__(self, model: MDP, batch: Batch, ends: Limits, *, observed: bool) -> None:
+    def __init__(
+        self, model: MDP, batch: Batch, ends: Limits, *, observed: bool, discounts: Vector | None = None
+    ) -> None:
         self._sampler = BatchSampler(model, observed=observed)
         self._discount = model.discount
+        self._discounts = discounts
         self._batch = batch
         self._observed = observed
         false_negative = model.false_negative
@@ -96,19 +107,21 @@ class EpisodeBatch:
         states = sampler.first(random.random(episodes))
         actions = self._batch.begin(states, random.random(episodes))
         decisions, waited, going = np.ones_like(states), np.zeros_like(states), np.arange(episodes)
-        weight, moves, time = 1.0, 0, 0
+        weight: float | Vector = 1.0 if self._discounts is None else np.ones(episodes)
+        moves = time = 0
         goes = ~sampler.ended[states]
         while True:
             if not goes.all():
                 states, actions, decisions = states[goes], actions[goes], decisions[goes]
                 waited, going = waited[goes], going[goes]
+                weight = weight[goes] if isinstance(weight, np.ndarray) else weight
                 self._batch.keep(goes)
             if not len(going):
                 return returns, moves
             if ends(episodes - len(going)):
                 return None
             returns[going] += weight * sampler.rewards[states, actions]
-            weight *= self._discount
+            weight = weight * (self._discount if self._discounts is None else self._discounts[states, actions])
             time += 1
             moves += len(going)
             if time >= self._ends.moves:
@@ -116,6 +129,8 @@ class EpisodeBatch:
             numbers = random.random((3, episodes))[:, going]
             states, seen = sampler.move(states, actions, numbers)
             goes = (decisions < self._ends.decisions) & ~sampler.ended[states]
+            if self._ends.moves < math.inf:
+                goes &= weight >= _REST  # after long actions that is sooner
             decides = goes
             if self._observed:
                 decides = goes & (seen != self._false_negative) & (seen != sampler.nothing)
@@ -203,6 +218,7 @@ def one_by_one(
     *,
     episodes: int,
     seed: int,
+    discounts: Vector | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> tuple[Vector, int]:
     """Run episodes one at a time, for policies of any kind.
@@ -213,6 +229,7 @@ def one_by_one(
         ends: The end of an episode.
         episodes: How many.
         seed: Of their random numbers.
+        discounts: Of each state and action, S x A; by default that of the model.
         progress: Told at each time step how many have ended; where it returns True, there are no more.
 
     Returns:
@@ -224,10 +241,10 @@ def one_by_one(
         weight, total, decisions, time = 1.0, 0.0, 0, 0
         for step in run(stream):
             total += weight * float(rewards[step.state, step.action])
-            weight *= discount
+            weight *= discount if discounts is None else float(discounts[step.state, step.action])
             time += 1
             decisions += step.decided
-            if decisions >= ends.decisions or time >= ends.moves:
+            if decisions >= ends.decisions or time >= ends.moves or (weight < _REST and ends.moves < math.inf):
                 break
             if progress is not None and progress(episode, episodes) is True:
                 return returns[:episode], moves

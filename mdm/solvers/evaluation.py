@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models import POMDP
+from mdm.models import POMDP, in_time
 from mdm.models.compressed import csr, is_compressed
 
 if TYPE_CHECKING:
-    from mdm.models import MDP
+    from mdm.models import MDP, Durations
     from mdm.models.matrices import Matrix, Vector
     from mdm.policies import FiniteStateController, StatePolicy
 
@@ -32,7 +32,9 @@ _SIZE = 500_000
 """Pairs of a node and a state up to which a controller is evaluated."""
 
 
-def exact_values(model: MDP, policy: Any, *, steps: int | None = None) -> Vector | None:
+def exact_values(
+    model: MDP, policy: Any, *, steps: int | None = None, durations: Durations | None = None
+) -> Vector | None:
     """Return the exact value of a policy from each state; None where only simulation can tell.
 
     A controller begins in its start node or, if it has values of its nodes, in that which is best at the model's
@@ -42,45 +44,63 @@ def exact_values(model: MDP, policy: Any, *, steps: int | None = None) -> Vector
         model: The model.
         policy: The policy.
         steps: Decisions; by default there is no end.
+        durations: How long actions take; the model's discount is then that of a second.
 
     Raises:
-        ModelError: If the values have no bound.
+        ModelError: If the values have no bound, or the durations do not fit the model.
     """
     if getattr(policy, "input", None) == "state":
-        return None if not hasattr(policy, "weights") else state_values(model, policy, steps=steps)
+        return None if not hasattr(policy, "weights") else state_values(model, policy, steps=steps, durations=durations)
     if not isinstance(model, POMDP) or not hasattr(policy, "joined"):
         return None
     controller: FiniteStateController | None = policy.joined()
     if controller is None or controller.num_nodes * len(model.state_space) > _SIZE:
         return None
-    values = controller_values(model, controller, steps=steps)
+    if durations is None:
+        values = controller_values(model, controller, steps=steps)
+    else:
+        timed = in_time(model, durations)
+        assert isinstance(timed, POMDP)
+        values = controller_values(timed, controller, steps=steps)[:, :-1]
     start = controller.start if controller.values is None else controller.start_node(model.initial_belief)
     from_start: Vector = values[start]
     return from_start
 
 
-def state_values(model: MDP, policy: StatePolicy, *, steps: int | None = None) -> Vector:
+def state_values(
+    model: MDP, policy: StatePolicy, *, steps: int | None = None, durations: Durations | None = None
+) -> Vector:
     """Return the value of a policy over states from each state: S numbers.
 
     Args:
         model: The model; the states of a POMDP are taken as known.
         policy: The policy, by its ``weights``.
         steps: Decisions; by default those that it has stages for, or there is no end.
+        durations: How long actions take; the model's discount is then that of a second.
 
     Raises:
-        ModelError: If the policy is of other sizes, or, with a discount of 1, goes on for ever.
+        ModelError: If the policy is of other sizes, or, with a discount of 1, goes on for ever; or if the durations do
+            not fit the model.
     """
     wrong = policy.mismatch(model)
     if wrong is not None:
         raise ModelError(wrong)
+    count = len(model.state_space)
+    model = model if durations is None else in_time(model, durations)
+
+    def weights(*stage: int) -> Vector:
+        """Return those of the policy; where time has discounted all, any action will do."""
+        given = policy.weights(*stage)
+        return given if durations is None else np.column_stack([given, np.full(len(given), 1 / len(given))])
+
     if policy.horizon is None:
-        moves, rewards = _chain(model, policy.weights())
-        return _total(moves, None, rewards, model.discount, steps)
+        moves, rewards = _chain(model, weights())
+        return _total(moves, None, rewards, model.discount, steps)[:count]
     values = np.zeros(len(model.state_space))
     for stage in reversed(range(policy.horizon if steps is None else min(steps, policy.horizon))):
-        moves, rewards = _chain(model, policy.weights(stage))
+        moves, rewards = _chain(model, weights(stage))
         values = rewards + model.discount * (moves @ values)
-    return values
+    return values[:count]
 
 
 def _chain(model: MDP, weights: Vector) -> tuple[Any, Vector]:

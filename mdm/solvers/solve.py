@@ -75,7 +75,8 @@ def solve(
         model: The model, or the path of its file.
         solver: One of `SOLVERS`; by default what suits the model and the options.
         durations: How long actions take; the model's discount is then that of a second, and its actions are decided
-            when the one before is over. By default all take one time step.
+            when the one before is over. By default all take one time step. Where a hidden state makes actions longer,
+            the bounds are of beliefs that discount long actions: those of `mdm.models.in_time`.
         gap: Stop when the bounds at the initial belief are no further apart.
         time: Stop after so many seconds.
         iterations: Stop after so many sweeps, trials or rounds.

@@ -13,8 +13,8 @@ from places import EXAMPLES
 from random_models import dense, distributions, factored_models, flat_models
 from recursion import FEW, SEEDS, assert_within, by_recursion, vectors_for
 
-from mdm import ConfigError, ModelWarning, evaluate, load_model, load_policy, simulate
-from mdm.models import MDP, POMDP, Factor, Space
+from mdm import ConfigError, Controller, ModelError, ModelWarning, evaluate, load_model, load_policy, simulate
+from mdm.models import MDP, POMDP, Durations, Factor, Space, in_time
 from mdm.policies import (
     AlphaVectors,
     DeterministicPolicy,
@@ -25,7 +25,9 @@ from mdm.policies import (
     StagedPolicy,
     StochasticPolicy,
 )
+from mdm.problems import forest, tiger
 from mdm.simulation.episodes import Limits, one_by_one
+from mdm.simulation.sampler import Sampler
 from mdm.solvers import exact_values, solve
 
 
@@ -295,3 +297,75 @@ def test_beliefs_that_discount_long_waits_earn_the_bound():
     assert solution.lower - 4 * weighed.standard_error < weighed.mean < solution.upper + 4 * weighed.standard_error
     looped = simulate(model.with_discounted_waits(), solution.policy, episodes=200, seed=3)
     assert abs(looped.mean - solution.lower) < 4 * looped.standard_error
+
+
+@FEW
+@given(SEEDS, st.sampled_from(["table", "controller"]), st.sampled_from([None, 3]))
+def test_actions_that_take_time_are_worth_what_is_exact(seed, kind, steps):
+    random = np.random.default_rng(seed)
+    model = forest() if kind == "table" else tiger()
+    sizes = len(model.state_space), len(model.action_space)
+    durations = Durations(random.uniform(1.0, 30.0, size=sizes), random.integers(1, 5, size=sizes))
+    policy = DeterministicPolicy(random.integers(sizes[1], size=sizes[0]).tolist(), sizes[1])
+    if kind == "controller":
+        policy = FiniteStateController([0, 1, 2], random.integers(3, size=(3, 2)).tolist(), sizes[1])
+    exact = model.initial_belief @ exact_values(model, policy, steps=steps, durations=durations)
+    assert_within(evaluate(model, policy, episodes=3000, steps=steps, seed=seed, durations=durations), exact)
+
+    class Own:  # no batch: one episode at a time
+        num_actions, action = policy.num_actions, getattr(policy, "action", None)
+        information = getattr(policy, "information", None)
+
+    if kind == "table":
+        assert_within(evaluate(model, Own(), episodes=300, steps=steps, seed=seed, durations=durations), exact)
+
+
+def test_where_no_action_takes_longer_than_a_second_evaluation_is_the_same():
+    rate = -math.log(0.95)
+    alike = Durations((1 / 0.95 - 1) / rate)
+    policy = solve(tiger(), gap=0.1).policy
+    timed = evaluate(tiger(), policy, episodes=500, seed=3, durations=alike)
+    assert timed.mean == pytest.approx(evaluate(tiger(), policy, episodes=500, seed=3).mean, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("model", "durations", "words"),
+    [
+        (forest(), [1.0, 2.0], r"durations are mdm.models.Durations\(…\), not \[1.0, 2.0\]"),
+        (forest(), Durations([1.0] * 5), "the model has 3 states and 2 actions"),
+        (forest(), Durations([1e-20, 1.0]), "an action is so short that its time costs nothing"),
+        (forest(), Durations(1e300, 9), "each action is so long that nothing counts after it"),
+        (forest().with_discount(1.0), Durations(1.0), "time costs nothing: leave the durations out"),
+        (tiger().with_false_negatives(0), Durations(1.0), "none of which is a false negative"),
+    ],
+)
+def test_durations_that_do_not_fit_are_refused(model, durations, words):
+    policy = DeterministicPolicy([0] * len(model.state_space), len(model.action_space))
+    for use in (
+        lambda: evaluate(model, policy, episodes=1, durations=durations),
+        lambda: exact_values(model, policy, durations=durations),
+        lambda: solve(model, durations=durations),
+    ):
+        with pytest.raises(ModelError, match=words):
+            use()
+
+
+def test_hidden_states_that_take_longer_are_weighed_by_beliefs_in_time():
+    """By the plain beliefs a policy may earn less than its bound; by those of the model in time it earns that."""
+    model, durations = tiger(), Durations([[0.1, 1.0, 1.0], [20.0, 1.0, 1.0]])
+    timed = in_time(model, durations)
+    whole = solve(timed, gap=0.01)
+    cut = solve(model, durations=durations, gap=0.01)
+    assert cut.lower == pytest.approx(whole.lower)
+    assert evaluate(model, cut.policy, episodes=4000, seed=1, durations=durations).interval[1] < cut.lower
+    discounts, controller, sampler = durations.discounts(model), Controller(whole.policy, timed), Sampler(model, 1)
+    returns = []
+    for _ in range(1500):
+        state, weight, total, step = sampler.first_state(), 1.0, 0.0, controller.start()
+        while weight > 1e-4:
+            total += weight * model.rewards[state, step.action]
+            weight *= discounts[state, step.action]
+            before, state = state, sampler.next_state(state, step.action)
+            step = controller.observe(sampler.observation(step.action, before, state))
+        returns.append(total)
+    assert np.mean(returns) + 3.5 * np.std(returns) / math.sqrt(len(returns)) > whole.lower

@@ -39,20 +39,21 @@ def run(arguments: argparse.Namespace) -> int:
     """Compare; return the exit status."""
     import numpy as np  # noqa: PLC0415 - `mdm --help` needs no numpy
 
-    from mdm.cli.policies.inputs import load, load_for, visibility  # noqa: PLC0415
+    from mdm.cli.policies.inputs import load, load_durations_for, load_for, visibility  # noqa: PLC0415
     from mdm.cli.policies.verdict import judge  # noqa: PLC0415
     from mdm.cli.report import as_json  # noqa: PLC0415
 
     if arguments.seed is None:
         arguments.seed = int(np.random.SeedSequence().generate_state(1)[0])
     model = load(arguments.model, arguments.discount)
+    durations = load_durations_for(model, arguments.durations)
     pairs = [load_for(model, path, arguments) for path in arguments.policies]
     if notes := {note for _, world in pairs if (note := visibility(world)) is not None}:
         print(f"mdm compare: {notes.pop()}", file=sys.stderr)
     verdicts: list[Verdict] = []
     for place, (policy, world) in enumerate(pairs, 1):
         told = f"policy {place} of {len(pairs)}  "
-        verdicts.append(judge(world, policy, arguments, simulated=True, what=told))
+        verdicts.append(judge(world, policy, arguments, durations, simulated=True, what=told))
         if interrupted := arguments.interruption.number is not None:
             break
     differences = [_difference(verdict, verdicts[0]) for verdict in verdicts]

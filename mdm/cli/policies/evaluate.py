@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import add_discount, add_false_negative, count, seed
+from mdm.cli.usage import add_discount, add_durations, add_false_negative, count, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -43,20 +43,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode (no limit)")
     parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
     add_discount(parser)
+    add_durations(parser)
     add_false_negative(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate; return the exit status."""
-    from mdm.cli.policies.inputs import load, load_for, visibility  # noqa: PLC0415
+    from mdm.cli.policies.inputs import load, load_durations_for, load_for, visibility  # noqa: PLC0415
     from mdm.cli.policies.verdict import judge  # noqa: PLC0415
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
 
-    policy, world = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
+    model = load(arguments.model, arguments.discount)
+    durations = load_durations_for(model, arguments.durations)
+    policy, world = load_for(model, arguments.policy, arguments)
     if (note := visibility(world)) is not None:
         print(f"mdm evaluate: {note}", file=sys.stderr)
-    verdict = judge(world, policy, arguments)
+    verdict = judge(world, policy, arguments, durations)
     interrupted = arguments.interruption.number is not None
     if arguments.json:
         print(as_json(verdict.facts() | {"interrupted": interrupted}))

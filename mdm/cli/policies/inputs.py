@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from mdm.config import load_system, look_over
-from mdm.formats import load_model, load_policy
+from mdm.errors import FormatError, ModelError
+from mdm.formats import load_durations, load_model, load_policy
 from mdm.models import POMDP
 from mdm.models.factored.mixed import MixedPOMDP
 from mdm.policies import mismatch
@@ -14,9 +15,9 @@ if TYPE_CHECKING:
     import argparse
 
     from mdm.config import System
-    from mdm.models import MDP
+    from mdm.models import MDP, Durations
 
-__all__ = ["load", "load_ensembles", "load_for", "revealed", "visibility", "with_false_negatives"]
+__all__ = ["load", "load_durations_for", "load_ensembles", "load_for", "revealed", "visibility", "with_false_negatives"]
 
 
 def load(path: str, discount: float | None) -> MDP:
@@ -34,6 +35,18 @@ def load_ensembles(path: str, agent: str | None = None, *, imports: bool) -> Sys
         imports: Import its functions, which runs their modules; otherwise they are looked for in the source.
     """
     return load_system(path, agent=agent) if imports else look_over(path, agent=agent)
+
+
+def load_durations_for(model: MDP, path: str | None) -> Durations | None:
+    """Load durations, if a file is given, and check that they are for a model of these sizes."""
+    if path is None:
+        return None
+    durations = load_durations(path)
+    try:
+        durations.table(model)
+    except ModelError as error:
+        raise FormatError(str(error), file=path) from None
+    return durations
 
 
 def revealed(model: MDP) -> MDP:

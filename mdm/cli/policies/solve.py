@@ -7,10 +7,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, add_discount, add_false_negative, count, limit, seed
+from mdm.cli.usage import UsageError, add_discount, add_durations, add_false_negative, count, limit, seed
 
 if TYPE_CHECKING:
-    from mdm.models import MDP, Durations
+    from mdm.models import MDP
     from mdm.solvers import Progress, Solution
 
 __all__ = ["add_parser", "run"]
@@ -49,11 +49,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--memory", metavar="MB", type=limit, help="stop at this much memory (80 %% of the machine's)")
     parser.add_argument("--iterations", metavar="N", type=count, help="stop after N sweeps, trials or rounds")
     add_discount(parser)
-    parser.add_argument(
-        "--durations",
-        metavar="FILE.npz",
-        help="how long actions take: solves for real time, in which the model's discount is that of a second",
-    )
+    add_durations(parser)
     parser.add_argument("--horizon", metavar="H", type=count, help="decisions, for solvers of finite horizons")
     add_false_negative(parser)
     parser.add_argument("--seed", metavar="S", type=seed, help="for randomised solvers")
@@ -83,7 +79,13 @@ class _Solver(argparse.Action):
 
 def run(arguments: argparse.Namespace) -> int:
     """Solve the model; return the exit status."""
-    from mdm.cli.policies.inputs import load, revealed, visibility, with_false_negatives  # noqa: PLC0415
+    from mdm.cli.policies.inputs import (  # noqa: PLC0415
+        load,
+        load_durations_for,
+        revealed,
+        visibility,
+        with_false_negatives,
+    )
     from mdm.cli.report import as_json  # noqa: PLC0415
     from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
     from mdm.formats.target import check_place, write_text  # noqa: PLC0415
@@ -98,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.history is not None and Path(arguments.history).suffix.lower() != ".json":
         raise UsageError("--history writes JSON: its file ends in .json")
     model = load(arguments.model, arguments.discount)
-    durations = None if arguments.durations is None else _durations(arguments.durations, model)
+    durations = load_durations_for(model, arguments.durations)
     world = with_false_negatives(revealed(model), arguments)
     given = {name: value for name in _OPTIONS if (value := getattr(arguments, name)) is not None}
     solver = arguments.solver or default_solver(world, given)
@@ -152,19 +154,6 @@ def _solve(model: MDP, solver: str, options: dict[str, Any], arguments: argparse
             )
         finally:
             line.end()
-
-
-def _durations(path: str, model: MDP) -> Durations:
-    """Load durations, and check that they are for a model of these sizes."""
-    from mdm.errors import FormatError, ModelError  # noqa: PLC0415
-    from mdm.formats import load_durations  # noqa: PLC0415
-
-    durations = load_durations(path)
-    try:
-        durations.table(model)
-    except ModelError as error:
-        raise FormatError(str(error), file=path) from None
-    return durations
 
 
 def _check_options(given: dict[str, Any], solver: str) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
-    from mdm.models import MDP
+    from mdm.models import MDP, Durations
     from mdm.models.matrices import Vector
 
 __all__ = ["Verdict", "claimed_value", "judge"]
@@ -103,7 +103,13 @@ class Verdict(msgspec.Struct, frozen=True):
 
 
 def judge(
-    model: MDP, policy: Any, arguments: argparse.Namespace, *, simulated: bool = False, what: str = ""
+    model: MDP,
+    policy: Any,
+    arguments: argparse.Namespace,
+    durations: Durations | None = None,
+    *,
+    simulated: bool = False,
+    what: str = "",
 ) -> Verdict:
     """Evaluate a policy.
 
@@ -111,10 +117,11 @@ def judge(
         model: The model, as the policy sees it.
         policy: The policy.
         arguments: The sub-command's arguments.
+        durations: How long actions take; by default all take one time step.
         simulated: Simulate even if the exact value is known.
         what: What is told with the progress of the simulation.
     """
-    values = exact_values(model, policy, steps=arguments.steps)
+    values = exact_values(model, policy, steps=arguments.steps, durations=durations)
     exact = None
     if values is not None:
         exact = float(model.initial_belief @ values), float(np.min(values)), float(np.max(values))
@@ -122,7 +129,7 @@ def judge(
     if simulated or exact is None or arguments.episodes is not None:
         given = {name: getattr(arguments, name) for name in ("episodes", "steps", "seed")}
         with counting(arguments.interruption, what) as progress:
-            result = evaluate(model, policy, progress=progress, **given)
+            result = evaluate(model, policy, durations=durations, progress=progress, **given)
     facts = describe_policy(policy)
     size = next((f"{_number(facts[what])} {what}" for what in ("vectors", "nodes", "states") if what in facts), "")
     comparable = arguments.steps is None

@@ -7,7 +7,9 @@ import json
 import pytest
 from places import MODELS, ROOT, TIGER, TIGER_VECTORS
 
-from mdm import save_policy
+from mdm import evaluate, load_model, load_policy, save_policy, solve
+from mdm.formats import save_durations
+from mdm.models import Durations
 from mdm.policies import FiniteStateController
 
 CHAIN = MODELS / "chain.mdp"
@@ -103,3 +105,24 @@ def test_mistakes(mdm, arguments, status, words):
     assert (found, output) == (status, [])
     assert words in errors
     assert "Traceback" not in errors
+
+
+def test_durations_count_in_real_time(mdm, facts, tmp_path):
+    drive, table, best = tmp_path / "drive.npz", tmp_path / "table.npz", tmp_path / "best.npz"
+    chain, tiger = load_model(CHAIN), load_model(TIGER)
+    durations = Durations([[1.0, 5.0], [3.0, 2.0], [4.0, 4.0]], 3)
+    save_durations(durations, drive)
+    solution = solve(chain, durations=durations)
+    save_policy(solution.policy, table, chain)
+    assert facts("evaluate", CHAIN, table, "--durations", drive)["exact"] == pytest.approx(solution.lower, abs=2e-3)
+    rows = facts("compare", CHAIN, table, table, "--durations", drive, "--seed", "2", "--episodes", "100")
+    right = evaluate(chain, load_policy(table, chain), durations=durations, seed=2, episodes=100)
+    assert [row["mean"] for row in rows] == [right.mean] * 2
+    durations = Durations([2.0, 5.0, 5.0])
+    save_durations(durations, drive)
+    save_policy(solve(tiger, durations=durations, gap=0.01).policy, best, tiger)
+    assert facts("evaluate", TIGER, best, "--durations", drive, "--seed", "3")["claim_is"] == "not contradicted"
+    for verb in ("evaluate", "compare"):
+        status, _, errors = mdm(verb, CHAIN, table, "--durations", drive)
+        assert status == 1
+        assert "drive.npz: the durations have the shape" in errors

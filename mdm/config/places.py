@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from mdm.config.tables import PlacesTable
 from mdm.errors import ConfigError
 from mdm.maps import Navigation, Places, load_map
+from mdm.runtime.handler import kind_of
 from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
@@ -65,15 +66,14 @@ def read_places(
 
 
 def _floor(table: PlacesTable, folder: Path) -> Map:
-    def path(given: str | None) -> Path | None:
-        if given is not None and (not given or "\0" in given):
+    def path(given: str) -> Path:
+        if not given or "\0" in given:
             raise ConfigError(f"the path of a file was expected, not {given!r}")
-        return None if given is None else folder / given
+        return folder / given
 
-    names = table.names if isinstance(table.names, dict) else path(table.names)
-    return load_map(
-        folder / table.graph, grid=path(table.grid), labels=path(table.labels), names=names, reach=table.reach
-    )
+    grid, labels = (None if given is None else path(given) for given in (table.grid, table.labels))
+    names = path(table.names) if isinstance(table.names, str) else table.names
+    return load_map(path(table.graph), grid=grid, labels=labels, names=names, reach=table.reach)
 
 
 def _navigator(given: str | dict[str, str] | None, share: Share | None) -> str | None:
@@ -85,6 +85,9 @@ def _navigator(given: str | dict[str, str] | None, share: Share | None) -> str |
 
 
 def _made(make: Any, reference: str) -> Any:
+    kind = kind_of(make)
+    if kind is not None:
+        raise ConfigError(f"navigator {reference!r} cannot be made: it is {kind}, not a class or a plain function")
     try:
         return make()
     except Exception as error:

@@ -123,7 +123,8 @@ class PlaceBelief(Actor):
             if now - self._told >= _QUIET:
                 self.report(
                     "particles",
-                    "particles tell no belief: none that weighs anything lies in a place, or a weight is none",
+                    "particles tell no belief: none that weighs anything lies in a place, or a weight is negative, "
+                    "infinite or no number",
                 )
             self._told = now
             return
@@ -138,6 +139,7 @@ class PlaceBelief(Actor):
             belief = (others * places.reshape(along)).ravel()
         self.ensemble.channel("external_belief", Belief).publish(Belief(particles.time, belief))
 
+    @np.errstate(over="ignore", invalid="ignore")  # what is too far or too heavy becomes infinite, and is left out
     def _places(self, particles: ParticleUpdate) -> Vector | None:
         """Return the probability of each place, in the order of the factor; None where nothing tells it.
 

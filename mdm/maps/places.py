@@ -98,9 +98,9 @@ class Places(Actor):
         self._look_up = lookup(self.labels, margin)
         nodes = floor.graph.nodes if isinstance(floor, Map) else ()
         self._goals = tuple(
-            (node.goal.x, node.goal.y, near**2, (near + margin) ** 2)
+            (node.goal.x, node.goal.y, near * near, (near + margin) * (near + margin))
             for node in nodes
-            for near in [tolerance if node.tolerance is None else node.tolerance]
+            for near in [float(tolerance if node.tolerance is None else node.tolerance)]
         )
         self._rooms = tuple(prefix + name for name in self.labels.names)
         self._goal_names = tuple(prefix + node.name for node in nodes)

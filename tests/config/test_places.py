@@ -32,6 +32,10 @@ class Wheels:
     async def go(self, goal):
         goals.append(goal.x)
         await asyncio.sleep(1000)
+def choose(which):
+    return Wheels()
+def kind():
+    return Wheels
 class Broken:
     def __init__(self):
         raise OSError("no wheels")
@@ -130,7 +134,16 @@ def test_a_file_is_checked_without_its_code(tmp_path, look):
         ("reach = 1.5", "reach = 1.5\nmargin = 4.0", "places", "could not be entered"),
         ('"wheels:Wheels"', '"wheels:Broken"', "places.navigator", "cannot be made: OSError: no wheels"),
         ('"wheels:Wheels"', '"wheels:Feet"', "places.navigator", "has no 'Feet'"),
-        ('"wheels:Wheels"', '"wheels:localise"', "places.navigator", "cannot be made"),
+        (
+            '"wheels:Wheels"',
+            '"wheels:localise"',
+            "places.navigator",
+            "cannot be made: it is an async function",
+        ),
+        ('"wheels:Wheels"', '"wheels:choose"', "places.navigator", "cannot be made: TypeError"),
+        ('"wheels:Wheels"', '"wheels:kind"', "places.navigator", "an object, not its class: give Wheels("),
+        ('graph = "floor.geojson"', 'graph = "a\\u0000b"', "places", "the path of a file was expected"),
+        ('graph = "floor.geojson"', 'graph = ""', "places", "the path of a file was expected"),
         ('way = "Right"', 'way = "Up"', "ensembles.robot.actions.Right", "no way is called 'Up'; there are 'Right'"),
         ('place = "Hall"', 'place = "Cellar"', "ensembles.robot.actions.Home", "there is no place 'Cellar'"),
         (

@@ -80,6 +80,17 @@ def test_particles_that_tell_nothing_leave_the_belief_and_are_a_fault(particles)
     assert [fault.kind for fault in faults] == ["particles"]
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_particles_beyond_all_numbers_lie_in_no_place(yaw):
+    floor = row_of_rooms("A", "B", "C").labels
+    frame = Frame(*floor.frame.shape, floor.frame.resolution, 0.0, 0.0, yaw)
+    place_belief = PlaceBelief(Labels(frame, floor.raster, floor.names), ENSEMBLE)
+    x, y = np.array([1e308, -math.inf, 1.0]), np.array([1e308, math.inf, 1.0])
+    assert list(place_belief._places(mdm.messages.ParticleUpdate(0, x, y))) == [1, 0, 0]
+    assert place_belief.unplaced == pytest.approx(2 / 3)
+    assert place_belief._places(mdm.messages.ParticleUpdate(0, x, y, np.full(3, 1e308))) is None
+
+
 @given(st.integers(0, 1000), st.sampled_from([0.0, 0.4, math.pi]))
 def test_shares_are_those_of_a_plain_count(seed, yaw):
     random = np.random.default_rng(seed)

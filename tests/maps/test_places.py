@@ -290,6 +290,14 @@ def test_the_graph_may_say_how_near_is_there():
     watch(script, floor)
 
 
+def test_a_tolerance_may_be_beyond_all_floors():
+    async def script(watched):
+        watched.see(7)
+        assert watched.predicates.value("Hall.at_goal") is True
+
+    watch(script, tolerance=1e300)
+
+
 def test_labels_alone_have_rooms_and_no_goals():
     async def script(watched):
         watched.see(1)

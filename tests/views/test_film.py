@@ -33,6 +33,13 @@ def test_a_sheet_has_some_of_them(tmp_path, pictures):
         one = FloorView(flat().map()).image([], title="x", size=300)
         across = {1: 1, 5: 3, 40: 4}[pictures]
         assert across * one.width <= sheet.width <= across * (one.width + 8)
+        last = FloorView(flat().map()).image(
+            [Mark(0.5 + 0.1 * (pictures - 1), 2.0)], title=f"{pictures - 1} s", size=300
+        )
+        rows, rest = divmod(min(pictures, 12) - 1, across)
+        left, top = rest * (one.width + 8), rows * (one.height + 8)
+        corner = sheet.crop((left, top, left + last.width, top + last.height))
+        assert corner.tobytes() == last.tobytes()
 
 
 def test_other_films_are_refused(tmp_path):

@@ -18,7 +18,7 @@ def test_a_robot_is_an_arrow_where_it_is_and_others_are_letters():
     view = FloorView(floor)
     goal = floor.graph.node("study").goal
     at = {}
-    for yaw, arrow in ((0.0, "→"), (math.pi / 2, "↑"), (-math.pi / 2, "↓"), (math.pi, "←"), (2.4, "↖")):
+    for yaw, arrow in ((0.0, "→"), (math.pi / 2, "↑"), (-math.pi / 2, "↓"), (math.pi, "←"), (2.4, "↖"), (0.7, "↗")):
         lines = view.text([Mark(goal.x, goal.y, yaw=yaw)], columns=60, rows=24, colours=False).splitlines()
         (at[arrow],) = [(row, line.index(arrow)) for row, line in enumerate(lines) if arrow in line]
     assert len(set(at.values())) == 1

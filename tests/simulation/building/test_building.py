@@ -55,7 +55,7 @@ def test_two_robots_patrol_without_touching_anything():
 
 
 def sent(floor, starts, goals, **options):
-    """Send robots to their goals at once; return how each drive ended, and in how many steps each touched something."""
+    """Send robots to their goals at once; return how each drive ended, the touches of each, and the seconds in all."""
     building = Building(floor, seed=1)
     robots = [building.robot(f"robot{turn}", at=at, **options) for turn, at in enumerate(starts)]
 
@@ -65,7 +65,7 @@ def sent(floor, starts, goals, **options):
             drives = [robot.go(goal) for robot, goal in zip(robots, goals, strict=True)]
             return await asyncio.gather(*drives, return_exceptions=True)
 
-    return mdm.run(main, virtual=True), [robot.collisions for robot in robots]
+    return mdm.run(main, virtual=True), [robot.collisions for robot in robots], building.steps / 10
 
 
 PASSAGE = Floor(
@@ -80,13 +80,14 @@ PASSAGE = Floor(
 def test_robots_that_meet_in_a_passage_give_way(seconds_ahead):
     """It is too narrow for two; one drives back."""
     west, east = Pose(2.0, 3.0), Pose(15.0, 3.0)
-    ends, collisions = sent(PASSAGE.map(), [Pose(2.0 + 0.5 * seconds_ahead, 3.0), east], [east, west])
+    ends, collisions, seconds = sent(PASSAGE.map(), [Pose(2.0 + 0.5 * seconds_ahead, 3.0), east], [east, west])
     assert ends == [None, None]
     assert collisions == [0, 0]
+    assert seconds < 75.0  # 26 for the way itself: it waits no longer than for the other to pass
 
 
 def test_a_robot_that_stands_in_a_passage_is_in_the_way():
-    ends, _ = sent(PASSAGE.map(), [Pose(2.0, 3.0), Pose(8.0, 3.0)], [Pose(15.0, 3.0), Pose(8.0, 3.0, 3.0)])
+    ends, *_ = sent(PASSAGE.map(), [Pose(2.0, 3.0), Pose(8.0, 3.0)], [Pose(15.0, 3.0), Pose(8.0, 3.0, 3.0)])
     assert [type(end) for end in ends] == [DriveError, type(None)]
     assert "has come no nearer to 15, 3 for 30 s" in str(ends[0])
 
@@ -143,6 +144,26 @@ def test_places_are_told_of_poses():
             assert predicates.value("kitchen.at_goal") is True
 
     mdm.run(main, virtual=True)
+
+
+def test_places_are_told_what_is_told_on_the_channel():
+    """The noisy poses, not where the robot really is."""
+
+    class Told(list):
+        see = list.append
+
+    building, seen, poses = Building(offices().map(), seed=1), Told(), []
+    building.robot("ada", at="hall", places=seen, noise=0.2)
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            runtime.channel("building/ada/pose", PoseUpdate).subscribe(poses.append)
+            await runtime.start(building)
+            await runtime.clock.sleep(5.0)
+
+    mdm.run(main, virtual=True)
+    assert [(pose.x, pose.y) for pose in seen] == [(pose.x, pose.y) for pose in poses]
+    assert len({pose.x for pose in seen}) == len(seen) > 40
 
 
 def test_what_does_not_fit_is_refused():

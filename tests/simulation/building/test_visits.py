@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from maps.floors import Floor, offices
 
@@ -34,6 +35,27 @@ def test_visits_come_and_go_at_their_rates():
     assert abs(sum(stays) / len(stays) - 60.0) < 4 * 60.0 / math.sqrt(len(stays))
     for change in came:
         assert building.floor.labels.name(change.x, change.y) == change.place
+
+
+def spread(seconds):
+    """Return the standard deviation of times over their mean: 1 where they are exponential."""
+    return np.std(seconds) / np.mean(seconds)
+
+
+def test_times_of_visits_are_exponential():
+    building = Building(offices().map(), visits=[Visits("person", every=10.0, stay=30.0)], seed=7)
+    changes = []
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            runtime.channel("building/visits", VisitChange).subscribe(changes.append)
+            await runtime.start(building)
+            await runtime.clock.sleep(7200.0)
+
+    mdm.run(main, virtual=True)
+    came = {change.number: change.time / 1e9 for change in changes if change.came}
+    assert 0.85 < spread(np.diff(list(came.values()))) < 1.15
+    assert 0.85 < spread([change.time / 1e9 - came[change.number] for change in changes if not change.came]) < 1.15
 
 
 def test_what_has_to_be_seen_to_stays_until_then():

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from mdm.maps.lookup import border_distance
+from mdm.maps.metres import check_metres
 from mdm.maps.passages import passages, widest
 from mdm.maps.problem import Problem
 
@@ -53,7 +54,12 @@ def check(floor: Map, *, radius: float = RADIUS, margin: float = MARGIN) -> tupl
         floor: The map.
         radius: The radius of the robot, in metres.
         margin: How deep inside a place a robot must be that comes into it, in metres.
+
+    Raises:
+        MapError: If the radius or the margin is no length.
     """
+    check_metres(radius, "the radius")
+    check_metres(margin, "the margin")
     return tuple(examine(floor.labels, floor.graph, floor.grid, radius=radius, margin=margin))
 
 

@@ -74,8 +74,8 @@ class Graph:
         edges: The ways. From a place at most one has a given label.
 
     Raises:
-        MapError: If there is no place, two share a name, a goal is not finite, a way begins or ends nowhere, or two
-            ways from a place have the same label.
+        MapError: If there is no place, two share a name, a name or label is no text, a goal or zone is not finite, a
+            tolerance is not above 0, a way begins or ends nowhere, or two ways from a place have the same label.
     """
 
     nodes: tuple[Node, ...]
@@ -86,11 +86,10 @@ class Graph:
             raise MapError("the graph has no places")
         known: set[str] = set()
         for node in self.nodes:
+            _check(node)
             if node.name in known:
                 raise MapError(f"two places are called {node.name!r}")
             known.add(node.name)
-            if not node.goal.is_finite:
-                raise MapError(f"the goal of {node.name!r} is {node.goal}, which is not finite")
         taken: dict[tuple[str, str], str] = {}
         for edge in self.edges:
             for end in (edge.source, edge.target):
@@ -99,6 +98,10 @@ class Graph:
                         f"a way leads from {edge.source!r} to {edge.target!r}, and there is no place {end!r}; "
                         f"there are {', '.join(self.names)}"
                     )
+            if not isinstance(edge.label, str) or not edge.label:
+                raise MapError(
+                    f"the way from {edge.source!r} to {edge.target!r} is called {edge.label!r}: give it a label"
+                )
             before = taken.setdefault((edge.source, edge.label), edge.target)
             if before != edge.target:
                 raise MapError(
@@ -137,3 +140,17 @@ class Graph:
     def target(self, source: str, label: str) -> str | None:
         """Return where the way of a label leads to from a place; None where there is no such way."""
         return self._targets.get((source, label))
+
+
+def _check(node: Node) -> None:
+    """Refuse a place whose name, goal, zone or tolerance is none."""
+    if not isinstance(node.name, str) or not node.name:
+        raise MapError(f"a place is called {node.name!r}: give it a name")
+    if not node.goal.is_finite:
+        raise MapError(f"the goal of {node.name!r} is {node.goal}, which is not finite")
+    if node.zone is not None and len(node.zone) < 3:
+        raise MapError(f"the zone of {node.name!r} has {len(node.zone)} corners; 3 or more make an area")
+    if not all(math.isfinite(x) and math.isfinite(y) for x, y in node.zone or ()):
+        raise MapError(f"the zone of {node.name!r} has a corner that is not finite")
+    if node.tolerance is not None and not 0 < node.tolerance < math.inf:
+        raise MapError(f"the tolerance of {node.name!r} is {node.tolerance}: give metres above 0")

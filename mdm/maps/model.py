@@ -17,6 +17,7 @@ import numpy as np
 from scipy import ndimage
 
 from mdm.errors import MapError
+from mdm.maps.metres import check_metres
 from mdm.maps.paths import Paths
 from mdm.models import Durations, Factor, FactoredMDP, FactoredPOMDP, Node, Space, Table, TwoSliceNetwork
 from mdm.number import is_number
@@ -69,7 +70,7 @@ def latch(graph: Graph, name: str, *, on: str, off: str, reward: float = 1.0) ->
         reward: What each change earns.
 
     Raises:
-        MapError: If there is no such place, or both are the same.
+        MapError: If there is no such place, both are the same, or the reward is no number.
     """
     if graph.node(on).name == graph.node(off).name:
         raise MapError(f"{name!r} would be switched on and off in {on!r}: give it two places")
@@ -78,7 +79,7 @@ def latch(graph: Graph, name: str, *, on: str, off: str, reward: float = 1.0) ->
     for place, value in ((on, 1), (off, 0)):
         index = graph.names.index(place)
         transitions[index] = np.eye(2)[value]
-        rewards[index, 1 - value, value] = reward
+        rewards[index, 1 - value, value] = _number(reward, f"the reward of {name!r}")
     return FloorFactor(name, ("no", "yes"), transitions, rewards)
 
 
@@ -121,10 +122,10 @@ def model(
     if len(set(labels)) < len(labels):
         raise MapError(f"{stay!r} is a way of the map: give the action that stays another name")
     places = len(graph.nodes)
-    moves, costs = _moves(graph, labels, chances(graph, success), idle_cost)
+    moves, costs = _moves(graph, labels, chances(graph, success), _number(idle_cost, "the idle cost"))
     earned = np.zeros(places)
     for name, reward in (rewards or {}).items():
-        earned[graph.names.index(graph.node(name).name)] = reward
+        earned[graph.names.index(graph.node(name).name)] = _number(reward, f"the reward of {name!r}")
     action, here, there = Node("action", 0), Node("state", 0), Node("next_state", 0)
     first = np.full(places, 1 / places) if start is None else np.eye(places)[graph.names.index(graph.node(start).name)]
     initial = [Table([here], first)]
@@ -167,6 +168,8 @@ def model(
 
 def _check_names(factor: FloorFactor) -> None:
     """Refuse a factor without a name, or without names of its values; users' own functions return them."""
+    if not isinstance(factor, FloorFactor):
+        raise MapError(f"{factor!r} is no factor: give a list of FloorFactor objects")
     if not isinstance(factor.name, str) or not factor.name:
         raise MapError(f"a factor is called {factor.name!r}: give it a name, as text")
     values: object = factor.values
@@ -175,6 +178,13 @@ def _check_names(factor: FloorFactor) -> None:
     for value in values:
         if not isinstance(value, str) or not value:
             raise MapError(f"a value of {factor.name!r} is {value!r}: give it a name, as text")
+
+
+def _number(given: object, what: str) -> float:
+    """Return a finite number, after a check that it is one."""
+    if not is_number(given) or not math.isfinite(given):
+        raise MapError(f"{what} is {given!r}: give a number")
+    return float(given)
 
 
 def _numbers(given: npt.ArrayLike, shape: tuple[int, ...], what: str) -> Vector:
@@ -213,9 +223,8 @@ def chances(graph: Graph, success: float | npt.NDArray[np.float64]) -> Vector:
         MapError: If one is not between 0 and 1, or the shape is another.
     """
     shape = len(graph.nodes), len(graph.labels)
-    if not is_number(success) and np.shape(success) != shape:
-        raise MapError(f"the probabilities of success have the shape {np.shape(success)}, not {shape}")
-    taken = np.broadcast_to(np.asarray(success, dtype=np.float64), shape)
+    given = np.full(shape, success) if is_number(success) else success
+    taken = _numbers(given, shape, "the probabilities of success")
     if not ((taken >= 0) & (taken <= 1)).all():
         raise MapError(f"{taken[~((taken >= 0) & (taken <= 1))].flat[0]:g} is no probability of success")
     return taken
@@ -232,10 +241,12 @@ def arrivals(floor: Map, *, speed: float, radius: float = 0.25) -> Vector:
         radius: Of the robot, which keeps so far from walls.
 
     Raises:
-        MapError: If there is no grid, a robot does not fit at a goal, there is no path, or the speed is not above 0.
+        MapError: If there is no grid, a robot does not fit at a goal, there is no path, the speed is not above 0, or
+            the radius is no length.
     """
     if floor.grid is None:
         raise MapError("the lengths of ways need a map with a grid")
+    check_metres(radius, "the radius")
     if not is_number(speed) or not (math.isfinite(speed) and speed > 0):
         raise MapError(f"a speed of {speed!r} brings no robot anywhere: give metres a second above 0")
     graph = floor.graph
@@ -272,8 +283,17 @@ def durations(model: FactoredMDP | FactoredPOMDP, seconds: npt.NDArray[np.float6
         model: A model from `model`.
         seconds: Of each place and label, as of `arrivals`; one more action, which stays, takes the mean of them.
         stages: How little they vary: the standard deviation is the mean divided by the root of this.
+
+    Raises:
+        MapError: If the seconds are those of another map.
+        ModelError: If they are not above 0, or the stages no whole number from 1.
     """
     actions = len(model.action_space)
+    places = len(model.state_space.factors[0])
+    if np.ndim(seconds) != 2 or len(seconds) != places or np.shape(seconds)[1] not in {actions - 1, actions}:
+        raise MapError(
+            f"the seconds have the shape {np.shape(seconds)}; the model has {places} places, {actions} actions"
+        )
     means = np.full((len(seconds), actions), seconds.mean())
     means[:, : seconds.shape[1]] = seconds
     each = len(model.state_space) // len(seconds)
@@ -295,6 +315,7 @@ def sightings(floor: Map, noise: float, *, radius: float = 0.25) -> Vector:
     """
     if not is_number(noise) or not (math.isfinite(noise) and noise >= 0):
         raise MapError(f"a noise of {noise!r} is no standard deviation: give metres, 0 or more")
+    check_metres(radius, "the radius")
     labels = floor.labels
     across = math.hypot(*labels.frame.shape) * labels.frame.resolution
     if noise > across:

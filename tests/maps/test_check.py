@@ -7,7 +7,7 @@ import pytest
 from floor_file import GRAPH, rooms, write_floor
 
 from mdm import PredicateManager
-from mdm.errors import ConfigError
+from mdm.errors import ConfigError, MapError
 from mdm.maps import Edge, Graph, Labels, Map, Node, Places, Pose, check, load_map
 
 
@@ -171,3 +171,10 @@ def test_a_name_that_predicates_could_not_have(tmp_path, name, why):
     assert told(some) == [("rooms", f"the name {name!r} {why}")]
     with pytest.raises(ConfigError):
         Places(some, PredicateManager(), margin=0.1)
+
+
+@pytest.mark.parametrize("wrong", [{"radius": np.nan}, {"radius": -1.0}, {"margin": np.nan}, {"margin": "wide"}])
+def test_lengths_that_are_none_are_refused(tmp_path, wrong):
+    (name,) = wrong
+    with pytest.raises(MapError, match=f"the {name} is a number of metres, 0 or more"):
+        check(floor(tmp_path), **wrong)

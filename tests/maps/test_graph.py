@@ -27,6 +27,17 @@ def test_a_label_leads_from_a_place_to_another():
         ((), (), "no places"),
         ((HALL, HALL), (), "two places are called 'hall'"),
         ((Node("a", Pose(math.nan, 0)),), (), "the goal of 'a'.*not finite"),
+        ((Node("", Pose(0, 0)),), (), "a place is called ''"),
+        ((Node(3, Pose(0, 0)),), (), "a place is called 3"),
+        ((Node("a", Pose(0, 0), zone=((0, 0), (1, 1))),), (), "the zone of 'a' has 2 corners"),
+        (
+            (Node("a", Pose(0, 0), zone=((0, 0), (1, math.nan), (1, 1))),),
+            (),
+            "the zone of 'a' has a corner that is not",
+        ),
+        ((Node("a", Pose(0, 0), tolerance=math.nan),), (), "the tolerance of 'a' is nan: give metres above 0"),
+        ((Node("a", Pose(0, 0), tolerance=-1.0),), (), "the tolerance of 'a' is -1.0"),
+        ((HALL,), (Edge("hall", "hall", ""),), "the way from 'hall' to 'hall' is called ''"),
         ((HALL,), (Edge("hall", "kitchn", "Up"),), "no place 'kitchn'; there are hall"),
         (
             (HALL, KITCHEN),

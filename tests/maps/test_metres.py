@@ -1,0 +1,21 @@
+"""Lengths that are none."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from mdm.errors import MapError
+from mdm.maps.metres import check_metres
+
+
+@pytest.mark.parametrize("metres", [-1, -0.1, math.nan, math.inf, "1", None, True])
+def test_a_length_that_is_none_is_refused(metres):
+    with pytest.raises(MapError, match="the radius is a number of metres, 0 or more, not "):
+        check_metres(metres, "the radius")
+
+
+@pytest.mark.parametrize("metres", [0, 0.25, 1e6])
+def test_a_length_is_taken(metres):
+    check_metres(metres, "the radius")

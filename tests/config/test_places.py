@@ -109,6 +109,42 @@ def test_places_are_predicates_and_ways_are_actions(tmp_path):
     assert sys.modules["wheels"].goals == [6.0, 2.0]
 
 
+def test_each_key_of_the_table_counts(tmp_path):
+    keys = 'margin = 0.0\nmax_age = 3.0\ntolerance = 1.2\noutside = "keep"\n'
+    text = FILE.replace("[predicates]", f"{keys}\n[predicates]").replace('["wheels:localise"]', "[]")
+    system = load_system(file(tmp_path, text))
+
+    async def main(runtime):
+        await runtime.start(system)
+        system.places.see(Pose(2.0, 3.1))
+        assert system.predicates.value("InHall.at_goal") is True
+        for _ in range(4):
+            await asyncio.sleep(1.0)
+            system.places.see(Pose(4.0, 2.0))  # between the places
+        assert system.places.place == "Hall"
+        system.places.see(Pose(4.55, 2.0))
+        assert system.places.place == "Kitchen"
+        await asyncio.sleep(2.9)
+        assert system.places.place == "Kitchen"
+        await asyncio.sleep(0.2)
+        assert system.places.place is None
+
+    run_virtual(main)
+
+
+def test_the_margin_of_the_table_counts(tmp_path):
+    text = FILE.replace("reach = 1.5", "reach = 5.0\nmargin = 1.0").replace('["wheels:localise"]', "[]")
+    system = load_system(file(tmp_path, text))
+
+    async def main(runtime):
+        await runtime.start(system)
+        for x, place in ((2.0, "Hall"), (4.9, "Hall"), (5.1, "Kitchen")):
+            system.places.see(Pose(x, 2.0))
+            assert system.places.place == place
+
+    run_virtual(main)
+
+
 def test_without_a_navigator_there_are_places_alone(tmp_path):
     text = FILE.replace('navigator = "wheels:Wheels"\n', "").replace('{ way = "Right" }', '"wheels:Wheels"')
     text = text.replace('{ place = "Hall", timeout = 60.0 }', '"wheels:Wheels"')

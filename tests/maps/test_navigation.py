@@ -299,6 +299,25 @@ def test_a_goal_may_be_given_by_its_name(kind):
     run_virtual(main)
 
 
+def test_goals_by_name_replace_each_other_and_ways_without_a_stop():
+    async def main(runtime):
+        predicates = mdm.PredicateManager()
+        robot = Replacing(THREE, predicates, 2.0, 2.0)
+        navigation = Navigation(THREE, robot, robot.places)
+        actions = {"C": navigation.go_to("C"), "A": navigation.go_to("A"), "Right": navigation.way("Right")}
+        ensemble = mdm.Ensemble("robot", policy=mdm.policies.DeterministicPolicy([0], 3), actions=actions)
+        await runtime.start(robot.places)
+        await runtime.start(ensemble)
+        living = asyncio.create_task(robot.live())
+        for action, seconds in ((0, 1.0), (1, 0.5), (2, 0.5)):
+            runtime.channel("robot/action", Action).publish(Action(runtime.clock.now(), action, action))
+            await asyncio.sleep(seconds)
+        living.cancel()
+        assert robot.said == ["go 10", "go 2", "go 6"]
+
+    run_virtual(main)
+
+
 def test_what_does_not_fit_is_refused():
     predicates = mdm.PredicateManager()
     robot = Robot(THREE, predicates, 2.0, 2.0)

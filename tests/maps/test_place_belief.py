@@ -72,7 +72,15 @@ def test_other_factors_keep_their_belief(first):
 
 
 @pytest.mark.parametrize(
-    "particles", [([], []), ([99], [1]), ([1], [1], [0]), ([1], [1], [-1]), ([1, 6], [1, 1], [math.nan, 1])]
+    "particles",
+    [
+        ([], []),
+        ([99], [1]),
+        ([1], [1], [0]),
+        ([1], [1], [-1]),
+        ([1, 6], [1, 1], [-1, 2]),
+        ([1, 6], [1, 1], [math.nan, 1]),
+    ],
 )
 def test_particles_that_tell_nothing_leave_the_belief_and_are_a_fault(particles):
     belief, faults, _ = believe(robot(Factor("position", ["A", "B", "C"]), Factor("fire", ["no", "yes"])), *particles)

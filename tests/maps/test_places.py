@@ -279,6 +279,31 @@ def test_a_goal_is_left_farther_away_than_it_is_reached():
     watch(script)
 
 
+def test_a_goal_is_not_reached_by_its_margin_after_all_was_unknown():
+    async def script(watched):
+        watched.see(2)
+        await asyncio.sleep(1.0)
+        watched.see(2.5)
+        assert watched.predicates.value("Hall.at_goal") is False
+        assert watched.predicates.value("Hall.reached") is True
+
+    watch(script)
+
+
+def test_of_goals_within_reach_of_each_other_the_last_one_is_reached():
+    nodes = (Node("Hall", Pose(3.9, 2)), Node("Kitchen", Pose(4.3, 2)))
+
+    async def script(watched):
+        for x, last in ((3.5, "Hall"), (3.8, "Hall"), (4.1, "Kitchen"), (4.05, "Kitchen")):
+            watched.see(x)
+            reached = [name for name in ("Hall", "Kitchen") if watched.predicates.value(f"{name}.reached")]
+            assert reached == ([] if x == 3.5 else [last])
+        assert watched.predicates.value("Hall.at_goal") is True
+        assert watched.predicates.value("Kitchen.at_goal") is True
+
+    watch(script, Map(TWO.labels, Graph(nodes, ())))
+
+
 def test_the_graph_may_say_how_near_is_there():
     node = Node("Hall", Pose(2, 2), tolerance=1.0)
     floor = Map(Labels(TWO.labels.frame, TWO.labels.raster * 0 + 1, ("Hall",)), Graph((node,), ()))
@@ -387,6 +412,23 @@ def test_poses_come_from_any_thread():
     mdm.run(main)
 
 
+def test_of_a_flood_of_poses_the_newest_counts_and_none_is_lost_that_does():
+    async def script(watched):
+        def flood():
+            for index in range(5_000):
+                watched.see(2.0 if index % 2 else 6.0)
+            watched.see(2.0)
+
+        thread = threading.Thread(target=flood)
+        thread.start()
+        thread.join()
+        await asyncio.sleep(0.01)
+        assert watched.values == {"Hall": True, "Kitchen": False}
+        assert watched.faults == []
+
+    watch(script)
+
+
 def test_a_pose_before_the_start_is_refused():
     with pytest.raises(Error, match="actor 'places' has not been started"):
         Places(TWO, mdm.PredicateManager()).see(Pose(1, 1))
@@ -403,6 +445,25 @@ def test_all_is_unknown_when_it_has_failed_and_told_anew_after_its_restart():
         assert watched.predicates.value("Hall.at_goal") is True
 
     watch(script, supervision=mdm.Restart(3))
+
+
+def test_all_is_unknown_when_it_is_stopped_and_told_anew_when_it_is_started_again():
+    async def main(runtime):
+        watched = Watched()
+        await runtime.start(watched.predicates)
+        await watched.start(runtime)
+        watched.see(2)
+        await runtime.stop(watched.places)
+        assert set(watched.predicates.values().values()) == {None}
+        watched.see(7)  # whoever localises the robot need not know
+        assert watched.places.place is None
+        await runtime.start(watched.places)
+        assert set(watched.predicates.values().values()) == {None}
+        watched.see(2)
+        assert watched.values == {"Hall": True, "Kitchen": False}
+        assert watched.events == ["Hall.entered", "Hall.arrived"] * 2
+
+    run_virtual(main)
 
 
 def test_all_is_told_anew_after_a_restart_of_the_predicate_manager():

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mdm.maps.labels import Labels
     from mdm.maps.map import Map
 
-__all__ = ["MARGIN", "RADIUS", "check", "examine"]
+__all__ = ["MARGIN", "RADIUS", "check", "examine", "missing"]
 
 RADIUS = 0.25
 """The radius of a robot, in metres, if nobody says another."""
@@ -104,15 +104,17 @@ def _strays(labels: Labels, colours: NDArray[np.uint32] | None) -> Iterator[Prob
 
 def _unnamed(labels: Labels, grid: Grid, colours: NDArray[np.uint32]) -> Iterator[Problem]:
     """Yield a problem for each colour that is no place's where robots are."""
-    for colour, count in labels.unnamed.items():
-        here = (colours == colour) & grid.free
-        free = int(np.count_nonzero(here))
-        if colour not in labels.strays and 2 * free > count:
-            text = (
-                f"the colour {colour} is no place's, and {free:,} of its {count:,} cells are free: a place is missing?"
-            )
-            row, column = _inmost(here)
-            yield Problem("colours", text, (), [(row, column)])
+    for colour, here in missing(labels, grid, colours).items():
+        free, count = int(np.count_nonzero(here)), labels.unnamed[colour]
+        text = f"the colour {colour} is no place's, and {free:,} of its {count:,} cells are free: a place is missing?"
+        row, column = _inmost(here)
+        yield Problem("colours", text, (), [(row, column)])
+
+
+def missing(labels: Labels, grid: Grid, colours: NDArray[np.uint32]) -> dict[int, NDArray[np.bool_]]:
+    """Return the colours that are no place's, though most of their cells are free; and for each cell whether it is."""
+    found = {colour: (colours == colour) & grid.free for colour in labels.unnamed if colour not in labels.strays}
+    return {colour: here for colour, here in found.items() if 2 * np.count_nonzero(here) > labels.unnamed[colour]}
 
 
 def _inmost(cells: NDArray[np.bool_]) -> tuple[int, int]:

@@ -55,7 +55,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 def run(arguments: argparse.Namespace) -> int:
     """Check the map; return the exit status."""
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.maps.check import MARGIN, RADIUS, examine  # noqa: PLC0415
+    from mdm.maps.check import MARGIN, RADIUS, examine, missing  # noqa: PLC0415
 
     if arguments.pictures is not None and Path(arguments.pictures).exists() and not Path(arguments.pictures).is_dir():
         raise Error(f"{arguments.pictures}: this is a file: give a folder for --pictures")
@@ -68,7 +68,10 @@ def run(arguments: argparse.Namespace) -> int:
     ]
     files = {} if arguments.pictures is None else _draw(parts, problems, Path(arguments.pictures), radius)
     labels = parts.labels
-    background = {colour: count for colour, count in labels.unnamed.items() if colour not in labels.strays}
+    wrong = {*labels.strays}
+    if parts.grid is not None and parts.colours is not None:
+        wrong |= missing(labels, parts.grid, parts.colours).keys()
+    background = {colour: count for colour, count in labels.unnamed.items() if colour not in wrong}
     if arguments.json:
         told = [
             {"kind": each.kind, "problem": each.text, "places": each.places, "picture": files.get(index)}

@@ -87,6 +87,7 @@ def test_a_free_colour_that_is_no_place_s(mdm, floor, tmp_path):
     status, output, _ = mdm("map", "check", *arguments)
     assert status == 1
     assert "  the colour 16711680 is no place's, and 721 of its 721 cells are free: a place is missing?" in output[1]
+    assert not any("16711680 is no place's: the background" in line for line in output)
 
 
 def test_zones_in_place_of_an_image(mdm, floor, tmp_path):

@@ -63,9 +63,9 @@ _ROUNDING = 4e-12
 """The bounds come no nearer than this share of the values: the slack for rounding."""
 _LEAST_VECTORS = 200
 _LEAST_NODES = 50_000
-_CONDENSATION = 0.5, 0.15
+_CONDENSATION = 0.5, 0.3
 """The seconds, and the part of the time so far, that a policy may take to be made small: the larger of them."""
-_RESERVED = 0.05
+_RESERVED = 0.2
 """The part of the time so far that is left of a time limit for it."""
 _FIRST_PLAN, _LEAST_PLAN = 1.0, 0.1
 """The seconds before a plan is looked for, and that the search for one may take at least."""

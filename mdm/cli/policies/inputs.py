@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from mdm.config import load_system, look_over
 from mdm.errors import FormatError, ModelError
 from mdm.formats import load_durations, load_model, load_policy
@@ -17,7 +19,19 @@ if TYPE_CHECKING:
     from mdm.config import System
     from mdm.models import MDP, Durations
 
-__all__ = ["load", "load_durations_for", "load_ensembles", "load_for", "revealed", "visibility", "with_false_negatives"]
+__all__ = [
+    "hidden_times",
+    "load",
+    "load_durations_for",
+    "load_ensembles",
+    "load_for",
+    "revealed",
+    "visibility",
+    "with_false_negatives",
+]
+
+_ALIKE = 1e-9
+"""Discounts that differ by less count as the same."""
 
 
 def load(path: str, discount: float | None) -> MDP:
@@ -60,6 +74,20 @@ def visibility(model: MDP) -> str | None:
         return None
     names = [model.state_space.factors[place].name for place in model.observed]
     return f"the agent sees {', '.join(names)} at the start and at every step, as the model declares"
+
+
+def hidden_times(model: MDP, durations: Durations | None) -> str | None:
+    """Return a sentence about durations that differ among states which the agent cannot tell apart; None if none do."""
+    if durations is None or not isinstance(model, POMDP):
+        return None
+    discounts = durations.discounts(model)
+    groups = model.seen_in if isinstance(model, MixedPOMDP) else np.zeros(len(discounts), dtype=np.intp)
+    if all(np.ptp(discounts[groups == group], axis=0).max() < _ALIKE for group in np.unique(groups)):
+        return None
+    return (
+        "how long actions take differs among states that the agent cannot tell apart: a policy that chooses by plain "
+        "beliefs may earn less than the lower bound; mdm evaluate --durations tells how much it is"
+    )
 
 
 def load_for(model: MDP, path: str, arguments: argparse.Namespace) -> tuple[Any, MDP]:

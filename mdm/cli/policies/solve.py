@@ -80,6 +80,7 @@ class _Solver(argparse.Action):
 def run(arguments: argparse.Namespace) -> int:
     """Solve the model; return the exit status."""
     from mdm.cli.policies.inputs import (  # noqa: PLC0415
+        hidden_times,
         load,
         load_durations_for,
         revealed,
@@ -107,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check_options(given, solver)
     if arguments.output is not None:
         check_policy_file(_kind(solver, world, arguments), arguments.output)
-    if (note := visibility(world)) is not None:
+    for note in filter(None, (visibility(world), hidden_times(world, durations))):
         print(f"mdm solve: {note}", file=sys.stderr)
     solution = _solve(world, solver, {**given, "durations": durations}, arguments)
     if arguments.output is not None:

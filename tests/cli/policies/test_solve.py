@@ -198,8 +198,9 @@ def test_fully_observed_factors_are_shown_to_the_policy(mdm, tmp_path):
     assert json.loads(output[0])["claim_is"] == "not contradicted"
 
 
-def test_durations_count_in_real_time(mdm, facts, tmp_path):
+def test_durations_count_in_real_time(mdm, tmp_path):
     """A process is solved as `mdm.solve` solves it, and its policy is for the model's own states."""
+    hidden = "mdm solve: how long actions take differs among states that the agent cannot tell apart: "
     drive, policy = tmp_path / "drive.npz", tmp_path / "policy.npz"
     for name, model, suffix in [("forest", problems.forest(), "mdp"), ("tiger", load_model(TIGER), "pomdp")]:
         path = tmp_path / f"{name}.{suffix}"
@@ -207,10 +208,18 @@ def test_durations_count_in_real_time(mdm, facts, tmp_path):
         means = np.linspace(9.0, 12.0, len(model.state_space) * len(model.action_space))
         durations = Durations(means.reshape(-1, len(model.action_space)), 3)
         save_durations(durations, drive)
-        told = facts("solve", path, "--durations", drive, "-o", policy, "--gap", "0.01")
+        status, output, errors = mdm("solve", path, "--durations", drive, "-o", policy, "--gap", "0.01", "--json")
+        assert (status, errors.startswith(hidden), bool(errors)) == (0, suffix == "pomdp", suffix == "pomdp")
+        told = json.loads(output[0])
         right = solve(model, durations=durations, gap=0.01)
         assert (told["lower"], told["upper"]) == pytest.approx((right.lower, right.upper), abs=1e-6)
         assert load_policy(policy, model).mismatch(model) is None
+
+
+def test_nothing_is_said_of_durations_that_differ_by_action_alone(mdm, tmp_path):
+    save_durations(Durations([1.0, 2.0, 3.0]), tmp_path / "drive.npz")
+    _, _, errors = mdm("solve", TIGER, "--durations", tmp_path / "drive.npz", "-o", tmp_path / "p.npz", "--gap", "1")
+    assert errors == ""
 
 
 def test_durations_of_another_model_are_refused(mdm, tmp_path):

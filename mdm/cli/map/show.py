@@ -107,7 +107,7 @@ def _tell(facts: dict[str, Any]) -> None:
         area = "-" if place["area"] is None else f"{place['area']:.1f} m²"
         x, y, yaw = place["goal"]
         ways = ", ".join(
-            f"{way['label']}{'' if way['label'].endswith(way['to']) else ': ' + way['to']}{_wide(way['width'])}"
+            f"{way['label']}{'' if way['label'] == 'to ' + way['to'] else ': ' + way['to']}{_wide(way['width'])}"
             for way in place["ways"]
         )
         lines.append((place["name"], area, f"({x:.2f}, {y:.2f}, {math.degrees(yaw):.0f}°)", ways or "none"))

@@ -56,6 +56,14 @@ def test_places_without_colour_are_shown_as_such(mdm, floor):
     assert output[-1].startswith("note: the goal of 'office', (0, 3.2), and that of 'hall' lie on the same colour")
 
 
+def test_a_way_is_told_with_its_end_unless_its_name_says_it(mdm, floor):
+    graph = Path(floor[2])
+    graph.write_text(GRAPH.replace('"Up"', '"backoffice"').replace('"Down"', '"to hall"'))
+    _, output, _ = mdm("map", "show", *floor)
+    assert output[3].endswith("backoffice: office (0.40 m), Right: store (0.60 m)")
+    assert output[4].endswith("  to hall (0.40 m)")
+
+
 def test_pictures_never_destroy_input_and_are_png(mdm, floor, tmp_path):
     labels = tmp_path / "labels.png"
     Pillow.open(floor[1]).save(labels)

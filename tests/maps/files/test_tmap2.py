@@ -28,7 +28,7 @@ ROTATED = """transformation:
   child: topo_map
   parent: map
   rotation: {w: 0.70710678, x: 0.0, y: 0.0, z: 0.70710678}
-  translation: {x: 10.0, y: 0.0, z: 0.0}
+  translation: {x: 10.0, y: 3.0, z: 0.0}
 """
 
 
@@ -66,9 +66,9 @@ def test_the_yaw_is_the_whole_angle_with_its_sign(tmp_path, yaw, length):
 @pytest.mark.parametrize("frame", ["parent_frame: topo_map", "nav_frame: '${transformation.topo_frame_id}'", ""])
 def test_nodes_are_taken_to_the_frame_of_the_map(tmp_path, frame):
     node = load(tmp_path, text(frame) + ROTATED).node("B")
-    assert (node.goal.x, node.goal.y, node.goal.yaw) == pytest.approx((8.0, 5.0, math.pi / 2))
+    assert (node.goal.x, node.goal.y, node.goal.yaw) == pytest.approx((8.0, 8.0, math.pi / 2))
     assert node.zone is not None
-    assert node.zone[0] == pytest.approx((9.0, 4.0))
+    assert node.zone[0] == pytest.approx((9.0, 7.0))
     node = load(tmp_path, text(frame) + ROTATED.replace("child", "topo_frame_id")).node("B")
     assert node.goal.x == pytest.approx(8.0)
 

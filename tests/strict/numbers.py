@@ -25,6 +25,8 @@ class Numbers(NamedTuple):
         transitions: A x S x S'.
         observations: A x S x S' x O; None in an MDP.
         rewards: A x S x S' x O.
+        told: Whether rewards depend on the observation, which a single one does not show by its axis; None if the axis
+            tells.
     """
 
     discount: float | None
@@ -32,6 +34,7 @@ class Numbers(NamedTuple):
     transitions: Any
     observations: Any
     rewards: Any
+    told: bool | None = None
 
 
 def need(condition: object, message: str) -> None:
@@ -75,7 +78,7 @@ def assert_same_numbers(found: Numbers, model: Any, within: float = 1e-12) -> No
             for o in range(len(model.observation_space)):
                 np.testing.assert_allclose(weights[..., o], dense(model.joint_matrix(action, o)), **options)
         given = found.rewards[action]
-        if given.shape[2] == 1:
+        if not (given.shape[2] > 1 if found.told is None else found.told):
             weights = transition[..., None]  # events may go unseen
         rewards = (given * weights).sum(axis=(1, 2)) if given.shape[1:] != (1, 1) else given[:, 0, 0]
         expected = model.rewards[:, action]

@@ -119,7 +119,7 @@ class _Reader:
             rewards = rewards + self.function(self.potentials[place], axes)
         full = np.broadcast_to(rewards, [len(self.variables[place]) for place in axes])
         shape = (count, size, size if outcomes else 1, width if told else 1)
-        return Numbers(None, start, transitions, observations, full.reshape(shape))
+        return Numbers(None, start, transitions, observations, full.reshape(shape), told)
 
     def size(self, places: list[Key]) -> int:
         return math.prod(len(self.variables[place]) for place in places)

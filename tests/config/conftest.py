@@ -15,13 +15,3 @@ def folder(tmp_path):
     (tmp_path / "cut.policy").write_text("[2](0,")
     (tmp_path / "three.policy").write_text("[3](0,1,1)")
     return tmp_path
-
-
-@pytest.fixture(autouse=True)
-def forget_modules(monkeypatch):
-    import sys
-
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    yield
-    for name in ("robot_code", "broken_code", "leaving_code"):
-        sys.modules.pop(name, None)

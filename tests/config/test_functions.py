@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 
 import pytest
 from loading import written
@@ -32,7 +31,6 @@ def test_functions_are_found_beside_the_file_and_anywhere_else(folder):
     (folder / "package").mkdir()
     (folder / "package" / "__init__.py").write_text("def inside(): pass\n")
     assert find_function("package:inside", folder).__name__ == "inside"
-    sys.modules.pop("package")
 
 
 @pytest.mark.parametrize(

@@ -70,15 +70,6 @@ Home = { place = "Hall", timeout = 60.0 }
 """
 
 
-@pytest.fixture(autouse=True)
-def _forget(monkeypatch):
-    """Forget the module of one test before the next, and where it was."""
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    yield
-    sys.modules.pop("wheels", None)
-    sys.modules.pop("team_code", None)
-
-
 def file(tmp_path, text=FILE):
     (tmp_path / "floor.geojson").write_text(GRAPH)
     (tmp_path / "wheels.py").write_text(ROBOT)

@@ -13,13 +13,6 @@ from mdm import ConfigError, load_system
 from mdm.config import load_team
 
 
-@pytest.fixture(autouse=True)
-def forget_modules(monkeypatch):
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    yield
-    sys.modules.pop("team_code", None)
-
-
 def problems(path, agent="a"):
     with pytest.raises(ConfigError) as caught:
         load_system(path, agent=agent)

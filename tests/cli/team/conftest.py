@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import pytest
 import team_processes
 from team_file import write
@@ -24,10 +22,3 @@ def free(tmp_path):
         return path
 
     return make
-
-
-@pytest.fixture(autouse=True)
-def forget_modules():
-    sys.modules.pop("team_code", None)  # that of a test elsewhere
-    yield
-    sys.modules.pop("team_code", None)

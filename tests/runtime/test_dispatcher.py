@@ -261,13 +261,13 @@ mdm.run(main)
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
 @pytest.mark.parametrize("kind", ["predicates", "events"])
 def test_a_flood_while_the_loop_is_held_takes_little_memory_and_little_time(kind):
-    with python("-c", FLOOD, 30_000, kind) as process:
+    with python("-c", FLOOD, 200_000, kind) as process:
         output, errors = process.communicate(timeout=60)
     assert not errors
     words = output.split()
     took = float(words.pop(2))
     count, grown, updates, taken, replaced, lost, faults = map(int, words)
-    assert count == 30_000
+    assert count == 200_000
     assert grown < 10_000_000
     assert took < 0.5  # 0.1 on an idle machine
     if kind == "predicates":

@@ -71,7 +71,7 @@ def test_bounds_hold_the_value_that_all_plans_together_have(seed, states, action
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60))
 def test_bounds_hold_wherever_it_stops(seed, backups):
     model = small(seed, discount=0.6)
-    tight = sarsop(model, limits=Limits(gap=1e-4, time=1))
+    tight = sarsop(model, limits=Limits(gap=1e-5, time=5))
     early = sarsop(model, limits=Limits(gap=1e-5, iterations=backups))
     assert early.lower <= tight.upper + 1e-9
     assert early.upper >= tight.lower - 1e-9
@@ -115,7 +115,7 @@ def test_plans_that_are_taken_into_the_search_are_worth_what_they_claim(seed, ba
         patch.setattr(solver, "_PLANS", 1e9)
         patch.setattr(solver._Search, "condensed", lambda *_: None)
         found = sarsop(model, limits=limits)
-    assert found.lower <= sarsop(model, limits=Limits(gap=1e-4, time=1)).upper + 1e-9
+    assert found.lower <= sarsop(model, limits=Limits(gap=1e-5, time=5)).upper + 1e-9
     assert_worth_what_it_claims(model, found.policy, np.random.default_rng(seed))
 
 
@@ -142,7 +142,7 @@ def ticks():
 @given(st.integers(0, 2**32 - 1))
 def test_bounds_hold_for_what_beliefs_leave_out(seed):
     model = small(seed, discount=0.6)
-    tight = sarsop(model, limits=Limits(gap=1e-4, time=1))
+    tight = sarsop(model, limits=Limits(gap=1e-5, time=5))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plain(solver._STEPS), "_NEGLIGIBLE", 0.2)
         rough = sarsop(model, limits=Limits(gap=1e-5, iterations=300))

@@ -12,9 +12,7 @@ from mdm.cli.robots.wiring import definitions, wiring
 from mdm.config import System
 from mdm.errors import FormatError
 from mdm.formats import load_durations, load_model, load_policy
-from mdm.formats.archive.durations import holds_durations
-from mdm.formats.archive.model import holds_model
-from mdm.formats.archive.npz import is_archive
+from mdm.formats.archive.npz import is_archive, kind
 from mdm.formats.cassandra.toi import SETS
 from mdm.formats.models import MODEL_SUFFIXES
 from mdm.formats.recognition import beginning, holds_policy
@@ -70,7 +68,7 @@ def load(path: str, *, imports: bool = False) -> Document:
     """
     if suffixes(path) == ".toml":
         return Document(load_ensembles(path, imports=imports))
-    if is_archive(Path(path)) and holds_durations(path):
+    if is_archive(Path(path)) and kind(Path(path)) == "durations":
         return Document(load_durations(path))
     known = is_policy(path)
     if known is not None:
@@ -93,7 +91,7 @@ def is_policy(path: str) -> bool | None:
         FormatError: If the file is a damaged archive.
     """
     if is_archive(Path(path)):
-        return not (holds_model(path) or holds_durations(path))
+        return kind(Path(path)) not in ("model", "durations")
     suffix = suffixes(path)
     known = False if suffix in SETS else holds_policy(beginning(path))
     if known is None and (suffix in MODEL_SUFFIXES or suffix in _POLICIES):

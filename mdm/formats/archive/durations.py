@@ -12,23 +12,11 @@ from mdm.errors import FormatError, ModelError
 from mdm.formats.archive import npz
 from mdm.models import Durations
 
-__all__ = ["holds_durations", "read", "write"]
-
-_FORMAT = "mdm durations 1"
+__all__ = ["read", "write"]
 
 
 class _Header(msgspec.Struct):
     format: Literal["mdm durations 1"] = "mdm durations 1"
-
-
-def holds_durations(path: str | Path) -> bool:
-    """Whether an archive of mdm's holds durations rather than a model or a policy.
-
-    Raises:
-        FormatError: If the file is not an archive of mdm's.
-    """
-    header, _ = npz.read(Path(path))
-    return f'"{_FORMAT}"'.encode() in header
 
 
 def read(path: str | Path) -> Durations:
@@ -46,8 +34,7 @@ def read(path: str | Path) -> Durations:
     except KeyError as error:
         raise FormatError(f"the archive does not hold durations: {error} is missing", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError) as error:
-        kinds = {b'"mdm model 1"': "it is a model", b'"mdm policy 1"': "it is a policy"}
-        why = next((kind for mark, kind in kinds.items() if mark in header), error)
+        why = npz.what_else(header, "durations", error)
         raise FormatError(f"the archive does not hold durations: {why}", file=path) from None
 
 

@@ -28,10 +28,9 @@ if TYPE_CHECKING:
 
     from mdm.models import Space
 
-__all__ = ["holds_model", "read", "write"]
+__all__ = ["read", "write"]
 
 _LARGEST = 50_000_000
-_FORMAT = "mdm model 1"
 
 
 class _Header(msgspec.Struct):
@@ -47,16 +46,6 @@ class _Header(msgspec.Struct):
     format: Literal["mdm model 1"] = "mdm model 1"
 
 
-def holds_model(path: str | Path) -> bool:
-    """Whether an archive of mdm's holds a model rather than a policy.
-
-    Raises:
-        FormatError: If the file is not an archive of mdm's.
-    """
-    header, _ = npz.read(Path(path))
-    return f'"{_FORMAT}"'.encode() in header
-
-
 def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
     """Read a model from an archive; its matrices are mapped into memory unless ``sparse`` requires a conversion.
 
@@ -70,8 +59,7 @@ def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
     except KeyError as error:
         raise FormatError(f"the archive is damaged: {error} is missing", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError, IndexError, OverflowError) as error:
-        kinds = {b'"mdm policy 1"': "it is a policy", b'"mdm durations 1"': "it holds durations"}
-        why = next((kind for mark, kind in kinds.items() if mark in written), error)
+        why = npz.what_else(written, "model", error)
         raise FormatError(f"the archive does not hold a model: {why}", file=path) from None
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-__all__ = ["MAGIC", "Names", "is_archive", "names_of", "read", "space_of", "write"]
+__all__ = ["MAGIC", "Names", "is_archive", "kind", "names_of", "read", "space_of", "what_else", "write"]
 
 MAGIC = b"PK\x03\x04"
 _DAMAGE = (
@@ -46,6 +46,7 @@ _HEAD = re.compile(
     rb"\{'descr': '(<f8|<i8|<i4|\|u1)', 'fortran_order': (True|False), 'shape': \(([0-9, ]{0,99})\), \} *\n"
 )
 _ALIGNED = 64
+_KINDS = {"model": "it is a model", "policy": "it is a policy", "durations": "it holds durations"}
 _PADDING = 0xD935
 """Tag of the extra header field that pads a member (the one of Android's zipalign)."""
 
@@ -132,6 +133,25 @@ def read(path: Path) -> tuple[bytes, dict[str, npt.NDArray[Any]]]:
     if "header" not in found:
         raise FormatError("this is not an archive of mdm's: it has no header", file=path)
     return found.pop("header").tobytes(), found
+
+
+def kind(path: Path) -> str | None:
+    """Return what an archive of mdm's holds: ``"model"``, ``"policy"`` or ``"durations"``; None for anything else.
+
+    Raises:
+        FormatError: If the file is not an archive of mdm's.
+    """
+    return _kind(read(path)[0])
+
+
+def _kind(header: bytes) -> str | None:
+    return next((kind for kind in _KINDS if f'"mdm {kind} 1"'.encode() in header), None)
+
+
+def what_else(header: bytes, wanted: str, error: Exception) -> str:
+    """Return what is held in place of what was wanted, or where it is of the kind that was wanted, what is wrong."""
+    found = _kind(header)
+    return str(error) if found in (wanted, None) else _KINDS[found]
 
 
 def _verify(archive: zipfile.ZipFile, contents: Mapping[str, memoryview]) -> None:

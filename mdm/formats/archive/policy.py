@@ -56,8 +56,7 @@ def read(path: str | Path, model: MDP | None = None, *, seed: int | None = None)
     except KeyError as error:
         raise FormatError(f"the archive does not hold a policy: {error} is missing", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError, OverflowError) as error:
-        kinds = {b'"mdm model 1"': "it is a model", b'"mdm durations 1"': "it holds durations"}
-        why = next((kind for mark, kind in kinds.items() if mark in written), error)
+        why = npz.what_else(written, "policy", error)
         raise FormatError(f"the archive does not hold a policy: {why}", file=path) from None
     if wrong is not None:
         raise FormatError(wrong, file=path)

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 import mdm
 from mdm import FormatError
 from mdm.formats import load_durations, save_durations
-from mdm.formats.archive.durations import holds_durations
+from mdm.formats.archive.npz import kind
 from mdm.models import Durations
 
 
@@ -43,7 +43,7 @@ def test_archives_of_other_things_are_told(tmp_path):
     mdm.save_model(mdm.problems.tiger(), model)
     mdm.save_policy(mdm.policies.QTable(np.zeros((2, 3))), policy)
     save_durations(Durations(1.0), durations)
-    assert [holds_durations(path) for path in (model, policy, durations)] == [False, False, True]
+    assert [kind(path) for path in (model, policy, durations)] == ["model", "policy", "durations"]
     for load, path, words in [
         (load_durations, model, "does not hold durations: it is a model"),
         (load_durations, policy, "does not hold durations: it is a policy"),

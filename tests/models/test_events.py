@@ -16,6 +16,22 @@ from mdm.models import POMDP, Factor, FactoredPOMDP, Node, Space, Table, TwoSlic
 from mdm.problems import patrol
 
 
+def by_events(transitions, told, initial, sparse, **names):
+    """Return the model without rewards of which T(a, s, s') and O(a, o, s, s') are these numbers."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        return POMDP(
+            transitions,
+            told,
+            np.zeros((len(initial), len(transitions))),
+            discount=0.9,
+            initial_belief=initial,
+            event_observations=True,
+            sparse=sparse,
+            **names,
+        )
+
+
 @st.composite
 def models(draw):
     """Return a model with event observations, and its numbers T(a, s, s') and O(a, o, s, s')."""
@@ -27,19 +43,8 @@ def models(draw):
     told = np.moveaxis(distributions(random, count, size, size, len(observations)), -1, 1)
     if draw(st.booleans()):
         told = told * random.choice([1.0, 0.5], size=(count, 1, size, size))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        model = POMDP(
-            transitions,
-            told,
-            np.zeros((size, count)),
-            discount=0.9,
-            observation_names=observations,
-            initial_belief=distributions(random, size),
-            event_observations=True,
-            sparse=draw(st.booleans()),
-        )
-    return model, transitions, told
+    initial = distributions(random, size)
+    return by_events(transitions, told, initial, draw(st.booleans()), observation_names=observations), transitions, told
 
 
 @given(models())
@@ -278,17 +283,7 @@ def test_beliefs_are_the_shares_of_hidden_states(seed, folded, monkeypatch):
     transitions = distributions(random, count, size, size)
     told = np.moveaxis(distributions(random, count, size, size, width), -1, 1)
     told *= random.uniform(0.1, 1, size=(count, 1, size, size))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        model = POMDP(
-            transitions,
-            told,
-            np.zeros((size, count)),
-            discount=0.9,
-            initial_belief=distributions(random, size),
-            event_observations=True,
-            sparse=bool(seed % 2),
-        )
+    model = by_events(transitions, told, distributions(random, size), bool(seed % 2))
     actions = [0, 1, 1]
     states, history = simulated(model, transitions, told, actions, episodes, random)
     tracker, compared = BeliefTracker(model), 0
@@ -311,17 +306,7 @@ def test_states_in_which_nothing_is_ever_observed(sparse):
     transitions = [[[0.5, 0.25, 0.25], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]]
     told = np.zeros((1, 1, 3, 3))
     told[0, 0, 0, 0], told[0, 0, 1, 1] = 0.5, 0.5
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        model = POMDP(
-            transitions,
-            told,
-            np.zeros((3, 1)),
-            discount=0.9,
-            event_observations=True,
-            sparse=sparse,
-            initial_belief=[1, 0, 0],
-        )
+    model = by_events(transitions, told, [1, 0, 0], sparse)
     tracker = BeliefTracker(model)
     # N = [[1/4, 1/4, 1/4], [0, 1/2, 0], [0, 0, 1]]: 4/3 unseen visits of the first state, 2/3 of the second
     assert tracker.update(0, 0) == pytest.approx(2 / 3)

@@ -48,11 +48,11 @@ def ensemble(model, *, drive=None, deadline=None, horizon=None, safe_action=None
     )
 
 
-def live(main, patience=60):
+def live(main, patience=60, **options):
     """Run a coroutine function with a runtime in real time, within so many seconds."""
 
     async def program():
-        async with asyncio.timeout(patience), mdm.Runtime(log=None) as runtime:
+        async with asyncio.timeout(patience), mdm.Runtime(log=None, **options) as runtime:
             return await main(runtime)
 
     return asyncio.run(program())
@@ -219,7 +219,8 @@ def test_a_process_that_dies_is_reported_and_started_anew(tiger):
         await one.ready()
         return answer, faults, before, one.control.planner.pid, one.control.planner.statistics()
 
-    answer, faults, before, after, statistics = live(main)
+    # a busy machine may hold the loop for a second, and that would be a fault, too
+    answer, faults, before, after, statistics = live(main, watchdog=None)
     assert answer.source == "fallback"
     assert [fault.kind for fault in faults] == ["search"]
     assert "has ended by itself, with status -9" in faults[0].detail

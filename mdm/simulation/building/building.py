@@ -12,6 +12,7 @@ from mdm.maps.paths import Paths
 from mdm.messages import PoseUpdate
 from mdm.number import is_number, is_whole
 from mdm.runtime import Actor
+from mdm.simulation.building.guest import Guest, Whereabouts
 from mdm.simulation.building.robot import Robot
 from mdm.simulation.building.visits import Visit, VisitChange, Visits
 from mdm.simulation.building.walls import walls
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from mdm.maps.places import Places
     from mdm.messages import Tick
     from mdm.runtime import Channel
+    from mdm.simulation.building.body import Body
 
 __all__ = ["Building"]
 
@@ -59,6 +61,7 @@ class Building(Actor):
     Attributes:
         floor: The map.
         robots: The robots by name.
+        guests: Those of other processes, by name.
         steps: The number of steps so far.
 
     Example::
@@ -85,6 +88,8 @@ class Building(Actor):
         self.grid = floor.grid
         self._clearance = floor.grid.clearance()
         self.robots: dict[str, Robot] = {}
+        self.guests: dict[str, Guest] = {}
+        self._bodies: dict[str, Body] = {}  # robots and guests, in the order in which they were put there
         self.steps = 0
         self._world = simulator.World()
         self._generators = np.random.SeedSequence(seed)
@@ -96,7 +101,7 @@ class Building(Actor):
         self._came = 0
         self._random = np.random.default_rng(self._generators.spawn(1)[0])
         self._paths: dict[float, Paths] = {}
-        self._poses: dict[str, Channel[PoseUpdate]] = {}
+        self._channels: dict[str, tuple[Channel[PoseUpdate], Channel[Whereabouts]]] = {}
         self._places: dict[str, Places] = {}
 
     def _checked(self, visits: Iterable[Visits]) -> list[Visits]:
@@ -147,15 +152,14 @@ class Building(Actor):
             ConfigError: If there is a robot of that name, or a number is none that a robot can have.
             MapError: If it does not fit there, or there is no such place.
         """
-        if name in self.robots:
-            raise ConfigError(f"two robots are called {name!r}", key=name)
+        self._check_name(name)
         _check(name, radius=radius, speed=speed, reach=reach, noise=noise, beams=beams)
         start = self.floor.graph.node(at).goal if isinstance(at, str) else at
         paths = self._paths_for(radius)
         cell = self.grid.frame.cell(start.x, start.y)
         if cell is None or self._clearance[cell] < radius:
             raise MapError(f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: it would stand in a wall")
-        for other in self.robots.values():
+        for other in self._bodies.values():
             if math.dist((start.x, start.y), (other.pose.x, other.pose.y)) < radius + other.radius:
                 raise MapError(
                     f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: robot {other.name!r} is there"
@@ -180,10 +184,47 @@ class Building(Actor):
         self._world.add_agent(agent)
         generator = np.random.default_rng(self._generators.spawn(1)[0])
         robot = Robot(name, agent, self.grid, paths, speed=speed, noise=noise, generator=generator, scanner=scanner)
-        self.robots[name] = robot
+        self.robots[name] = self._bodies[name] = robot
         if places is not None:
             self._places[name] = places
         return robot
+
+    def guest(self, name: str, *, radius: float = 0.25) -> Guest:
+        """Have a robot of another process on the floor, where that tells it to be; robots of this one give way to it.
+
+        Of two in each other's way the one that was put there later gives way first, and that is to be the same robot
+        in both processes: put all of them there in one order.
+
+        Args:
+            name: Its name.
+            radius: In metres.
+
+        Raises:
+            ConfigError: If there is a robot of that name, or the radius is none that a robot can have.
+
+        Example::
+
+            guest = building.guest("bob")
+            member = team.member(
+                "ada",
+                patrol,
+                exports={"building/ada/whereabouts": Whereabouts},
+                imports={"bob/building/bob/whereabouts": Whereabouts},
+            )
+            member.imported("bob/building/bob/whereabouts").subscribe(guest.take)
+        """
+        self._check_name(name)
+        _check(name, radius=radius)
+        _, simulator = _navground()
+        agent = simulator.Agent(radius=radius)
+        guest = Guest(name, agent, self._paths_for(radius))
+        self._world.add_agent(agent)
+        self.guests[name] = self._bodies[name] = guest
+        return guest
+
+    def _check_name(self, name: str) -> None:
+        if name in self._bodies:
+            raise ConfigError(f"two robots are called {name!r}", key=name)
 
     def _paths_for(self, radius: float) -> Paths:
         if radius not in self._paths:
@@ -252,7 +293,7 @@ class Building(Actor):
     def on_start(self) -> None:
         """Begin to step."""
         self._changes = self.channel("visits", VisitChange)
-        self._poses = {}
+        self._channels = {}
         for visits in self._visits.values():
             self._await(visits)
         self.every(_RATE, self._step)
@@ -263,24 +304,27 @@ class Building(Actor):
             robot.fail("cannot go on: the building has stopped")
 
     def _step(self, tick: Tick) -> None:
-        robots = tuple(self.robots.values())
+        bodies, robots = tuple(self._bodies.values()), tuple(self.robots.values())
         for _ in range(min(_MOST, 1 + tick.missed)):
-            for robot in robots:
-                robot.steer(1 / _RATE, robots)
+            for body in bodies:
+                body.steer(1 / _RATE, bodies)
             self._world.update(1 / _RATE)
             self.steps += 1
             for robot in robots:
                 robot.look(self._world)
         for name, robot in self.robots.items():
             pose = robot.estimate()
-            if name not in self._poses:
-                self._poses[name] = self.channel(f"{name}/pose", PoseUpdate)
-            self._poses[name].publish(PoseUpdate(tick.time, pose.x, pose.y, pose.yaw))
+            if name not in self._channels:
+                whereabouts = self.channel(f"{name}/whereabouts", Whereabouts)
+                self._channels[name] = self.channel(f"{name}/pose", PoseUpdate), whereabouts
+            poses, whereabouts = self._channels[name]
+            poses.publish(PoseUpdate(tick.time, pose.x, pose.y, pose.yaw))
+            whereabouts.publish(robot.whereabouts(tick.time))
             if name in self._places:
                 self._places[name].see(pose)
 
 
-def _check(name: str, *, noise: float, beams: int, **numbers: float) -> None:
+def _check(name: str, *, noise: float = 0.0, beams: int = 0, **numbers: float) -> None:
     """Check what is told of a robot."""
     for what, number in numbers.items():
         if not is_number(number) or not 0 < number < math.inf:

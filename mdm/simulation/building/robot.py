@@ -11,6 +11,8 @@ import numpy as np
 from mdm.errors import Error
 from mdm.maps import Pose
 from mdm.maps.sight import sees
+from mdm.simulation.building.body import Body
+from mdm.simulation.building.guest import Whereabouts
 from mdm.simulation.building.refuge import refuge
 
 if TYPE_CHECKING:
@@ -66,18 +68,18 @@ class _Aside:
         others: Those that are to pass.
     """
 
-    def __init__(self, turns: list[tuple[int, int]], others: Sequence[Robot]) -> None:
+    def __init__(self, turns: list[tuple[int, int]], others: Sequence[Body]) -> None:
         self.turns = turns
         self.seconds = 0.0
-        self._others = [(robot, robot.remaining) for robot in others]
+        self._others = [(body, body.remaining) for body in others]
 
     def is_over(self) -> bool:
         """Whether all others have driven on or do not drive any more, or it has taken long enough."""
-        passed = all(not robot.turns or abs(robot.remaining - before) > _PASSED for robot, before in self._others)
+        passed = all(not body.turns or abs(body.remaining - before) > _PASSED for body, before in self._others)
         return passed or self.seconds > _ASIDE
 
 
-class Robot:
+class Robot(Body):
     """A robot of a `Building`, which makes it. It is a navigator: ``await robot.go(pose)`` ends at the pose.
 
     Attributes:
@@ -102,27 +104,18 @@ class Robot:
         generator: np.random.Generator,
         scanner: Any = None,
     ) -> None:
-        self.name = name
-        self.radius = float(agent.radius)
+        super().__init__(name, agent, paths)
         self.speed = speed
         self.noise = noise
         self.ranges: Vector = np.zeros(0)
         self.collisions = 0
-        self.agent = agent
         self._grid = grid
-        self._paths = paths
         self._generator = generator
         self._scanner = scanner
         self._readings: Any = None
         self._drive: _Drive | None = None
         self._aside: _Aside | None = None
         self._fields: dict[tuple[int, int], Vector] = {}
-
-    @property
-    def pose(self) -> Pose:
-        """Where it really is."""
-        (x, y), yaw = self.agent.position, self.agent.orientation
-        return Pose(float(x), float(y), float(yaw))
 
     @property
     def remaining(self) -> float:
@@ -133,6 +126,12 @@ class Robot:
     def turns(self) -> tuple[tuple[int, int], ...]:
         """The cells where its way turns, and its end; none where it stands, or lets others pass."""
         return () if self._drive is None or self._aside is not None else tuple(self._drive.turns)
+
+    def whereabouts(self, time: int) -> Whereabouts:
+        """Return where it really is and drives, for buildings of which it is a guest, with the time in nanoseconds."""
+        here, (east, north) = self.pose, self.agent.velocity.tolist()
+        way = tuple(self._paths.frame.centre(*cell) for cell in self.turns)
+        return Whereabouts(time, here.x, here.y, here.yaw, (east, north), self.remaining, way)
 
     def estimate(self) -> Pose:
         """Return where it believes to be: its pose with noise."""
@@ -196,28 +195,16 @@ class Robot:
             raise DriveError(f"robot {self.name!r} finds no way to {pose.x:g}, {pose.y:g}")
         return self._fields[goal]
 
-    @property
-    def cell(self) -> tuple[int, int]:
-        """The nearest cell that it may be in: pushed against a wall it can be in another."""
-        here = self.pose
-        cell = self._paths.frame.cell(here.x, here.y)
-        if cell is not None and self._paths.open[cell]:
-            return cell
-        row, column = cell if cell is not None else (0, 0)
-        cells = np.argwhere(self._paths.open)
-        nearest = cells[np.hypot(cells[:, 0] - row, cells[:, 1] - column).argmin()]
-        return int(nearest[0]), int(nearest[1])
-
     def _distance(self, cell: tuple[int, int]) -> float:
         x, y = self.agent.position
         return math.dist((x, y), self._grid.frame.centre(*cell))
 
-    def steer(self, seconds: float, robots: Sequence[Robot] = ()) -> None:
+    def steer(self, seconds: float, bodies: Sequence[Body] = ()) -> None:
         """Set out for the next point of the path, before a step of the building.
 
         Args:
             seconds: Since the last step.
-            robots: All that are in the building; of two in each other's way the later one gives way first.
+            bodies: All that are in the building; of two in each other's way the later one gives way first.
         """
         drive = self._drive
         if drive is None or drive.over.done():
@@ -235,7 +222,7 @@ class Robot:
             if drive.waited > _PATIENCE:
                 self.fail(f"has come no nearer to {drive.goal.x:g}, {drive.goal.y:g} for {_PATIENCE:g} s")
                 return
-            if drive.blocked > _BLOCKED and self._give_way(drive, robots):
+            if drive.blocked > _BLOCKED and self._give_way(drive, bodies):
                 return
         self._turn(drive, cell)
         controller = self.agent.controller
@@ -246,11 +233,12 @@ class Robot:
         else:
             controller.go_to_position(np.array(self._paths.frame.centre(*drive.turns[0])), _NEAR / 2)
 
-    def _give_way(self, drive: _Drive, robots: Sequence[Robot]) -> bool:
+    def _give_way(self, drive: _Drive, bodies: Sequence[Body]) -> bool:
         """Set out for where others can pass, if it is to let them; return whether it does."""
-        near = [robot for robot in robots if robot is not self and self._distance(robot.cell) < _MEETING]
-        others = [robot for robot in near if robot.turns]
-        is_later = any(robot in others for robot in robots[: robots.index(self)])
+        here = self.agent.position
+        near = [body for body in bodies if body is not self and math.dist(here, body.agent.position) < _MEETING]
+        others = [body for body in near if body.turns]
+        is_later = any(body in others for body in bodies[: bodies.index(self)])
         if not others or drive.blocked < (_BLOCKED if is_later else _IN_TURN * _BLOCKED):
             return False
         drive.blocked = 0.0

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mdm.team.communicating.recollection import Experience, Recollection, RecollectionStatistics
     from mdm.team.member import Member, MemberStatistics, Teammates
     from mdm.team.placement import Placement
+    from mdm.team.sharing.remote import Exports, Imports
     from mdm.team.team import Agent, Team
     from mdm.team.transport.budget import TokenBucket
     from mdm.team.transport.network import Network
@@ -36,6 +37,8 @@ __all__ = [
     "Committed",
     "CommunicationPolicy",
     "Experience",
+    "Exports",
+    "Imports",
     "Knowledge",
     "Member",
     "MemberStatistics",
@@ -61,6 +64,7 @@ _HOMES = {
     "communicating.recollection": ("Experience", "Recollection", "RecollectionStatistics"),
     "member": ("Member", "MemberStatistics", "Teammates"),
     "placement": ("Placement",),
+    "sharing.remote": ("Exports", "Imports"),
     "team": ("Agent", "Team"),
     "transport.budget": ("TokenBucket",),
     "transport.network": ("Network",),

@@ -114,6 +114,14 @@ def typed(names: Iterable[str] | Mapping[str, type[Any]], key: str) -> dict[str,
 class Exports(Actor):
     """Sends what is published on channels of this agent to whoever imports them.
 
+    A member has one for its own ``exports``; of a member that a file makes, a task of that file starts it.
+
+    Example::
+
+        async def tell_poses(system):
+            exports = mdm.team.Exports(system.member.link, {"robot1/pose": PoseUpdate})
+            await system.runtime.start(exports)
+
     Args:
         link: What connects this agent with the others.
         channels: The channels, such as ``patrol/belief``, and the types of their messages.
@@ -162,7 +170,15 @@ class Exports(Actor):
 class Imports(Actor):
     """Publishes here what other agents export, on ``<agent>/<ensemble>/<channel>`` below this agent's own path.
 
-    What was retained is forgotten when its owner is gone.
+    What was retained is forgotten when its owner is gone. A member has one for its own ``imports``; of a member that a
+    file makes, a task of that file starts it.
+
+    Example::
+
+        async def hear_poses(system):
+            imports = mdm.team.Imports(system.member.link, {"robot1/robot1/pose": PoseUpdate})
+            await system.runtime.start(imports)
+            imports.imported("robot1/robot1/pose").subscribe(print)
 
     Args:
         link: What connects this agent with the others.

@@ -1,4 +1,8 @@
-"""Two simulated robots, a process each: they share the patrol of a floor, and each simulates it with itself alone."""
+"""Two simulated robots, a process each: they share the patrol of a floor.
+
+Each process simulates the floor with its own robot. Where that is it tells the other one ten times a second, which has
+it as a body that moves: the robots keep clear of each other, and give way.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,8 @@ import asyncio
 from typing import TYPE_CHECKING
 
 from mdm.maps import Map
-from mdm.simulation.building import Building
+from mdm.simulation.building import Building, Whereabouts
+from mdm.team import Exports, Imports
 
 if TYPE_CHECKING:
     import mdm
@@ -17,7 +22,7 @@ SPEED, NOISE = 1.0, 0.05  # metres a second; metres that its poses are wrong by
 
 
 class Guard:
-    """A robot on a floor of its own. It is a navigator: the ways and places of the map are its actions.
+    """A robot on a floor that it shares. It is a navigator: the ways and places of the map are its actions.
 
     Args:
         name: The agent's name.
@@ -25,6 +30,7 @@ class Guard:
         seed: Of the errors of its poses.
     """
 
+    building: Building
     robot: Robot
 
     def __init__(self, name: str, room: str, seed: int) -> None:
@@ -33,12 +39,23 @@ class Guard:
         self.seed = seed
 
     async def live(self, system: mdm.System) -> None:
-        """Put the robot on the file's floor, where it tells the places its poses."""
+        """Put the robot on the file's floor, where it tells the places its poses; the other one is a guest there."""
         assert system.places is not None
+        assert system.member is not None
         assert isinstance(system.places.floor, Map)
-        building = Building(system.places.floor, seed=self.seed)
-        self.robot = building.robot(self.name, at=self.room, places=system.places, speed=SPEED, noise=NOISE)
-        await system.runtime.start(building)
+        self.building = building = Building(system.places.floor, seed=self.seed)
+        for guard in (ada, bob):  # in one order in both processes: of two who meet the later one gives way first
+            if guard is self:
+                self.robot = building.robot(self.name, at=self.room, places=system.places, speed=SPEED, noise=NOISE)
+            else:
+                building.guest(guard.name)
+        here = Exports(system.member.link, {f"building/{self.name}/whereabouts": Whereabouts})
+        others = {f"{name}/building/{name}/whereabouts": guest for name, guest in building.guests.items()}
+        there = Imports(system.member.link, dict.fromkeys(others, Whereabouts))
+        for actor in (building, here, there):
+            await system.runtime.start(actor)
+        for channel, guest in others.items():
+            there.imported(channel).subscribe(guest.take)
         await asyncio.Event().wait()
 
     async def go(self, goal: Pose) -> None:

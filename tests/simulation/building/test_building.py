@@ -8,7 +8,8 @@ import math
 
 import numpy as np
 import pytest
-from maps.floors import FURNITURE, Floor, offices
+from maps.floors import FURNITURE, offices
+from passage import PASSAGE
 
 import mdm
 from mdm.errors import ConfigError, Error, MapError
@@ -68,14 +69,6 @@ def sent(floor, starts, goals, **options):
     return mdm.run(main, virtual=True), [robot.collisions for robot in robots], building.steps / 10
 
 
-PASSAGE = Floor(
-    20.0,
-    8.0,
-    {"west": (0.0, 0.0, 7.0, 8.0), "passage": (7.0, 3.45, 13.0, 4.55), "east": (13.0, 0.0, 20.0, 8.0)},
-    {("passage", "west"): (6.8, 3.525, 7.2, 4.475), ("east", "passage"): (12.8, 3.525, 13.2, 4.475)},
-)
-
-
 @pytest.mark.parametrize("seconds_ahead", [0, 3, 6])
 def test_robots_that_meet_in_a_passage_give_way(seconds_ahead):
     """It is too narrow for two; one drives back."""
@@ -120,6 +113,33 @@ def test_four_robots_come_wherever_there_is_room(seed):
     mdm.run(main, virtual=True)
     assert min(arrivals.values()) > 15
     assert [robot.collisions for robot in robots] == [0, 0, 0, 0]
+
+
+@pytest.mark.parametrize(("held", "steps"), [(0.0, 0), (0.5, 5), (1.0, 10), (5.0, 10)])
+def test_a_building_catches_up_with_a_loop_that_was_held(held, steps):
+    """By a second at most: it does not hold the loop again for as long as it was held."""
+    building, poses = Building(PASSAGE.map(), seed=1), []
+    robot = building.robot("ada", at=Pose(2.0, 3.0))
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            runtime.channel("building/ada/pose", PoseUpdate).subscribe(poses.append)
+            await runtime.start(building)
+            drive = asyncio.create_task(robot.go(Pose(15.0, 3.0)))
+            await runtime.clock.sleep(5.05)
+            before, there, told = building.steps, robot.pose.x, len(poses)
+            asyncio.get_running_loop()._virtual.now += round(held * 1e9)
+            await asyncio.sleep(0)
+            await runtime.clock.sleep(0.01)
+            assert building.steps - before == steps
+            assert robot.pose.x - there == pytest.approx(0.05 * steps, abs=0.001)  # 0.5 metres a second
+            assert len(poses) - told == (1 if held else 0)
+            await drive
+
+    mdm.run(main, virtual=True)
+    times = [pose.time for pose in poses]
+    assert all(time % 100_000_000 == 0 for time in times)  # when it was there, and not when that was told
+    assert times == sorted(set(times))
 
 
 def test_the_same_seed_gives_the_same_run():

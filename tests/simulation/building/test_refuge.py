@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 from mdm.maps import Frame
 from mdm.maps.paths import Paths
@@ -54,3 +55,38 @@ def test_a_refuge_is_off_all_ways():
     assert abs(row - 30) * 0.1 > 0.5
     assert abs(column - 34) * 0.1 > 0.5
     assert math.hypot(row - 30, column - 30) < 15
+
+
+@pytest.mark.parametrize(("niche", "found"), [(7, True), (9, False)])
+def test_a_refuge_is_looked_for_nearby(niche, found):
+    lines = ["#" * 20, "#" * (15 - niche) + "." + "#" * (4 + niche), "." * 20]
+    way = refuge(drawn(*lines), (2, 15), [((2, 19), [(2, 0)], 0.5)])
+    assert (way is not None) is found
+
+
+def test_a_refuge_is_not_beside_one_that_stands():
+    """It may be about to drive on."""
+    paths = drawn(
+        "..........",
+        "..........",
+        "#.#.######",
+    )
+    passing = ((0, 9), [(0, 0)], 0.7)
+    assert refuge(paths, (0, 6), [passing])[-1] == (2, 3)
+    assert refuge(paths, (0, 6), [passing, ((2, 3), [], 1.5)])[-1] == (2, 1)
+    assert refuge(paths, (0, 6), [passing, ((2, 3), [], 1.7)]) is None
+
+
+def test_a_robot_that_touches_another_finds_its_way_out_of_there():
+    paths = drawn(
+        "##########",
+        "###.######",
+        "..........",
+    )
+    assert refuge(paths, (2, 5), [((2, 6), [(2, 0)], 1.5)]) is None
+    paths = drawn(
+        "###.######",
+        "###.######",
+        "..........",
+    )
+    assert refuge(paths, (2, 5), [((2, 6), [(2, 0)], 1.5)])[-1] == (0, 3)

@@ -293,6 +293,25 @@ def test_the_patrol_is_filmed(tmp_path, name):
     assert frames == (21 if name.endswith("gif") else 1)  # both ends count
 
 
+@pytest.mark.parametrize("name", ["film.gif", "film.png"])
+def test_a_film_that_is_cut_off_shows_what_there_was_until_then(tmp_path, name):
+    command = [sys.executable, str(EXAMPLES / "patrol" / "patrol.py"), "--fast", "--seconds", "1e6"]
+    process = subprocess.Popen(
+        [*command, "--film", str(tmp_path / name)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    while "Assistance succeeded" not in process.stdout.readline():  # seconds after the first picture
+        pass
+    process.send_signal(signal.SIGINT)
+    output, error = process.communicate(timeout=100)
+    assert (process.returncode, error) == (130, "")
+    count = int(re.search(rf"{name}: (\d+) pictures\n", output)[1])
+    assert count >= 5
+    assert "stopped: the running action has ended, and the safe action has run" in output
+    with Image.open(tmp_path / name) as film:
+        assert getattr(film, "n_frames", 1) == (count if name.endswith("gif") else 1)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
 def same(one, other):
     """Whether two files hold the same, however they are packed."""
     if one.suffix == ".png":

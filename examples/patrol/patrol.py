@@ -159,9 +159,8 @@ class Display(mdm.Actor):
         self.show("fault", f"{fault.source}: {fault.detail}")
 
 
-async def patrol(arguments: argparse.Namespace) -> None:
+async def patrol(arguments: argparse.Namespace, film: Film | None) -> None:
     """Run the system for a time, and say how it went."""
-    film = None if arguments.film is None else Film(FloorView(floor), arguments.film)
     system = mdm.load_system(HERE / "patrol.toml")
     seconds = arguments.seconds
     print("The ensembles:\n")
@@ -186,9 +185,12 @@ async def patrol(arguments: argparse.Namespace) -> None:
         median = "" if arguments.fast else f"; from stimulus to callback {latency.quantile(0.5) * 1e6:.0f} µs (median)"
         print(f"  {name}: {display.decisions[name]} decisions; actions: {lives}{median}")
     print(f"  robot: {building.steps / 10:g} s on the floor; collisions: {robot.collisions}")
-    if film is not None:
-        film.save(1 / PICTURES)
-        print(f"  {arguments.film}: {len(film)} pictures")
+
+
+def save(film: Film) -> None:
+    """Write the pictures that there are, and say so."""
+    film.save(1 / PICTURES)
+    print(f"  {film.path}: {len(film)} pictures")
 
 
 def main() -> None:
@@ -203,7 +205,12 @@ def main() -> None:
         parser.error("--seconds is a number above 0")
     began = time.monotonic()
     try:
-        mdm.run(lambda: patrol(arguments), virtual=arguments.fast)
+        film = None if arguments.film is None else Film(FloorView(floor), arguments.film)
+        try:
+            mdm.run(lambda: patrol(arguments, film), virtual=arguments.fast)
+        finally:
+            if film:  # also what was filmed until Ctrl-C
+                save(film)
     except KeyboardInterrupt:
         print("\nstopped: the running action has ended, and the safe action has run")
         sys.exit(130)

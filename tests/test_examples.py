@@ -114,6 +114,7 @@ def test_rooms():
 def test_patrol(arguments):
     output = run("patrol/patrol.py", *arguments)
     assert "Patrol: patrol (MDP, 12 states, 4 actions, event-driven)" in output
+    assert "Up: way('Up')\n" in output
     for words in ("the state is 'person': Assistance", "a person calls from", "Patrol preempted", "motors are off"):
         assert words in output
     if len(arguments) == 1:

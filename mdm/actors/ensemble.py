@@ -210,7 +210,7 @@ class Ensemble(Layer):
         lines = [f"{self.name} ({self.summary()})"]
         for name, binding in zip(self.action.names, self.action.bindings, strict=True):
             if binding.ensemble is None:
-                lines.append(f"  {name}: {getattr(binding.target, '__name__', type(binding.target).__name__)}()")
+                lines.append(f"  {name}: {_call(binding.target)}")
             else:
                 first, *rest = binding.ensemble.tree().splitlines()
                 lines += [f"  {name}: {first}", *(f"  {line}" for line in rest)]
@@ -507,6 +507,14 @@ class Ensemble(Layer):
         # One that begins when all has settled here, and not below, comes to its end, too, before it is the last word.
         early = 0.5 + max(last, own) + once if self.subensembles else 0.0
         return 0.5 + max(below, early) + 2 * once
+
+
+def _call(target: object) -> str:
+    """Return how an action is called, in short: ``dock()``, or ``way('Up')`` where its name says with what."""
+    name, opened, given = str(getattr(target, "__qualname__", "")).partition("(")
+    if opened:
+        return f"{name.rpartition('.')[2]}({given}"
+    return f"{getattr(target, '__name__', type(target).__name__)}()"
 
 
 def _check_settings(predicates: object, states: object, observations: object, agent: object, *, local: object) -> None:

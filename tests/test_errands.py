@@ -51,7 +51,7 @@ def test_an_exception_is_the_action_s_own(library, capfd):
 
     scene, lives = played(library, script)
     assert told(lives) == [("Fetch", "running"), ("Fetch", "failed")]
-    assert "GripperError: the gripper is jammed" in lives[-1].detail
+    assert lives[-1].detail.startswith("GripperError: the gripper is jammed")
     assert scene.steps == STEPS[:2]
     assert capfd.readouterr() == ("", "")
 
@@ -89,6 +89,37 @@ def test_feedback_is_decided_on(library):
 
     _, lives = played(library, script)
     assert told(lives) == [("Fetch", "running"), ("Fetch", "succeeded"), ("Come", "running"), ("Come", "succeeded")]
+
+
+@libraries
+def test_feedback_comes_from_outside_of_the_action(library):
+    """What an action brings about in its own task counts as its last step."""
+
+    async def main():
+        scene, tasks = Scene(library), []
+        await scene.fetch(scene.robot, lambda _: tasks.append(asyncio.current_task()))()
+        assert tasks == [None] * len(STEPS)
+
+    run(main, virtual=library != "smach")
+
+
+@libraries
+def test_two_runs_of_an_action_have_nothing_in_common(library):
+    async def main():
+        scene = Scene(library)
+        before = asyncio.all_tasks()
+        action = scene.fetch(scene.robot, scene.step)
+        first, second = (asyncio.ensure_future(action()) for _ in range(2))
+        for _ in range(2):
+            await scene.until("half way to the shelf")
+        first.cancel()
+        await second
+        assert first.cancelled()
+        assert scene.lines.count("braked") == 1
+        assert scene.lines.count("at the dock") == 1
+        assert asyncio.all_tasks() == before
+
+    run(main, virtual=library != "smach")
 
 
 @libraries

@@ -102,6 +102,179 @@ def test_an_error_of_one_leaf_ends_those_beside_it(library):
     assert log == ["stay ends"]
 
 
+@pytest.mark.parametrize("library", TREES)
+def test_work_that_is_cancelled_elsewhere_has_not_failed(library):
+    """It is no failure that another leaf could make good."""
+
+    async def watch():
+        raise asyncio.CancelledError
+
+    async def leave():
+        log.append("leave begins")
+
+    async def stay():
+        await asyncio.sleep(3600)
+
+    log = []
+
+    async def main():
+        with pytest.raises(asyncio.CancelledError):
+            await watched(library, {"Stay": stay, "Watch": watch, "Leave": leave})()
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    run(main, virtual=True)
+    assert log == []
+
+
+@pytest.mark.parametrize("library", TREES)
+@pytest.mark.parametrize("result", [None, True, 0, 1, ""])
+def test_what_work_returns_is_success_but_for_false(library, result):
+    log = []
+
+    async def watch():
+        return result
+
+    async def leave():
+        log.append("leave begins")
+
+    async def main():
+        await watched(library, {"Stay": watch, "Watch": watch, "Leave": leave})()
+
+    run(main, virtual=True)
+    assert log == []
+
+
+@pytest.mark.parametrize("library", TREES)
+def test_an_error_of_work_that_was_halted_is_not_lost(library):
+    """The tree is elsewhere by then, and comes to a good end."""
+
+    async def stay():
+        try:
+            await asyncio.sleep(3600)
+        finally:
+            raise LookupError("the brakes are worn")
+
+    async def watch():
+        await asyncio.sleep(1)
+        return False
+
+    async def leave():
+        await asyncio.sleep(5)
+
+    async def main():
+        with pytest.raises(LookupError, match="the brakes are worn"):
+            await watched(library, {"Stay": stay, "Watch": watch, "Leave": leave})()
+        assert asyncio.get_running_loop().time() == 6.0
+
+    run(main, virtual=True)
+
+
+def test_work_begins_when_all_that_was_cancelled_has_ended():
+    """Also what was cancelled while it waited."""
+    log = []
+
+    async def end(name, seconds):
+        try:
+            await asyncio.sleep(3600)
+        finally:
+            await asyncio.sleep(seconds)
+            log.append(name)
+
+    async def begin():
+        log.append("begins")
+
+    async def main():
+        tasks = ADAPTERS["py_trees"].Tasks()
+        first, second = (tasks.begin(lambda name=name: end(name, 2)) for name in ("first", "second"))
+        await asyncio.sleep(0)
+        first.cancel()
+        third = tasks.begin(begin)
+        await asyncio.sleep(1)
+        second.cancel()
+        await third
+        assert asyncio.get_running_loop().time() == 3.0
+
+    run(main, virtual=True)
+    assert log == ["first", "second", "begins"]
+
+
+def in_cpp(tree, **work):
+    """Return an action: a tree of BehaviorTree.CPP."""
+    text = f"""<root BTCPP_format="4"><BehaviorTree ID="tree">{tree}</BehaviorTree></root>"""
+    return ADAPTERS["behaviortree_cpp"].tree_action(text, work)
+
+
+@pytest.mark.parametrize("names", [("one", "other"), ("both", "both")])
+def test_leaves_of_one_kind_have_work_of_their_own(names):
+    seconds, log = [1, 5], []
+
+    async def work():
+        took = seconds.pop(0)
+        await asyncio.sleep(took)
+        log.append(took)
+
+    async def main():
+        leaves = "".join(f"""<Work name="{name}"/>""" for name in names)
+        await in_cpp(f"<Parallel>{leaves}</Parallel>", Work=work)()
+        assert asyncio.get_running_loop().time() == 5.0
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    run(main, virtual=True)
+    assert log == [1, 5]
+
+
+@pytest.mark.parametrize("names", [("a", "c"), ("a", "a")])
+def test_a_leaf_of_one_kind_is_halted_alone(names):
+    begun, log = [], []
+
+    async def work():
+        number = len(begun)
+        begun.append(number)
+        try:
+            await asyncio.sleep([10, 20][number])
+            log.append(f"{number} has ended")
+        finally:
+            log.append(f"{number} is over at {asyncio.get_running_loop().time():g}")
+
+    async def fail():
+        await asyncio.sleep(1)
+        return False
+
+    async def main():
+        one, other = (f"""<Work name="{name}"/>""" for name in names)
+        halted = f"""<Parallel failure_count="1">{one}<Fail name="fail"/></Parallel>"""
+        await in_cpp(f"<Parallel><ForceSuccess>{halted}</ForceSuccess>{other}</Parallel>", Work=work, Fail=fail)()
+
+    run(main, virtual=True)
+    assert log == ["0 is over at 1", "1 has ended", "1 is over at 20"]
+
+
+def test_the_leaves_that_failed_last_are_named():
+    """One that did better when it was tried again has not failed."""
+    results = [False, True]
+
+    async def attempt():
+        return results.pop(0)
+
+    async def fail():
+        return False
+
+    tree = """<Sequence><RetryUntilSuccessful num_attempts="2"><Try name="try"/></RetryUntilSuccessful>
+      <Fail name="fail"/></Sequence>"""
+    with pytest.raises(RuntimeError, match="the tree failed; leaves that did: fail$"):
+        run(in_cpp(tree, Try=attempt, Fail=fail), virtual=True)
+    with pytest.raises(RuntimeError, match="the tree failed; leaves that did: none with work$"):
+        run(in_cpp("<AlwaysFailure/>"), virtual=True)
+
+
+def test_an_error_is_raised_though_the_tree_makes_good_for_it():
+    async def fail():
+        raise LookupError("lost sight")
+
+    with pytest.raises(LookupError, match="lost sight"):
+        run(in_cpp("""<Fallback><Fail name="fail"/><AlwaysSuccess/></Fallback>""", Fail=fail), virtual=True)
+
+
 class Counting(py_trees.behaviour.Behaviour):
     """Succeeds in its fifth tick."""
 
@@ -113,6 +286,9 @@ class Counting(py_trees.behaviour.Behaviour):
 
     def terminate(self, new_status):
         self.end = new_status
+
+    def shutdown(self):
+        self.is_shut_down = True
 
 
 def test_leaves_of_every_kind_are_told_of_a_pre_emption():
@@ -126,7 +302,7 @@ def test_leaves_of_every_kind_are_told_of_a_pre_emption():
         assert task.cancelled()
 
     run(main, virtual=True)
-    assert (counting.ticks, counting.end) == (3, Status.INVALID)
+    assert (counting.ticks, counting.end, counting.is_shut_down) == (3, Status.INVALID, True)
 
 
 def test_leaves_that_look_at_something_are_ticked_by_the_period():
@@ -255,6 +431,42 @@ def test_a_machine_may_wait_for_events_from_outside():
         assert task.cancelled()
 
     run(main, virtual=True)
+
+
+@pytest.mark.parametrize("queued", [False, True, "model"])
+def test_a_machine_of_transitions_may_wait_for_events_from_outside(queued):
+    """And its feedback comes when a state is entered, before what that does first."""
+    told, machines = [], []
+
+    async def unlock():
+        await asyncio.sleep(2)
+
+    def make():
+        states = ["ready", {"name": "closed", "on_enter": [unlock]}, {"name": "opened", "final": True}]
+        machine = AsyncMachine(states=states, initial="ready", auto_transitions=False, queued=queued)
+        machine.add_transition("begin", "ready", "closed")
+        machine.add_transition("open", "closed", "opened")
+        machines.append(machine)
+        return machine
+
+    async def main():
+        def feedback(name):
+            told.append((name, asyncio.get_running_loop().time()))
+
+        action = ADAPTERS["transitions"].machine_action(make, feedback, succeeds=("opened",))
+        task = asyncio.ensure_future(action())
+        await asyncio.sleep(10)
+        assert not task.done()
+        await machines[0].open()
+        await task
+        task = asyncio.ensure_future(action())
+        await asyncio.sleep(10)
+        task.cancel()
+        await asyncio.wait([task])
+        assert task.cancelled()
+
+    run(main, virtual=True)
+    assert told == [("closed", 0.0), ("closed", 10.0)]
 
 
 @pytest.mark.parametrize("queued", [False, True, "model"])

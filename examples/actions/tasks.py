@@ -13,6 +13,7 @@ class Tasks:
 
     def __init__(self) -> None:
         self._tasks: set[asyncio.Task[object]] = set()
+        self._errors: list[BaseException] = []
         self._change = asyncio.Event()
 
     def begin(self, work: Callable[[], Awaitable[object]]) -> asyncio.Task[object]:
@@ -29,8 +30,9 @@ class Tasks:
 
     def _ended(self, task: asyncio.Task[object]) -> None:
         self._change.set()
-        if task.cancelled() or task.exception() is None:
-            self._tasks.discard(task)
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._errors.append(error)
 
     def taken(self) -> None:
         """Have one more tick: a leaf has taken the end of its work in this one, and what is above it may go on then."""
@@ -55,12 +57,12 @@ class Tasks:
         self._change.clear()
 
     async def end(self) -> None:
-        """Cancel all work, wait until it has ended, and raise what was raised on the way."""
+        """Cancel all work, wait until it has ended, and raise what was raised first."""
         for task in self._tasks:
             cancel(task)
-        for result in await asyncio.gather(*self._tasks, return_exceptions=True):
-            if isinstance(result, Exception):
-                raise result
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for error in self._errors:
+            raise error
 
 
 def cancel(task: asyncio.Task[object]) -> None:

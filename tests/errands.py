@@ -84,5 +84,7 @@ def played(library, script):
         return scene, lives
 
     scene, lives = run(main, virtual=library != "smach")
+    for thread in set(threading.enumerate()) - threads:  # one that has done all has yet to end
+        thread.join(timeout=30)
     assert set(threading.enumerate()) <= threads
     return scene, lives

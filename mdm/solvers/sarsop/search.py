@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["add_node", "add_vector", "backup", "explore", "refresh"]
 
-_GRID = 1e9
-"""Beliefs that agree to one part in so many are one."""
+_GRID = 1e12
+"""Beliefs that agree to one part in so many are one, and have one upper bound: a coarser grid shows in it."""
 _NEGLIGIBLE = 1e-10
 """Weights below this part of a belief are left out. In models of some noise they are most of its states."""
 _DEEP, _SHALLOW = 0.2, 0.5

@@ -11,7 +11,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 from places import EXAMPLES, each
 from random_models import dense, distributions
 from sarsop_models import mixed
@@ -104,6 +104,7 @@ def test_a_policy_is_worth_its_lower_bound_whenever_it_was_pruned(seed, backups,
     assert_worth_what_it_claims(model, found.policy, np.random.default_rng(seed))
 
 
+@example(253, 10, False)  # its bounds differ by less than beliefs that are taken for one may make of them
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.integers(10, 1000), st.booleans())
 def test_plans_that_are_taken_into_the_search_are_worth_what_they_claim(seed, backups, seen):

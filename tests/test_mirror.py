@@ -36,7 +36,6 @@ UNTESTED_ALONE = {
     "policies/alpha_kernels.py": "the loops of AlphaVectors, compared compiled and not by its tests",
     "solvers/informed_sweep.py": "the loop of InformedBound, compared compiled and not by its tests",
     "solvers/mdp/sweeps.py": "the loops of backups, which test_backups compares compiled and not",
-    "solvers/mdp/policy_iteration.py": "with every solver of MDPs, against linear programs: test_rounds",
     "solvers/mdp/prioritised_sweeping.py": "with every solver of MDPs, against linear programs: test_rounds",
 }
 """Modules that have no tests of their own, and where they are tested."""

@@ -12,6 +12,7 @@ are A times cheaper than those of value iteration: the solver for large models.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -24,12 +25,12 @@ from mdm.solvers.mdp.rounds import bounded, sweeping
 from mdm.solvers.mdp.undiscounted import first_policy, resting
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     import numpy.typing as npt
 
     from mdm.models import MDP
-    from mdm.models.matrices import Vector
+    from mdm.models.matrices import Matrix, Vector
     from mdm.solvers.solution import Solution
 
     Actions = npt.NDArray[np.intp]
@@ -37,7 +38,9 @@ if TYPE_CHECKING:
 __all__ = ["evaluate", "improve_policies", "modified_policy_iteration", "policy_iteration", "steps"]
 
 _BETTER = 1e-11
-"""An action replaces another if it is better by this share of the values: more than rounding."""
+"""An action replaces another if it is better by this share of what is added up for both: more than rounding."""
+_OPEN = 1e-14
+"""Rows of equations are solved once more if so large a share of what is added up in one of them is left open."""
 _BACKUPS = 50
 """The backups between one evaluation and the next, where the discount is 1."""
 _EACH = 15
@@ -99,27 +102,40 @@ def steps(dynamics: Dynamics) -> Iterator[Step]:
     """Yield policies, each better than the last, until one is stable.
 
     The first is greedy to the rewards; with a discount of 1 it is one that comes to rest. Only a better action replaces
-    an action: so with a discount of 1, a policy that never rests proves that rewards have no end.
+    an action: so with a discount of 1, a policy that never rests proves that rewards have no end. What is better is
+    told by the numbers of the state itself, however much larger those of other states are.
     """
     endless = dynamics.discount == 1
     policy = first_policy(dynamics) if endless else dynamics.rewards.argmax(axis=1)
     states = np.arange(dynamics.num_states)
     stable = False
+    before, better = np.full(dynamics.num_states, -np.inf), np.ones(dynamics.num_states, dtype=bool)
     while not stable:
         values = evaluate(dynamics, policy)
+        rose = (values > before)[better].all()  # else what seemed better was rounding after all
         table = dynamics.q_values(values)
         best = table.argmax(axis=1)
         gains = table[states, best] - values
-        better = gains > _BETTER * (1 + np.abs(values).max())
+        least = _least_gains(dynamics, values)
+        better = table[states, best] - table[states, policy] > least[states, best] + least[states, policy]
+        better &= rose
+        before = values
         stable = not better.any()
         policy = np.where(better, best, policy)
         upper = np.inf if endless else float(gains.max()) / (1 - dynamics.discount)
         if endless and not stable:
-            policy = _ahead(dynamics, values, policy)
+            policy = _ahead(dynamics, values, policy, least)
         yield Step(values, table, policy, 0.0 if stable else upper, stable)
 
 
-def _ahead(dynamics: Dynamics, values: Vector, policy: Actions) -> Actions:
+def _least_gains(dynamics: Dynamics, values: Vector) -> Vector:
+    """Return by how much the value of each action in each state (S x A) may be off, and more, by rounding."""
+    with np.errstate(over="ignore"):  # values near the largest number: nothing is better by more
+        parts = np.abs(dynamics.rewards) + dynamics.discount * dynamics.after(np.abs(values))
+    return _BETTER * np.asarray(parts)
+
+
+def _ahead(dynamics: Dynamics, values: Vector, policy: Actions, least: Vector) -> Actions:
     """Return a policy that some more backups have improved, from values that the policy's own are no lower than.
 
     They are much cheaper than an evaluation. Values only rise, so that an action that is better than the policy's own
@@ -130,7 +146,7 @@ def _ahead(dynamics: Dynamics, values: Vector, policy: Actions) -> Actions:
         table = dynamics.q_values(values)
         best = table.argmax(axis=1)
         own = table[states, policy]
-        better = table[states, best] - own > _BETTER * (1 + np.abs(own).max())
+        better = table[states, best] - own > least[states, best] + least[states, policy] + _BETTER * np.abs(own)
         policy = np.where(better, best, policy)
         values = np.where(better, table[states, best], own)
     return policy
@@ -173,10 +189,28 @@ def evaluate(dynamics: Dynamics, policy: Actions) -> Vector:
         matrix, rewards = matrix[moving][:, moving], rewards[moving]
     if not len(moving):
         return values
-    if is_compressed(matrix):
-        from scipy.sparse.linalg import spsolve  # noqa: PLC0415 - imported where it is needed
+    values[moving] = _solved(dynamics.discount * matrix, rewards)
+    return values
 
-        values[moving] = spsolve((csr_identity(len(moving)) - dynamics.discount * matrix).tocsc(), rewards)
+
+def _solved(matrix: Matrix, rewards: Vector) -> Vector:
+    """Return V with V = rewards + matrix V, each value as near as the numbers of its own row allow.
+
+    The rows of large numbers spoil those of small ones where an elimination mixes them, unless what is left open in
+    each row is solved once more (R. D. Skeel, *Iterative refinement implies numerical stability for Gaussian
+    elimination*, Mathematics of Computation 35, 1980).
+    """
+    solve: Callable[[Vector], Vector]
+    if is_compressed(matrix):
+        from scipy.sparse.linalg import splu  # noqa: PLC0415 - imported where it is needed
+
+        solve = splu((csr_identity(len(rewards)) - matrix).tocsc()).solve
     else:
-        values[moving] = np.linalg.solve(np.eye(len(moving)) - dynamics.discount * matrix, rewards)
+        equations = np.eye(len(rewards)) - matrix
+        solve = partial(np.linalg.solve, equations)
+    values = solve(rewards)
+    open_ = rewards + matrix @ values - values
+    parts = np.abs(rewards) + matrix @ np.abs(values)
+    if (np.abs(open_) > _OPEN * parts).any():
+        values = values + solve(open_)
     return values

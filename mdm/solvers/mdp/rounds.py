@@ -92,13 +92,16 @@ def rounds(dynamics: Dynamics, improve: Callable[[Vector, Round], None]) -> Iter
 def bounded(
     dynamics: Dynamics, belief: Vector, limits: Limits, solver: str, improve: Callable[[Vector, Round], None]
 ) -> Solution:
-    """Return a Q-table with its bounds at a belief, from as many rounds as the limits allow."""
+    """Return a Q-table with its bounds at a belief, from as many rounds as the limits allow.
+
+    What rounding may have done is left between the bounds.
+    """
     for iterations, now in enumerate(rounds(dynamics, improve), 1):
-        value = float(belief @ now.backed)
-        lower, upper = value + now.below, value + now.above
+        value, error = float(belief @ now.backed), rounding(dynamics, now)
+        lower, upper = value + now.below - error, value + now.above + error
         if limits.ends(lower, upper, iterations=iterations, size=dynamics.num_states):
             break
-        if now.above - now.below <= rounding(dynamics, now):
+        if now.above - now.below <= error:
             limits.reason = "converged"
             break
     return limits.solution(now.table(dynamics), solver, lower, upper, iterations=iterations, size=dynamics.num_states)

@@ -169,6 +169,16 @@ def test_a_gap_that_rounding_leaves_open(solver, discount, sparse):
 
 
 @every_solver
+@pytest.mark.parametrize("penalty", [1e6, 1e9, 1e12, 1e300])
+def test_bounds_hold_beside_rewards_of_another_magnitude(solver, penalty):
+    slow, fast = [[0.9, 0.1, 0], [0, 1, 0], [0, 1, 0]], [[0, 1, 0], [0, 1, 0], [0, 1, 0]]
+    costs = [[-0.002, -0.001], [0, 0], [-penalty, -penalty]]
+    model = MDP([slow, fast], costs, discount=0.95, initial_belief=[1, 0, 0])
+    found = solver(model, limits=Limits(gap=0))
+    assert found.lower <= -0.001 <= found.upper
+
+
+@every_solver
 def test_ctrl_c_returns_the_best_so_far(solver):
     model = chain(sparse=True, discount=0.999)
     reports = []

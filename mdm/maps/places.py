@@ -264,8 +264,8 @@ class Places(Actor):
         self._told = values
         self._witness = next(((name, value) for name, value in values.items() if value is not None), None)
         with self.predicates.batch():
-            if changes:
-                self.predicates.take(changes)
+            for change in changes:
+                self.predicates.take((change,))
             if events := self._events():
                 self.predicates.occur(*events)
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mdm.actors.predicates.declarations import Kind
+    from mdm.actors.predicates.sensor import Readings
     from mdm.logic import Change
     from mdm.number import Number
     from mdm.runtime import Channel, Runtime, Supervision, Timer
@@ -245,11 +246,11 @@ class PredicateManager(Actor):
             self.declared.check_input(name, "predicate")
         self.take(((name, truth(name, value)),))
 
-    def take(self, readings: tuple[tuple[str, bool | None], ...]) -> None:
-        """Take values of predicates as one update; `Sensor.set` calls this. From any thread."""
+    def take(self, readings: Readings) -> None:
+        """Take a predicate's value; `Sensor.set` calls this. From any thread."""
         if self._open and (batch := self._open.get(self._batches.scope())) is not None:
-            for reading in readings:
-                batch.readings[reading[0]] = reading
+            (reading,) = readings
+            batch.readings[reading[0]] = reading
         elif self._senses is None:
             self._input(readings, ())
         else:
@@ -276,7 +277,8 @@ class PredicateManager(Actor):
     def _input(self, predicates: tuple[tuple[str, bool | None], ...], events: tuple[str, ...]) -> None:
         senses = self._senses
         if senses is not None:
-            senses(SensorUpdate(self._now(), predicates, events))
+            now = self._now
+            senses(SensorUpdate(now(), predicates, events))
         elif self._begun:
             self._keep(SensorUpdate(self.runtime.clock.now(), predicates, events))
         else:

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 __all__ = ["EventSource", "Sensor", "truth"]
 
-Reading = tuple[tuple[str, "bool | None"], ...]
+Readings = tuple[tuple[str, "bool | None"]]
+"""The name of a predicate and its value, as the only ones of an update."""
 
 
 def truth(name: str, value: object) -> bool | None:
@@ -37,14 +38,13 @@ class Sensor:
         manager: Its predicate manager.
     """
 
-    __slots__ = ("_false", "_manager", "_true", "_unknown", "name")
+    __slots__ = ("_false", "_manager", "_true", "name")
 
     def __init__(self, name: str, manager: PredicateManager) -> None:
         self.name = name
         self._manager = manager
-        self._true: Reading = ((name, True),)
-        self._false: Reading = ((name, False),)
-        self._unknown: Reading = ((name, None),)
+        self._true: Readings = ((name, True),)
+        self._false: Readings = ((name, False),)
 
     def set(self, value: bool | np.bool_ | None) -> None:
         """Say whether the predicate holds; None says that it is unknown.
@@ -52,9 +52,13 @@ class Sensor:
         Raises:
             Error: If the value is no truth value.
         """
-        if value is not True and value is not False and value is not None:
-            value = truth(self.name, value)
-        self._manager.take(self._true if value is True else self._false if value is False else self._unknown)
+        if value is True:
+            readings = self._true
+        elif value is False:
+            readings = self._false
+        else:
+            readings = ((self.name, truth(self.name, value)),)
+        self._manager.take(readings)
 
     @property
     def value(self) -> bool | None:

@@ -51,6 +51,7 @@ class Display(mdm.Actor):
         self.moving, self.colour, self.film = moving, colour, film
         self.view = FloorView(floor)
         self.last: deque[str] = deque(maxlen=LINES)
+        self.latest = ""
         self.decisions: dict[str, int] = {"top": 0, "patrol": 0}
         self.decided: dict[str, str] = {"top": "nothing yet", "patrol": "nothing yet"}
 
@@ -100,8 +101,7 @@ class Display(mdm.Actor):
     def shoot(self) -> None:
         """Take a picture."""
         assert self.film is not None
-        last = self.last[-1].split("s ", 1)[-1].strip() if self.last else ""
-        self.film.add(self.marks(), f"{self.seconds():.1f} s: {last}")
+        self.film.add(self.marks(), f"{self.seconds():.1f} s  {self.latest}")
 
     def place(self) -> str:
         """Return where the robot is, as its predicates have it."""
@@ -118,6 +118,7 @@ class Display(mdm.Actor):
         """Print a line with the time since the start, or keep it for the screen."""
         line = f"{who:>7}  {text}"
         self.last.append(f"{self.seconds():5.1f} s {line}")
+        self.latest = f"{who}: {text}"
         if self.colour:
             line = f"\x1b[{COLOURS[who]}m{line}\x1b[0m"
         if not self.moving:

@@ -9,7 +9,7 @@ import pytest
 from passage import MIDDLE, PASSAGE, Scripted
 
 import mdm
-from mdm.errors import ConfigError, Error
+from mdm.errors import ConfigError, Error, MapError
 from mdm.maps import Pose
 from mdm.simulation.building import Building, Whereabouts
 from mdm.team.sharing.remote import Wire
@@ -61,6 +61,32 @@ def test_points_that_are_not_on_this_floor_are_left_out_of_a_way():
     assert guest.turns == (PASSAGE.frame.cell(9.0, MIDDLE),)
 
 
+def test_a_robot_tells_where_it_is_and_drives():
+    building, told = Building(PASSAGE.map(), seed=1), []
+    robot = building.robot("ada", at=Pose(2.0, 0.5, 0.0))
+
+    async def act(runtime):
+        runtime.channel("building/ada/whereabouts", Whereabouts).subscribe(told.append)
+        await runtime.clock.sleep(0.05)
+        assert told[-1] == Whereabouts(told[-1].time, 2.0, 0.5, 0.0, (0.0, 0.0), 0.0, ())
+        drive = asyncio.create_task(robot.go(Pose(9.0, MIDDLE)))
+        await runtime.clock.sleep(4.0)
+        one, other = told[-2:]
+        assert other.time - one.time == 100_000_000
+        assert Pose(other.x, other.y, other.yaw) == robot.pose
+        assert 0.3 < math.hypot(*other.velocity) < 0.51
+        assert (other.x - one.x, other.y - one.y) == pytest.approx([0.1 * speed for speed in other.velocity], abs=0.005)
+        assert told[-10].remaining > other.remaining == robot.remaining > 4.0
+        assert len(other.way) > 1
+        assert other.way[-1] == pytest.approx((9.0, MIDDLE), abs=0.05)
+        await drive
+        await runtime.clock.sleep(5.0)
+        assert told[-1].velocity == pytest.approx((0.0, 0.0), abs=0.001)
+        assert (told[-1].remaining, told[-1].way) == (0.0, ())
+
+    living(act, building)
+
+
 @pytest.mark.parametrize("place", [0, 1, 2, 3, 4])
 def test_what_is_not_finite_is_refused(place):
     guest = Building(PASSAGE.map()).guest("bob")
@@ -80,6 +106,16 @@ def test_a_guest_that_no_robot_could_be_is_refused():
         building.robot("bob", at="east")
     with pytest.raises(ConfigError, match="the radius of robot 'eve' is a number above 0, not 0"):
         building.guest("eve", radius=0)
+
+
+def test_a_robot_cannot_be_put_where_a_guest_is():
+    building = Building(PASSAGE.map())
+    guest = building.guest("bob")
+    building.robot("ada", at="west")
+    guest.take(Whereabouts(0, 15.0, MIDDLE, 0.0, (0.0, 0.0), 0.0, ()))
+    guest.steer(0.1)
+    with pytest.raises(MapError, match="robot 'eve' does not fit at 15.3, 3: robot 'bob' is there"):
+        building.robot("eve", at=Pose(15.3, MIDDLE))
 
 
 def test_a_robot_drives_around_a_guest_and_where_one_was():

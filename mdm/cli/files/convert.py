@@ -69,8 +69,9 @@ def run(arguments: argparse.Namespace) -> int:
         source = source.with_discount(arguments.discount)
     save_model(source, arguments.target)
     print(f"{arguments.target}: {Document(source).kind}")
-    for line in _changes(source, load_model(arguments.target)):
-        print(f"mdm: warning: {line}", file=sys.stderr)
+    if Path(arguments.target).is_file():
+        for line in _changes(source, load_model(arguments.target)):
+            print(f"mdm: warning: {line}", file=sys.stderr)
     return 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -37,6 +38,17 @@ def test_convert_tells_what_is_lost(mdm, tmp_path):
     status, _, errors = mdm("convert", MODELS / "guard.pgmx", tmp_path / "guard.npz", "--discount", "0.5")
     assert (status, errors) == (0, "")
     assert load_model(tmp_path / "guard.npz").discount == 0.5
+
+
+def test_convert_writes_to_a_pipe_and_does_not_read_it(mdm, tmp_path):
+    path = tmp_path / "pipe.pomdp"
+    os.mkfifo(path)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        assert mdm("convert", TIGER, path) == (0, [f"{path}: a model (POMDP)"], "")
+        assert os.read(reader, 9) == b"discount:"
+    finally:
+        os.close(reader)
 
 
 def test_convert_normalizes_on_demand(mdm, tmp_path):

@@ -14,12 +14,13 @@ from mdm.formats.pgmx import reader as pgmx
 from mdm.formats.pomdpx import reader as pomdpx
 from mdm.formats.recognition import beginning, holds_policy, root
 from mdm.formats.source import Source, suffixes
+from mdm.models import MDP
 from mdm.models.validation import collect_problems
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mdm.models import MDP, POMDP
+    from mdm.models import POMDP
 
 __all__ = ["MODEL_SUFFIXES", "load_model", "save_model"]
 
@@ -96,9 +97,11 @@ def save_model(model: MDP | POMDP, path: str | Path) -> None:
         path: The file.
 
     Raises:
-        ModelError: If the suffix is unknown, or the format cannot hold this model.
+        ModelError: If it is no model, the suffix is unknown, or the format cannot hold this model.
         FormatError: If the file cannot be written.
     """
+    if not isinstance(model, MDP):
+        raise ModelError(f"a model is an MDP or a POMDP, not {type(model).__name__}: save_policy() writes policies")
     suffix = suffixes(path)
     writer = _WRITERS.get(suffix)
     if writer is None or (suffix == ".npz" and Path(path).suffix == ".gz"):

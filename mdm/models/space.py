@@ -79,7 +79,7 @@ class Factor:
         prefix: The prefix of generated names.
 
     Raises:
-        ModelError: If there is no symbol, or two have one name.
+        ModelError: If there is no symbol, a name is no text, or two have one name.
 
     Example::
 
@@ -95,6 +95,8 @@ class Factor:
             self.names: Sequence[str] = _Counted(prefix, max(names, 0))
         else:
             self.names = tuple(names)
+            if wrong := [symbol for symbol in self.names if not isinstance(symbol, str)]:
+                raise ModelError(f"the symbols of {name!r} have names, which are texts, not {wrong[0]!r}")
             self._index = {symbol: index for index, symbol in enumerate(self.names)}
             if len(self._index) != len(self.names):
                 twice = next(symbol for index, symbol in enumerate(self.names) if self._index[symbol] != index)

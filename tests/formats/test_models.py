@@ -10,7 +10,9 @@ from loading import assert_refused_where_it_breaks, load, written
 from places import CORPUS, each
 from random_models import dense
 
-from mdm import FormatError, load_model, load_policy
+from mdm import FormatError, load_model, load_policy, save_model
+from mdm.errors import ModelError
+from mdm.policies import QTable
 
 SUFFIXES = (".pomdp", ".mdp", ".dpomdp")
 
@@ -86,3 +88,9 @@ def test_a_file_of_ensembles_is_no_model(tmp_path):
     for read in (load_model, load_policy):
         with pytest.raises(FormatError, match="robot.toml: this is a TOML file of ensembles; a (model|policy) was"):
             read(path)
+
+
+def test_what_is_no_model_is_not_written(tmp_path):
+    with pytest.raises(ModelError, match=r"a model is an MDP or a POMDP, not QTable: save_policy\(\) writes policies"):
+        save_model(QTable([[0, 1]]), tmp_path / "model.npz")
+    assert not list(tmp_path.iterdir())

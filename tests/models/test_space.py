@@ -61,6 +61,13 @@ def test_names_must_differ():
         Factor("agent", ["a", "b", "a"])
 
 
+@pytest.mark.parametrize("names", [[2, 1, 0], ["a", None], [b"a", "b"]])
+def test_names_are_texts(names):
+    with pytest.raises(ModelError, match=r"the symbols of 'state' have names, which are texts, not"):
+        Factor("state", names)
+    assert Factor("state", np.array(["a", "b"])).index("b") == 1
+
+
 def test_an_index_may_stand_for_a_name():
     assert Space.single("state", ["left", "right"]).index("1") == 1
 

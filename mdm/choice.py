@@ -1,15 +1,16 @@
-"""Choices that users make among a few words, and yes or no."""
+"""Choices that users make: among a few words, yes or no, and the seed of chance."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from mdm.errors import ConfigError
+from mdm.number import is_whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["check_choice", "check_flag"]
+__all__ = ["check_choice", "check_flag", "check_seed"]
 
 
 def check_choice(given: object, choices: Sequence[str], what: str, *, key: str | None = None) -> None:
@@ -31,3 +32,13 @@ def check_flag(given: object, what: str, *, key: str | None = None) -> None:
     """
     if not isinstance(given, bool):
         raise ConfigError(f"{what} is True or False, not {given!r}", key=key)
+
+
+def check_seed(given: object) -> None:
+    """Refuse what is no seed of random numbers: neither a whole number from 0 on, nor None.
+
+    Raises:
+        ConfigError: If it is something else.
+    """
+    if given is not None and not (is_whole(given) and given >= 0):
+        raise ConfigError(f"a seed is a whole number from 0 on, not {given!r}", key="seed")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from mdm import ConfigError
-from mdm.choice import check_choice, check_flag
+from mdm.choice import check_choice, check_flag, check_seed
 
 
 @pytest.mark.parametrize("given", ["blue", "Red", "", None, 1, ["red"], {}, b"red"])
@@ -25,3 +26,14 @@ def test_the_words_and_flags_pass():
     check_choice("grey", ("red", "green", "grey"), "colour")
     check_flag(True, "debug")
     check_flag(False, "debug")
+
+
+@pytest.mark.parametrize("given", [0, 2**70, np.int64(3), None])
+def test_seeds(given):
+    check_seed(given)
+
+
+@pytest.mark.parametrize("given", ["a", 1.5, -1, True])
+def test_what_is_no_seed(given):
+    with pytest.raises(ConfigError, match="a seed is a whole number from 0 on, not"):
+        check_seed(given)

@@ -18,11 +18,13 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
+from mdm.choice import check_seed
 from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
 from mdm.models import POMDP
 from mdm.models.durations import discounts_in_time
 from mdm.models.matrices import Vector
+from mdm.number import is_whole
 from mdm.policies import mismatch
 from mdm.simulation.episodes import EpisodeBatch, limits, one_by_one
 
@@ -134,6 +136,7 @@ def evaluate(
     model = model_of(model)
     policy = policy_of(policy, model)
     _check(model, policy, episodes, steps)
+    check_seed(seed)
     discounts = None if durations is None else discounts_in_time(model, durations)
     ends = limits(model, policy, steps, None if discounts is None else float(discounts.max()))
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
@@ -155,9 +158,9 @@ def evaluate(
 
 
 def _check(model: MDP, policy: Any, episodes: int | None, steps: int | None) -> None:
-    if episodes is not None and episodes < 1:
+    if episodes is not None and not (is_whole(episodes) and episodes >= 1):
         raise ConfigError(f"an evaluation needs at least 1 episode, not {episodes}")
-    if steps is not None and steps < 1:
+    if steps is not None and not (is_whole(steps) and steps >= 1):
         raise ConfigError(f"an episode needs at least 1 step, not {steps}")
     if getattr(policy, "input", "state") != "state" and not isinstance(model, POMDP):
         raise ConfigError("the policy needs observations, but the model is an MDP, which has none")

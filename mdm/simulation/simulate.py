@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 
 from mdm.actors import Ensemble
+from mdm.choice import check_seed
 from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
+from mdm.number import is_whole
 from mdm.runtime import Runtime, run
 from mdm.simulation.batch import Evaluation
 from mdm.simulation.world import World
@@ -70,11 +72,12 @@ def simulate(
         result.episodes  # 20
         result.interval  # the 95 % confidence interval of the value
     """
-    if episodes < 1:
+    if not (is_whole(episodes) and episodes >= 1):
         raise ConfigError(f"a simulation needs at least 1 episode, not {episodes}")
     world_model = model_of(model)
     decides = policy_of(policy, world_model)
     given = options.pop("seed", None)
+    check_seed(given)
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if given is None else given
     if given is not None and hasattr(decides, "seed"):
         options["seed"] = given

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from mdm.choice import check_flag, check_seed
 from mdm.errors import ConfigError
 from mdm.loading import model_of
 from mdm.models import POMDP, in_time
+from mdm.number import is_whole
 from mdm.solvers.limits import Limits
 
 if TYPE_CHECKING:
@@ -98,15 +100,29 @@ def solve(
     if kind != model.kind:
         others = ", ".join(other for other, (*_, of) in SOLVERS.items() if of == model.kind)
         raise ConfigError(f"{name} solves {kind}s, not {model.kind}s: take {others}", key="solver")
-    for option in options:
-        if option not in (known := options_of(name)):
-            which = f"its options are {', '.join(known)}" if known else "it has no options but the limits"
-            raise ConfigError(f"{name} takes no {option!r}: {which}", key=option)
+    _check_options(name, options)
     limits = Limits(gap=gap, time=time, iterations=iterations, memory=memory, progress=progress)
     if durations is None:
         return _function(name)(model, limits=limits, **options)
     solution = _function(name)(in_time(model, durations), limits=limits, **options)
     return msgspec.structs.replace(solution, policy=solution.policy.for_first_states(len(model.state_space)))
+
+
+def _check_options(solver: str, options: dict[str, Any]) -> None:
+    """Refuse options that a solver does not take, and values that are none of theirs."""
+    known = options_of(solver)
+    parameters = inspect.signature(_function(solver)).parameters
+    for option, given in options.items():
+        if option not in known:
+            which = f"its options are {', '.join(known)}" if known else "it has no options but the limits"
+            raise ConfigError(f"{solver} takes no {option!r}: {which}", key=option)
+        kind, *others = str(parameters[option].annotation).split(" | ")
+        if option == "seed":
+            check_seed(given)
+        elif kind == "bool":
+            check_flag(given, option, key=option)
+        elif kind == "int" and not is_whole(given) and (given is not None or "None" not in others):
+            raise ConfigError(f"{option} is a whole number, not {given!r}", key=option)
 
 
 def _function(solver: str) -> Callable[..., Solution]:

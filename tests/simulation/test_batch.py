@@ -241,6 +241,9 @@ def test_mistakes_are_told():
     mdp = MDP([np.eye(2)], [[1.0], [1.0]], discount=0.9)
     for arguments, words in (
         ((model, policy, {"episodes": 0}), "at least 1 episode"),
+        ((model, policy, {"episodes": 1.5}), "at least 1 episode, not 1.5"),
+        ((model, policy, {"steps": 2.5}), "at least 1 step, not 2.5"),
+        ((model, policy, {"seed": -1}), "a seed is a whole number from 0 on, not -1"),
         ((model, policy, {"steps": 0}), "at least 1 step"),
         ((mdp, policy, {}), "is an MDP, which has none"),
         ((model, DeterministicPolicy([0, 1, 2]), {}), "3 states"),

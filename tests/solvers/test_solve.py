@@ -56,6 +56,11 @@ def test_options_choose_a_solver_that_takes_them():
         (tiger(), "qmdp", {"limits": 3}, "qmdp takes no 'limits': it has no options but the limits"),
         (tiger(), None, {"gap": "0.01"}, "gap is a number from 0 on, not '0.01'"),
         (tiger(), None, {"time": -1}, "time is a number from 0 on, not -1"),
+        (tiger(), "perseus", {"horizon": 2.5}, "horizon is a whole number, not 2.5"),
+        (tiger(), "perseus", {"horizon": True}, "horizon is a whole number, not True"),
+        (tiger(), "perseus", {"seed": "a"}, "a seed is a whole number from 0 on, not 'a'"),
+        (tiger(), "jesp", {"restarts": None}, "restarts is a whole number, not None"),
+        (tiger(), "sarsop", {"whole": "no"}, "whole is True or False, not 'no'"),
     ],
 )
 def test_what_is_refused(model, solver, options, message):

@@ -98,6 +98,10 @@ def _check_belief(ensemble: Ensemble, given: list[float]) -> None:
     distribution(given, what="the belief", size=size)
 
 
+_LATEST = 1_000_000_000
+"""Seconds: a run of thirty years."""
+
+
 def read_stimuli(stream: IO[bytes], system: System) -> tuple[list[Stimulus], str | None]:
     """Return the stimuli up to the first wrong line, and that line's error."""
     decoder = msgspec.json.Decoder(_Line)
@@ -109,8 +113,13 @@ def read_stimuli(stream: IO[bytes], system: System) -> tuple[list[Stimulus], str
         try:
             line = decoder.decode(text)
             if line.time is not None:
-                if not 0 <= line.time < 1e9:
+                if line.time < 0:
                     raise Error(f"a time is a number of seconds from 0 on, not {line.time}")
+                if line.time >= _LATEST:
+                    raise Error(
+                        f"a time is a number of seconds from 0 on, the start, to {_LATEST:,}, not {line.time:.15g}: "
+                        f"where times are dates, take the first off all of them"
+                    )
                 if round(line.time * 1e9) < when:
                     raise Error(f"time goes back from {when / 1e9:g} to {line.time:g} s")
                 when = round(line.time * 1e9)

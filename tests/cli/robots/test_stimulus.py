@@ -60,6 +60,7 @@ def test_times_are_nanoseconds_and_stay_where_none_is_given(system):
         ('{"time": -1}', "a number of seconds from 0 on, not -1"),
         ('{"time": 1}', "time goes back from 2 to 1 s"),
         ('{"time": 1e300}', "a number of seconds from 0 on"),
+        ('{"time": 1763851268.5}', "to 1,000,000,000, not 1763851268.5: where times are dates, take the first off"),
     ],
 )
 def test_reading_ends_at_the_first_wrong_line_and_says_which(system, line, words):

@@ -16,7 +16,7 @@ from mdm.views.canvas import pyplot
 from mdm.views.grid import action_colours
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from mdm.models import MDP, Space
     from mdm.models.matrices import Vector
@@ -83,17 +83,28 @@ def two_state_figure(model: MDP, policy: Any, states: Sequence[str] | None, seed
 def _most_confused_pair(model: MDP, policy: Any, seed: int) -> tuple[int, int]:
     """Return the two states with the greatest mean product of beliefs between which the action changes, or of all."""
     shared: defaultdict[tuple[int, int], float] = defaultdict(float)
-    run = EpisodeRunner(model, policy)
-    for stream in np.random.SeedSequence(seed).spawn(_EPISODES):
-        for _, moment in zip(range(_STEPS), run(stream), strict=False):
-            belief = _dense(moment.belief, model)
-            likely = sorted(np.argsort(-belief, kind="stable")[:_LIKELY].tolist())
-            for one, other in combinations(likely, 2):
-                shared[one, other] += float(belief[one] * belief[other])
+    for belief in _beliefs(model, policy, seed):
+        likely = sorted(np.argsort(-belief, kind="stable")[:_LIKELY].tolist())
+        for one, other in combinations(likely, 2):
+            shared[one, other] += float(belief[one] * belief[other])
     pairs = [pair for pair in sorted(shared, key=lambda pair: -shared[pair]) if shared[pair] > 0]
+    if len(model.state_space) == 1:
+        raise Error("a picture over beliefs needs two states, and the model has one")
     if not pairs:
         raise Error("this model's state is always certain: name two states with --states")
     return next((pair for pair in pairs[:_PAIRS] if _changes(model, policy, pair)), pairs[0])
+
+
+def _beliefs(model: MDP, policy: Any, seed: int) -> Iterator[Vector]:
+    """Yield the beliefs of some episodes; the initial one where episodes are empty, since nothing can be earned."""
+    run = EpisodeRunner(model, policy)
+    empty = True
+    for stream in np.random.SeedSequence(seed).spawn(_EPISODES):
+        for _, moment in zip(range(_STEPS), run(stream), strict=False):
+            empty = False
+            yield _dense(moment.belief, model)
+    if empty:
+        yield model.initial_belief
 
 
 def _changes(model: MDP, policy: Any, pair: tuple[int, int]) -> bool:

@@ -50,6 +50,18 @@ def test_two_states_are_named_or_told_apart_by_nothing():
         two_state_figure(seen, AlphaVectors([[2.0, 0]], [0], 1), None, 0)
 
 
+def test_states_are_found_where_nothing_can_be_earned():
+    doubtful = POMDP([np.eye(3)], [np.eye(3)], np.zeros((3, 1)), discount=0.5, initial_belief=[0.5, 0, 0.5])
+    axes = two_state_figure(doubtful, AlphaVectors([[0.0, 0, 0]], [0], 1), None, 0).axes[0]
+    assert axes.get_xlabel() == "belief in '2', the rest in '0'"
+
+
+def test_one_state_makes_no_picture():
+    alone = POMDP([np.eye(1)], [np.eye(1)], [[1.0]], discount=0.5)
+    with pytest.raises(Error, match="needs two states, and the model has one"):
+        two_state_figure(alone, AlphaVectors([[2.0]], [0], 1), None, 0)
+
+
 def test_states_of_several_factors_are_told_with_their_names():
     model = load_model(DATA / "patrol" / "rooms.pomdpx")
     policy = load_policy(DATA / "patrol" / "rooms.vf", model)

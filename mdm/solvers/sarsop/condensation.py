@@ -157,8 +157,10 @@ class Controller:
     def visits(self, start: Vector, before: Vector | None, goes_on: Callable[[], bool]) -> Vector:
         """Return the discounted number of visits to each state with each node, N x Y, as far as some steps tell."""
         visits = start if before is None else before
+        begin = np.flatnonzero(start.any(axis=1))
         for _ in range(_PUSHES):
-            ahead = start.copy()
+            ahead = np.zeros(start.shape)  # its rows take memory only where there are visits
+            ahead[begin] = start[begin]
             for group, steps in self._groups(np.flatnonzero(visits.any(axis=1))):
                 if not goes_on():
                     return visits
@@ -393,7 +395,7 @@ def condensed(
 def _settle(controller: Controller, start: Vector, roots: Indices, slack: float, goes_on: Callable[[], bool]) -> None:
     """Choose what follows each node for the states that it is reached in, until neither changes."""
     vectors = controller.vectors
-    begin = np.zeros_like(vectors.values)
+    begin = np.zeros(vectors.values.shape)
     begin[roots] = start[vectors.blocks[roots]]
     visits: Vector | None = None
     for _ in range(_ROUNDS):

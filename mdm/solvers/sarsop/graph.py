@@ -27,6 +27,8 @@ __all__ = [
     "bytes_of",
     "grown",
     "new_graph",
+    "rows_of",
+    "without_beliefs",
 ]
 
 NODES, EDGES, OUTCOMES, WEIGHTS, VECTORS, VALUES, POINTS, LINKS = range(8)
@@ -237,6 +239,18 @@ def grown(graph: Graph, lengths: dict[str, int]) -> Graph:
     if "block" in lengths:
         changed["informed"] = _longer(graph.informed, lengths["block"])
     return graph._replace(**changed)
+
+
+def rows_of(graph: Graph, width: int) -> Floats:
+    """Return the values of all vectors, which lie one after the other, as the rows of a view."""
+    return graph.values[: graph.counts[VALUES]].reshape(-1, width)
+
+
+def without_beliefs(graph: Graph) -> Graph:
+    """Return the graph with its vectors and the best one of each node, but for what only trials need."""
+    names = [name for name, count in _SIZED.items() if count in (EDGES, OUTCOMES, WEIGHTS, POINTS)]
+    none = {name: np.empty(0, dtype=getattr(graph, name).dtype) for name in (*names, "table", "code")}
+    return graph._replace(**none, informed=np.empty((0, graph.informed.shape[1])))
 
 
 def _longer(array: Any, length: int) -> Any:

@@ -7,12 +7,24 @@ beliefs that only it leads to are forgotten.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from mdm.solvers.sarsop.graph import EDGES, LINKS, NODES, OUTCOMES, POINTS, VALUES, VECTORS, WEIGHTS, Graph, hashed
+from mdm.solvers.sarsop.graph import (
+    EDGES,
+    LINKS,
+    NODES,
+    OUTCOMES,
+    POINTS,
+    VALUES,
+    VECTORS,
+    WEIGHTS,
+    Graph,
+    hashed,
+    rows_of,
+)
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector
@@ -24,6 +36,8 @@ Indices = npt.NDArray[np.intp]
 
 _CHUNK = 1_000_000
 """Numbers that are held at once for some beliefs, and for their products with vectors."""
+_NODES = 5_000
+"""Beliefs whose actions are looked at at once."""
 
 
 def needed_vectors(graph: Graph, layout: Layout, roots: npt.NDArray[np.int64], slack: float) -> npt.NDArray[np.bool_]:
@@ -35,7 +49,8 @@ def needed_vectors(graph: Graph, layout: Layout, roots: npt.NDArray[np.int64], s
     kept = np.zeros(count, dtype=np.bool_)
     active = np.flatnonzero(graph.is_active[:count])
     visited = np.flatnonzero(graph.first_edge[: graph.counts[NODES]] >= 0)
-    visited = np.unique(np.concatenate((visited, roots, _followers(graph, layout, visited))))
+    parts = np.array_split(visited, len(visited) // _NODES + 1)
+    visited = np.unique(np.concatenate((visited, roots, *(_followers(graph, layout, part) for part in parts))))
     by_block = active[np.argsort(graph.vector_block[active], kind="stable")]
     starts = np.searchsorted(graph.vector_block[by_block], np.arange(len(layout.first_state)))
     nodes = visited[np.argsort(graph.block[visited], kind="stable")]
@@ -45,7 +60,7 @@ def needed_vectors(graph: Graph, layout: Layout, roots: npt.NDArray[np.int64], s
         beliefs = nodes[of_node[block] : of_node[block + 1]]
         width = int(layout.first_state[block + 1] - layout.first_state[block])
         if len(beliefs):
-            kept[vectors[_cover(graph, _values(graph, vectors, width), beliefs, slack)]] = True
+            kept[vectors[_cover(graph, rows_of(graph, width)[vectors], beliefs, slack)]] = True
     kept[graph.default_vector] = True
     return kept
 
@@ -63,10 +78,6 @@ def _followers(graph: Graph, layout: Layout, nodes: Indices) -> Indices:
     return np.asarray(graph.child[chosen])
 
 
-def _values(graph: Graph, vectors: Indices, width: int) -> Vector:
-    return np.asarray(graph.values[graph.first_value[vectors][:, None] + np.arange(width)])
-
-
 def _dense(graph: Graph, nodes: Indices, width: int) -> Vector:
     """Return beliefs as the columns of an array."""
     sizes = graph.num_weights[nodes]
@@ -81,6 +92,22 @@ def _stretches(starts: npt.NDArray[np.int64], sizes: npt.NDArray[np.int32]) -> t
     of = np.repeat(np.arange(len(starts)), sizes)
     ends = np.cumsum(sizes)
     return np.arange(len(of)) - np.repeat(ends - sizes, sizes) + np.repeat(starts, sizes), of
+
+
+def _move(arrays: tuple[npt.NDArray[Any], ...], starts: Indices, sizes: npt.NDArray[np.int32]) -> int:
+    """Move stretches, given in the order that they lie in, to the front of arrays; return how much that is.
+
+    A part is moved at a time, so that little is held twice. None is written over before it is moved.
+    """
+    ends = np.cumsum(sizes)
+    total = int(ends[-1]) if len(ends) else 0
+    at = 0
+    for part in np.split(np.arange(len(starts)), np.searchsorted(ends, np.arange(_CHUNK, total, _CHUNK))):
+        entries, _ = _stretches(starts[part], sizes[part])
+        for array in arrays:
+            array[at : at + len(entries)] = array[entries]
+        at += len(entries)
+    return total
 
 
 def _cover(graph: Graph, vectors: Vector, beliefs: Indices, slack: float) -> Indices:
@@ -127,10 +154,10 @@ def prune_vectors(graph: Graph, layout: Layout, active: npt.NDArray[np.bool_]) -
     old = np.flatnonzero(kept)
     place = np.cumsum(kept) - 1
     widths = np.diff(layout.first_state)[graph.vector_block[old]]
-    entries, _ = _stretches(graph.first_value[old], widths.astype(np.int32))
+    counts = graph.counts
+    counts[VALUES] = _move((graph.values,), graph.first_value[old], widths.astype(np.int32))
     links, _ = _stretches(graph.first_link[old], graph.num_links[old])
     new = slice(0, len(old))
-    graph.values[: len(entries)] = graph.values[entries]
     graph.first_value[new] = np.cumsum(widths) - widths
     graph.link[: len(links)] = place[graph.link[links]]
     graph.num_links[new] = graph.num_links[old]
@@ -139,9 +166,8 @@ def prune_vectors(graph: Graph, layout: Layout, active: npt.NDArray[np.bool_]) -
     graph.vector_block[new] = graph.vector_block[old]
     graph.is_active[new] = active[old]
     graph.default_vector[:] = place[graph.default_vector]
-    graph.counts[VECTORS] = len(old)
-    graph.counts[VALUES] = len(entries)
-    graph.counts[LINKS] = len(links)
+    counts[VECTORS] = len(old)
+    counts[LINKS] = len(links)
     compared = np.flatnonzero(active[old])
     _link(graph.head_vector, graph.next_vector, graph.vector_block[compared], compared)
     nodes = slice(0, int(graph.counts[NODES]))
@@ -229,7 +255,6 @@ def _keep_nodes(
     good[_good_edges(graph, nodes, num_actions)] = True
     sizes = np.where(good[edges], graph.num_outcomes[edges], 0)
     outcomes, _ = _stretches(graph.first_outcome[edges], sizes)
-    weights, _ = _stretches(graph.first_weight[nodes], graph.num_weights[nodes])
 
     graph.symbol[: len(outcomes)] = graph.symbol[outcomes]
     graph.chance[: len(outcomes)] = graph.chance[outcomes]
@@ -238,11 +263,10 @@ def _keep_nodes(
     graph.edge_upper[: len(edges)] = graph.edge_upper[edges]
     graph.num_outcomes[: len(edges)] = np.where(good[edges], graph.num_outcomes[edges], -1)
     graph.first_outcome[: len(edges)] = np.cumsum(sizes) - sizes
-    graph.place[: len(weights)] = graph.place[weights]
-    graph.weight[: len(weights)] = graph.weight[weights]
+    num_weights = graph.num_weights[nodes]
+    graph.counts[WEIGHTS] = _move((graph.place, graph.weight), graph.first_weight[nodes], num_weights)
     first_edge = np.full(len(reached), -1, dtype=np.int64)
     first_edge[opened] = np.arange(len(opened)) * num_actions
-    num_weights = graph.num_weights[nodes].astype(np.int64)
 
     count = int(graph.counts[POINTS])
     kept_points = reached[graph.point_node[:count]]
@@ -255,11 +279,10 @@ def _keep_nodes(
         array = getattr(graph, name)
         array[: len(nodes)] = array[nodes]
     graph.first_edge[: len(nodes)] = first_edge[nodes]
-    graph.first_weight[: len(nodes)] = np.cumsum(num_weights) - num_weights
+    graph.first_weight[: len(nodes)] = np.cumsum(num_weights, dtype=np.int64) - num_weights
     graph.counts[NODES] = len(nodes)
     graph.counts[EDGES] = len(edges)
     graph.counts[OUTCOMES] = len(outcomes)
-    graph.counts[WEIGHTS] = len(weights)
     _keep_points(graph, kept_points)
     graph.table[:] = hashed(graph.code[: len(nodes)], len(graph.table))
     return np.asarray(place[roots])

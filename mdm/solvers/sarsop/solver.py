@@ -42,6 +42,8 @@ from mdm.solvers.sarsop.graph import (
     new_graph,
     new_scratch,
     room_for,
+    rows_of,
+    without_beliefs,
 )
 from mdm.solvers.sarsop.layout import bytes_of_arrivals, layout_of
 from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, parts_of, prune_points, prune_vectors
@@ -114,9 +116,9 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
             lower, upper = search.bounds()
             if run.gap < upper - lower <= search.rounding:
                 run.reason = "converged"
-        vectors = search.whole()
-        if not whole and (small := search.condensed(run, lower, upper)) is not None:
-            vectors, lower = small
+        search.forget_beliefs()
+        small = None if whole else search.condensed(run, lower, upper)
+        vectors, lower = (search.whole(), lower) if small is None else small
         policy = search.policy(vectors)
         return run.solution(policy, "sarsop", lower, upper, iterations=search.backups, size=len(vectors.actions))
 
@@ -237,7 +239,8 @@ class _Search:
         lengths = lacking(self._graph, self._layout)
         if lengths and limits is not None and not limits.allows(bytes_of(self._graph, lengths)):
             return False
-        self._graph = grown(self._graph, lengths)
+        for name, length in lengths.items():  # one by one: a full array is gone before the next is copied
+            self._graph = grown(self._graph, {name: length})
         return True
 
     @property
@@ -295,6 +298,10 @@ class _Search:
         slack = min(1e-2 * goal, 1e-5 * (upper - lower))
         prune_vectors(self._graph, self._layout, needed_vectors(self._graph, self._layout, self._roots, slack))
         self._kept_vectors = self.size
+
+    def forget_beliefs(self) -> None:
+        """Let go of all that only the search for more vectors needs: there are no bounds and no trials after that."""
+        self._graph = without_beliefs(self._graph)
 
     def whole(self) -> Vectors:
         """Return the best vectors at the roots, and all that they are made of.
@@ -374,10 +381,8 @@ class _Search:
 
     def _vectors(self, which: npt.NDArray[np.intp]) -> Vectors:
         graph = self._graph
-        places = graph.first_value[which][:, None] + np.arange(int(self._layout.first_state[1]))
-        return Vectors(
-            graph.values[places], graph.vector_action[which].astype(np.intp), graph.vector_block[which].astype(np.intp)
-        )
+        values = rows_of(graph, int(self._layout.first_state[1]))[which]
+        return Vectors(values, graph.vector_action[which].astype(np.intp), graph.vector_block[which].astype(np.intp))
 
     def policy(self, vectors: Vectors) -> AlphaVectors | MixedAlphaVectors:
         """Return vectors as a policy."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from places import TIGER
 
 from mdm import load_model
 from mdm.solvers import Limits
+from mdm.solvers.sarsop import pruning
 from mdm.solvers.sarsop.graph import NODES
 from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, prune_points, prune_vectors
 from mdm.solvers.sarsop.solver import _Search
@@ -46,3 +48,22 @@ def test_what_only_bad_actions_lead_to_is_forgotten_and_can_be_found_again():
     lower, upper = search.bounds()
     assert lower >= before[0] - 1e-9
     assert upper <= before[1] + 1e-9
+
+
+def test_stretches_are_moved_to_the_front_a_part_at_a_time(monkeypatch):
+    monkeypatch.setattr(pruning, "_CHUNK", 3)
+    starts, sizes = np.array([1, 4, 9, 10, 17]), np.array([2, 4, 1, 7, 1], dtype=np.int32)
+    array = np.arange(20)
+    wanted = np.concatenate([array[start : start + size] for start, size in zip(starts, sizes, strict=True)])
+    count = pruning._move((array,), starts, sizes)
+    assert array[:count].tolist() == wanted.tolist()
+    assert pruning._move((array,), starts[:0], sizes[:0]) == 0
+
+
+def test_beliefs_are_let_go_of_and_vectors_stay():
+    search = searched()
+    before = search.whole()
+    search.forget_beliefs()
+    assert len(search._graph.weight) == 0
+    for kept, was in zip(search.whole(), before, strict=True):
+        np.testing.assert_array_equal(kept, was)

@@ -114,8 +114,9 @@ def known_states(dynamics: Dynamics, gap: float) -> Iterator[tuple[Vector, bool]
             yield step.table, step.stable
         return
     for now in rounds(dynamics, sweeping(dynamics, gap, _EACH)):
-        yield dynamics.q_values(now.values) + now.above, True
-        if now.above - now.below <= max(gap, rounding(dynamics, now)):
+        error = rounding(dynamics, now)
+        yield dynamics.q_values(now.values) + now.above + error, True
+        if now.above - now.below <= max(gap, error):
             return
 
 

@@ -73,6 +73,15 @@ def test_values_of_known_states_are_bounds_at_every_step(model):
     assert (early >= exact - 1e-12 * (1 + np.abs(exact).max())).all()
 
 
+@pytest.mark.parametrize("penalty", [1e9, 1e300])
+def test_values_of_known_states_are_bounds_beside_rewards_of_another_magnitude(penalty):
+    slow, fast = [[0.9, 0.1, 0], [0, 1, 0], [0, 1, 0]], [[0, 1, 0], [0, 1, 0], [0, 1, 0]]
+    model = MDP([slow, fast], [[-0.002, -0.001], [0, 0], [-penalty, -penalty]], discount=0.95)
+    for table, sure in known_states(Dynamics(model), 1e-9):
+        assert sure
+        assert table[0].max() >= -0.001
+
+
 @given(POMDPS)
 def test_the_fast_informed_bound_is_the_limit_of_its_backups(model):
     model = model.with_discount(DISCOUNT)

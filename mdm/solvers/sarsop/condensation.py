@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Condensed", "Controller", "Vectors", "condensed"]
 
-_ROUNDS = 60
+_ROUNDS, _UNDAMPED = 60, 16
+"""Rounds at most, and those in which nodes are chosen for the latest visits; after that it is for the mean of them."""
 _SETTLED = 1e-2
 """The part of all visits from which on changes of what follows them count."""
 _SEARCH = 0.5
@@ -393,14 +394,23 @@ def condensed(
 
 
 def _settle(controller: Controller, start: Vector, roots: Indices, slack: float, goes_on: Callable[[], bool]) -> None:
-    """Choose what follows each node for the states that it is reached in, until neither changes."""
+    """Choose what follows each node for the states that it is reached in, until neither changes.
+
+    All nodes choose at once, and so choices and visits may go round in circles. The mean of the visits comes to rest.
+    """
     vectors = controller.vectors
     begin = np.zeros(vectors.values.shape)
     begin[roots] = start[vectors.blocks[roots]]
     visits: Vector | None = None
-    for _ in range(_ROUNDS):
+    mean = begin
+    for done in range(_ROUNDS):
         visits = controller.visits(begin, visits, goes_on)
-        changed = controller.choose(visits, slack, goes_on)
+        if done <= _UNDAMPED:
+            mean = visits if done < _UNDAMPED else visits.copy()
+        else:
+            some = np.flatnonzero(visits.any(axis=1) | mean.any(axis=1))
+            mean[some] += (visits[some] - mean[some]) / (done - _UNDAMPED + 1)
+        changed = controller.choose(mean, slack, goes_on)
         if changed <= _SETTLED * float(visits.sum()) or not goes_on():
             return
 

@@ -20,7 +20,7 @@ from mdm import ConfigError, ModelError, ModelWarning, load_model, load_policy
 from mdm.models import POMDP, MixedPOMDP
 from mdm.models.compilation import plain
 from mdm.solvers import Limits, solve
-from mdm.solvers.sarsop import sarsop, solver
+from mdm.solvers.sarsop import condensation, sarsop, solver
 
 TIGER = EXAMPLES / "tiger.pomdp"
 
@@ -131,6 +131,21 @@ def test_a_plan_raises_the_lower_bound(monkeypatch):
     assert taken
     assert max(taken) <= found.lower + 1e-9
     assert found.lower <= 19.3714
+
+
+def test_plans_settle_where_choices_go_round_in_circles(monkeypatch):
+    """From Tiger's first vectors on, they do; one phase of the circle listens for ever, for -20."""
+    limits = Limits(gap=0, clock=ticks())
+    search = solver._Search(load_model(TIGER).with_discount(0.95), limits)
+    while search.backups < 120:
+        search.run(limits)
+    lower, upper = search.bounds()
+    assert lower < -2
+    for share in solver._FEWER[1:]:
+        found = search._plan(limits, share * (upper - lower), 1e9)
+        assert found.lower > 19
+    monkeypatch.setattr(condensation, "_UNDAMPED", condensation._ROUNDS)
+    assert search._plan(limits, 0.0, 1e9).lower < 19
 
 
 def ticks():

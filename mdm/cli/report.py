@@ -1,4 +1,4 @@
-"""JSON as all sub-commands print it."""
+"""What sub-commands print alike: JSON, and names from files."""
 
 from __future__ import annotations
 
@@ -7,12 +7,18 @@ from typing import Any
 import msgspec
 import numpy as np
 
-__all__ = ["as_json"]
+__all__ = ["as_json", "printable"]
 
 
 def as_json(value: Any) -> str:
     """Return one line of JSON; arrays become lists."""
     return msgspec.json.encode(value, enc_hook=_encode).decode()
+
+
+def printable(name: str, room: int = 80) -> str:
+    """Return a name from a file for a terminal: what is no character to be shown is escaped, and its end cut off."""
+    shown = name if name.isprintable() else repr(name)[1:-1]
+    return shown if len(shown) <= room else f"{shown[: room - 1]}…"
 
 
 def _encode(value: Any) -> Any:

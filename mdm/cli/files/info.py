@@ -83,6 +83,9 @@ def _names(model: MDP, names: dict[str, list[list[str]]]) -> Iterator[str]:
 
 def _shortened(names: list[str]) -> str:
     """Return names in as many words as a line has room for, and how many there are if these are not all."""
+    from mdm.cli.report import printable  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+    names = [printable(name, _ROOM) for name in names]
     text = ", ".join(names)
     if len(text) <= _ROOM:
         return text

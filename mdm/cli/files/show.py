@@ -41,7 +41,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 def run(arguments: argparse.Namespace) -> int:
     """Show the part; return the exit status."""
     from mdm.cli.files.document import is_policy  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.cli.report import as_json  # noqa: PLC0415
+    from mdm.cli.report import as_json, printable  # noqa: PLC0415
     from mdm.cli.usage import UsageError  # noqa: PLC0415
     from mdm.errors import Error  # noqa: PLC0415
     from mdm.formats import load_model  # noqa: PLC0415
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         print("  nothing but zeros")
     width = max((len(f"{value:g}") for _, value in rows), default=0)
     for name, value in rows:
-        print(f"  {value:{width}g}  {name}".rstrip())
+        print(f"  {value:{width}g}  {printable(name)}".rstrip())
     return 0
 
 

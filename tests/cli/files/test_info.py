@@ -52,6 +52,23 @@ def test_info_prints_names(mdm, tmp_path):
     assert len(json.loads(mdm("info", tmp_path / "g.npz", "--json")[1][0])["state_names"][0]) == 30 * 31 + 1
 
 
+def test_names_are_shown_as_text_however_odd_and_long(mdm, tmp_path):
+    path = tmp_path / "odd.pomdp"
+    long = "x" * 1000
+    path.write_text(
+        f"discount: 0.9\nvalues: reward\nstates: a\x1b[31m {long}\nactions: 1\nobservations: 1\n"
+        "T: *\nuniform\nO: *\nuniform\nR: * : * : * : * 1\n"
+    )
+    for command in (("info", path), ("show", path, "T", "0", "0")):
+        status, output, _ = mdm(*command)
+        text = "\n".join(output)
+        assert status == 0
+        assert text.count(r"a\x1b[31m") >= 1
+        assert "\x1b" not in text
+        assert "x" * 79 + "…" in text
+        assert long not in text
+
+
 def test_info_tells_the_false_negative(mdm, tmp_path):
     save_model(load_model(TIGER).with_false_negatives("hear-right"), tmp_path / "tiger.npz")
     told = [json.loads(mdm("info", file, "--json")[1][0])["false_negative"] for file in (TIGER, tmp_path / "tiger.npz")]

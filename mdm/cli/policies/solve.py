@@ -45,7 +45,9 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--gap", metavar="G", type=limit, default=1e-3, help="stop when the bounds are this close (0.001)"
     )
-    parser.add_argument("--time", metavar="S", type=limit, help="stop after S seconds")
+    parser.add_argument(
+        "--time", metavar="S", type=limit, help="stop after S seconds; what SARSOP begins with is never cut short"
+    )
     parser.add_argument("--memory", metavar="MB", type=limit, help="stop at this much memory (80 %% of the machine's)")
     parser.add_argument("--iterations", metavar="N", type=count, help="stop after N sweeps, trials or rounds")
     add_discount(parser)

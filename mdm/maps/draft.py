@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 __all__ = ["draft"]
 
-_RISE = 0.1
+_RISE = 0.3
 """Metres that a peak of clearance rises above a passage, or is none."""
 _SPECK = 0.15
 """Square metres of furniture and noise that divide no room."""
@@ -151,6 +151,9 @@ def _joined(regions: Regions, clearance: Vector, open_cells: Mask, seeds: Sequen
         widths.append(np.minimum(clearance[here][border], clearance[there][border]))
     one, other, width = np.concatenate(ones), np.concatenate(others), np.concatenate(widths)
     order = np.lexsort((other, one, -width))
+    # Only the widest cell between two regions can join them: where it does not, no narrower one does.
+    _, widest = np.unique((one * clearance.size + other)[order], return_index=True)
+    order = order[np.sort(widest)]
     passages = list(zip(one[order].tolist(), other[order].tolist(), width[order].tolist(), strict=True))
     forest = _Forest(np.unique(regions[open_cells]).tolist(), clearance.ravel())
     for left, right, saddle in passages:

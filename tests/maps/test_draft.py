@@ -27,6 +27,15 @@ def test_rooms_are_found_from_any_points_in_them(drawn):
     assert np.mean(right) >= 0.97
 
 
+def test_a_room_that_is_hardly_narrower_somewhere_is_not_divided_there():
+    free = np.zeros((60, 110), dtype=bool)
+    free[10:50, 5:105] = True
+    free[10:12, 35] = free[48:50, 35] = False  # 3.6 m wide there, else 4 m
+    goals = Node("here", Pose(2.55, 3.05)), Node("there", Pose(6.55, 3.05))
+    labels = draft(Grid(Frame(60, 110, 0.1), free, ~free), Graph(goals, ()))
+    assert np.count_nonzero(labels.raster[30] == 1) == pytest.approx(40, abs=1)  # half way, not at column 35
+
+
 def test_what_is_not_free_or_cannot_be_reached_belongs_to_no_place():
     free = np.zeros((40, 60), dtype=bool)
     free[5:35, 5:25] = free[5:35, 40:55] = True

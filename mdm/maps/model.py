@@ -258,17 +258,12 @@ def arrivals(floor: Map, *, speed: float, radius: float = 0.25) -> Vector:
         except MapError:
             raise MapError(f"a robot with a radius of {radius:g} m does not fit at the goal of {node.name!r}") from None
     seconds = np.full((len(graph.nodes), len(graph.labels)), np.nan)
-    for target, name in enumerate(graph.names):
-        edges = [edge for edge in graph.edges if edge.target == name]
-        if not edges:
-            continue
-        lengths, _ = paths.distances([goals[target]])
-        for edge in edges:
-            source = graph.names.index(edge.source)
-            length = lengths[goals[source]]
-            if not math.isfinite(length):
-                raise MapError(f"there is no path from {edge.source!r} to {edge.target!r} for a robot of {radius:g} m")
-            seconds[source, graph.labels.index(edge.label)] = max(length, floor.grid.frame.resolution) / speed
+    for edge in graph.edges:
+        source, target = graph.names.index(edge.source), graph.names.index(edge.target)
+        length = paths.length(goals[source], goals[target])
+        if not math.isfinite(length):
+            raise MapError(f"there is no path from {edge.source!r} to {edge.target!r} for a robot of {radius:g} m")
+        seconds[source, graph.labels.index(edge.label)] = max(length, floor.grid.frame.resolution) / speed
     least = np.nanmin(seconds) if np.isfinite(seconds).any() else 1.0
     for row in seconds:
         known = row[np.isfinite(row)]

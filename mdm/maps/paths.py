@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import MapError
+from mdm.maps.frame import Frame
 from mdm.maps.sight import sees
 
 if TYPE_CHECKING:
@@ -16,11 +17,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from mdm.maps.frame import Frame
     from mdm.models.matrices import Vector
 
 __all__ = ["Paths"]
 
+_LEAST = 50
+"""Cells around the ends of ways where one looks first."""
 _STEPS = ((0, 1, 1.0), (1, 0, 1.0), (1, 1, math.sqrt(2)), (1, -1, math.sqrt(2)))
 
 
@@ -37,16 +39,20 @@ class Paths:
     def __init__(self, frame: Frame, open_cells: NDArray[np.bool_]) -> None:
         self.frame = frame
         self.open = open_cells
-        self._index = np.full(frame.shape, -1)
-        self._index[open_cells] = np.arange(np.count_nonzero(open_cells))
+
+    @cached_property
+    def _index(self) -> NDArray[np.int32]:
+        index = np.full(self.frame.shape, -1, dtype=np.int32)
+        index[self.open] = np.arange(np.count_nonzero(self.open))
+        return index
 
     @cached_property
     def _graph(self) -> Any:
         from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
 
         rows, columns = self.frame.shape
-        ones: list[NDArray[np.intp]] = []
-        others: list[NDArray[np.intp]] = []
+        ones: list[NDArray[np.int32]] = []
+        others: list[NDArray[np.int32]] = []
         costs: list[Vector] = []
         for down, right, cost in _STEPS:
             left = max(0, -right)
@@ -97,6 +103,40 @@ class Paths:
         distances[self.open] = near
         nearest[self.open] = np.where(origin >= 0, place[np.maximum(origin, 0)], -1)
         return distances, nearest
+
+    def length(self, cell: tuple[int, int], target: tuple[int, int]) -> float:
+        """Return the metres from a cell to another one, infinite where there is no way.
+
+        They are those of `distances`, which looks at the whole floor. Here one looks at a window around both, and at a
+        larger one until whatever leaves it would be longer: a short way on a large floor costs little.
+        """
+        ends = np.array([cell, target])
+        low, high = ends.min(axis=0), ends.max(axis=0)
+        around = max(_LEAST, int((high - low).max()) // 8)
+        while True:
+            first = np.maximum(low - around, 0)
+            last = np.minimum(high + around + 1, self.frame.shape)
+            window = self.open[first[0] : last[0], first[1] : last[1]]
+            one, other = ((int(row), int(column)) for row, column in ends - first)
+            rows, columns = window.shape
+            distances, _ = Paths(Frame(rows, columns, self.frame.resolution), window).distances([other])
+            if distances[one] <= self._least_outside(ends, first, last) * self.frame.resolution:
+                return float(distances[one])
+            around *= 2
+
+    def _least_outside(self, ends: NDArray[np.intp], first: NDArray[np.intp], last: NDArray[np.intp]) -> float:
+        """Return how many cells long a way between two is at least that leaves a window.
+
+        To go by a line beyond both and back is as far as to go straight to the other's mirror image behind that line.
+        """
+        least = math.inf
+        for axis in (0, 1):
+            along = float(abs(ends[0, 1 - axis] - ends[1, 1 - axis]))
+            if first[axis] > 0:
+                least = min(least, math.hypot(along, float((ends[:, axis] - first[axis] + 1).sum())))
+            if last[axis] < self.frame.shape[axis]:
+                least = min(least, math.hypot(along, float((last[axis] - ends[:, axis]).sum())))
+        return least
 
     def route(self, distances: Vector, cell: tuple[int, int]) -> list[tuple[int, int]]:
         """Return the cells where the way from a cell turns, and its end: between them it runs straight over open cells.

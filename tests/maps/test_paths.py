@@ -55,6 +55,29 @@ def test_distances_are_those_of_a_plain_search(rows, columns, count, random):
             assert nearest[cell] == -1
 
 
+@given(st.integers(1, 12), st.integers(1, 12), st.randoms(use_true_random=False))
+def test_lengths_are_those_on_the_whole_floor(rows, columns, random):
+    free = np.array([[random.random() < 0.7 for _ in range(columns)] for _ in range(rows)])
+    free[0, 0] = True
+    cells = [tuple(map(int, cell)) for cell in np.argwhere(free)]
+    target, *some = (random.choice(cells) for _ in range(4))
+    paths = Paths(Frame(rows, columns, 0.5), free)
+    distances, _ = paths.distances([target])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mdm.maps.paths._LEAST", 1)  # so that windows are smaller than the floor
+        assert [paths.length(cell, target) for cell in some] == pytest.approx([distances[cell] for cell in some])
+
+
+def test_a_way_around_that_leaves_the_first_window_is_no_shorter_than_it_is():
+    free = np.ones((300, 300), dtype=bool)
+    free[:299, 150] = False  # a wall, around whose end alone one comes
+    paths = Paths(Frame(300, 300, 0.1), free)
+    distances, _ = paths.distances([(0, 149)])
+    assert paths.length((0, 151), (0, 149)) == pytest.approx(distances[0, 151])
+    free[299, 150] = False
+    assert Paths(Frame(300, 300, 0.1), free).length((0, 151), (0, 149)) == math.inf
+
+
 def test_points_outside_and_in_walls_are_told():
     free = np.array([[True, False]])
     paths = Paths(Frame(1, 2, 1.0), free)

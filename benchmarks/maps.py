@@ -1,7 +1,9 @@
-"""From one goal in each room to a draft of the rooms: mdm's two stages against the nearest goal."""
+"""From one goal in each room to a draft of the rooms: mdm's two stages against one watershed and the nearest goal."""
 
 from __future__ import annotations
 
+import heapq
+import itertools
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -58,6 +60,28 @@ def by_path(grid: Grid, places: Graph) -> Labels:
     return Labels(grid.frame, np.where(grid.free, nearest + 1, 0).astype(np.uint16), places.names)
 
 
+def watershed(grid: Grid, places: Graph) -> Labels:
+    """Give each cell to the goal from which it is flooded first: one watershed of clearance, the widest cells first."""
+    clearance, raster = grid.clearance(), np.zeros(grid.frame.shape, dtype=np.uint16)
+    order = itertools.count()
+    front: list[tuple[float, int, int, int]] = []
+    for label, node in enumerate(places.nodes, 1):
+        cell = grid.frame.cell(node.goal.x, node.goal.y)
+        assert cell is not None
+        raster[cell] = label
+        front.append((-np.inf, next(order), *cell))
+    depth, free, rows, columns = (-clearance).tolist(), grid.free.tolist(), *grid.frame.shape
+    found: list[list[int]] = raster.tolist()
+    while front:
+        level, _, row, column = heapq.heappop(front)
+        for down, right in ((-1, 0), (0, -1), (0, 1), (1, 0)):
+            there, beside = row + down, column + right
+            if 0 <= there < rows and 0 <= beside < columns and free[there][beside] and not found[there][beside]:
+                found[there][beside] = found[row][column]
+                heapq.heappush(front, (max(level, depth[there][beside]), next(order), there, beside))
+    return Labels(grid.frame, np.array(found, dtype=np.uint16), places.names)
+
+
 def straight(grid: Grid, places: Graph) -> Labels:
     """Give each cell to the goal that is nearest as the crow flies."""
     x, y = grid.frame.centres()
@@ -71,6 +95,7 @@ def drafts(quick: bool) -> list[dict[str, Any]]:
     wanted = {frozenset((NAMES[one], NAMES[other])) for one, other in DOORS}
     ways: dict[str, Callable[[Grid, Graph], Labels]] = {
         "mdm, two stages": draft,
+        "one watershed": watershed,
         "nearest goal by path": by_path,
         "nearest goal, straight": straight,
     }

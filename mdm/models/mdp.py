@@ -11,6 +11,7 @@ from mdm.models.compressed import is_compressed
 from mdm.models.matrices import Matrix, Vector, distribution, read_only, stochastic_matrices
 from mdm.models.rewards import OutcomeRewards, RewardArray, check_finite, expected_rewards, reward_numbers
 from mdm.models.space import Space, Symbol
+from mdm.number import is_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -218,8 +219,8 @@ def checked_discount(discount: float) -> float:
     Raises:
         ModelError: If it is not in (0, 1].
     """
-    if not 0 < discount <= 1:
-        raise ModelError(f"a discount is more than 0 and at most 1, not {discount:g}")
+    if not (is_number(discount) and 0 < discount <= 1):
+        raise ModelError(f"a discount is more than 0 and at most 1, not {discount!r}")
     return float(discount)
 
 

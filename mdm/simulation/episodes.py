@@ -63,7 +63,9 @@ def limits(model: MDP, policy: Any, steps: int | None, discount: float | None = 
         moves = max(1, math.ceil(math.log(_REST) / math.log(discount)))
         return Limits(math.inf if horizon is None else horizon, moves)
     if horizon is None:
-        raise ConfigError("with a discount of 1 an episode needs an end: give a discount or the number of steps")
+        raise ConfigError(
+            "with a discount of 1 an episode needs an end: give a discount (--discount) or decisions (--steps)"
+        )
     return Limits(horizon, math.inf)
 
 

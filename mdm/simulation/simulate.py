@@ -35,7 +35,7 @@ def steps_for(discount: float) -> int:
         ConfigError: If the discount is 1.
     """
     if discount >= 1:
-        raise ConfigError("with a discount of 1 an episode needs an end: give a horizon or the number of steps")
+        raise ConfigError("with a discount of 1 an episode needs an end: give a horizon or decisions (--steps)")
     return max(1, math.ceil(math.log(REST) / math.log(discount)))
 
 

@@ -67,6 +67,8 @@ def test_arrays_cannot_be_changed():
         ({"rewards": [[[0, 1]]]}, "actions x states x states"),
         ({"discount": 0}, "discount"),
         ({"discount": 1.01}, "not 1.01"),
+        ({"discount": "x"}, "at most 1, not 'x'"),
+        ({"discount": True}, "at most 1, not True"),
         ({"initial_belief": [0.5, 0.6]}, "the start sums to 1.1"),
         ({"initial_belief": [1.0]}, "needs 2 numbers"),
         ({"states": ["a", "b", "c"]}, "for 2 states and 2 actions, but there are 3 and 2"),

@@ -42,7 +42,7 @@ def read(path: str | Path, model: MDP | None) -> JointController:
     """
     source = Source(path)
     if not isinstance(model, POMDP):
-        source.fail("a joint policy refers to actions and observations by name: give its POMDP")
+        source.fail("a joint policy refers to actions and observations by name: give its POMDP (--model)")
     trees: list[list[tuple[int, tuple[str, ...], str]]] = []
     for number, text in enumerate(source.text.split("\n"), 1):
         agent, line = _AGENT.fullmatch(text.strip()), _LINE.fullmatch(text.strip())
@@ -71,7 +71,7 @@ def write(policy: JointController, path: str | Path, model: MDP | None) -> None:
         ModelError: If the model does not fit or has no observations, or a controller is not a tree.
     """
     if not isinstance(model, POMDP):
-        raise ModelError("a joint policy refers to actions and observations by name: give its POMDP")
+        raise ModelError("a joint policy refers to actions and observations by name: give its POMDP (--model)")
     wrong = policy.mismatch(model)
     if wrong is not None:
         raise ModelError(wrong)

@@ -93,7 +93,11 @@ def test_help_shows_signs_once(mdm, verb):
         (["evaluate", TIGER, TIGER_VECTORS, "--steps", "0"], 2, "1 or more"),
         (["evaluate", TIGER, TIGER_VECTORS, "--seed", "-1"], 2, "0 or more"),
         (["compare", TIGER], 2, "required"),
-        (["evaluate", TIGER, TIGER_VECTORS, "--discount", "1"], 1, "needs an end"),
+        (
+            ["evaluate", TIGER, TIGER_VECTORS, "--discount", "1"],
+            1,
+            "an end: give a discount (--discount) or decisions (--steps)",
+        ),
         (["evaluate", TIGER, TIGER_VECTORS, "--false-negative", "nobody"], 1, "no symbol 'nobody'"),
         (["evaluate", TIGER, ROOT / "nothing.vf"], 1, "nothing.vf"),
         (["compare", TIGER, TIGER_VECTORS, ROOT / "nothing.vf"], 1, "nothing.vf"),

@@ -142,7 +142,7 @@ def test_what_cannot_be_written(tmp_path):
     leaf = FiniteStateController([0], [[None, None]], 3)
     loop = FiniteStateController([0], [[0, 0]], 3)
     small = FiniteStateController([0], [[None]], 3)
-    with pytest.raises(ModelError, match="give its POMDP"):
+    with pytest.raises(ModelError, match=r"give its POMDP \(--model\)"):
         policies.save_policy(JointController([leaf, leaf]), tmp_path / "x")
     with pytest.raises(ModelError, match="'a,b' cannot be written"):
         policies.save_policy(JointController([leaf]), tmp_path / "x", single(["a,b", "b", "c"]))

@@ -125,7 +125,7 @@ class Labels:
 
         One looks around the box, and further away until what lies beyond cannot be nearer.
         """
-        around = max(side.stop - side.start for side in box)
+        around = 1 + max(side.stop - side.start for side in box) // 8
         while True:
             window = tuple(
                 slice(max(side.start - around, 0), min(side.stop + around, size))

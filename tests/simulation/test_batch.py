@@ -357,9 +357,9 @@ def test_hidden_states_that_take_longer_are_weighed_by_beliefs_in_time():
     """By the plain beliefs a policy may earn less than its bound; by those of the model in time it earns that."""
     model, durations = tiger(), Durations([[0.1, 1.0, 1.0], [20.0, 1.0, 1.0]])
     timed = in_time(model, durations)
-    whole = solve(timed, gap=0.01)
-    cut = solve(model, durations=durations, gap=0.01)
-    assert cut.lower == pytest.approx(whole.lower)
+    whole = solve(timed, gap=1e-4)
+    cut = solve(model, durations=durations, gap=1e-4)
+    assert cut.lower == pytest.approx(whole.lower, abs=1e-4)  # both are that near to the value
     assert evaluate(model, cut.policy, episodes=4000, seed=1, durations=durations).interval[1] < cut.lower
     discounts, controller, sampler = durations.discounts(model), Controller(whole.policy, timed), Sampler(model, 1)
     returns = []

@@ -186,6 +186,7 @@ class Actor:
 
     def add(self, child: Actor, *, first: bool = False) -> None:
         """Make another actor a child: started after those added before, or ahead of them; stopped in reverse."""
+        _demand_actor(child)
         for name in vars(child).keys() & vars(Actor).keys():
             if name not in _OVERRIDABLE:
                 raise Error(_hidden(type(child), name))
@@ -214,6 +215,7 @@ class Actor:
             first: Ahead of the others: it stops after them.
             at: The path that its own begins with, in place of its parent's.
         """
+        _demand_actor(child)
         child.__place = at
         self.add(child, first=first)
         try:
@@ -225,6 +227,7 @@ class Actor:
 
     async def stop_child(self, child: Actor) -> None:
         """Stop a child, wait for its end, and forget it."""
+        _demand_actor(child)
         await child.__stop()
         if child in self.children:
             self.__children.remove(child)
@@ -580,6 +583,13 @@ class Actor:
             work=len(self.__work),
             skipped_ticks=self.__skipped + sum(timer.missed for timer in self.__timers if isinstance(timer, Ticker)),
         )
+
+
+def _demand_actor(child: object) -> None:
+    """Raise an error of what is no actor."""
+    if not isinstance(child, Actor):
+        kind = f"the class {child.__name__}" if isinstance(child, type) else f"an object of type {type(child).__name__}"
+        raise Error(f"an actor was expected, such as an ensemble or a system, not {kind}")
 
 
 def _hidden(kind: type[Actor], name: str) -> str:

@@ -224,6 +224,22 @@ def test_a_name_is_a_text(name):
         Actor(name)
 
 
+@pytest.mark.parametrize(
+    ("thing", "words"),
+    [(None, "an object of type NoneType"), ("robot", "an object of type str"), (Actor, "the class Actor")],
+)
+def test_only_an_actor_is_started_added_and_stopped(thing, words):
+    async def program():
+        async with Runtime(log=None) as runtime:
+            for use in (runtime.start, runtime.stop):
+                with pytest.raises(Error, match=f"an actor was expected, such as an ensemble or a system, not {words}"):
+                    await use(thing)
+            with pytest.raises(Error, match=f"an actor was expected.*, not {words}"):
+                runtime.root.add(thing)
+
+    run(program)
+
+
 def test_a_child_has_a_name():
     with pytest.raises(Error, match="a child of actor 'a' needs a name"):
         Actor("a").add(Actor(""))

@@ -173,6 +173,14 @@ def test_the_patrol_is_told_without_colours_where_they_are_not_wanted(arguments)
     assert "\x1b" not in on_a_terminal(1, *arguments, TERM="dumb")
 
 
+def test_the_patrol_on_a_terminal_without_arrows():
+    command = [sys.executable, str(EXAMPLES / "patrol" / "patrol.py"), "--fast", "--seconds", "1"]
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "At the end the robot is in " in done.stdout
+
+
 @pytest.mark.parametrize(
     ("output", "message"),
     [

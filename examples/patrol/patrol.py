@@ -14,6 +14,7 @@ if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
 
 import argparse
 import asyncio
+import io
 import os
 import shutil
 import sys
@@ -204,6 +205,8 @@ def main() -> None:
     arguments = parser.parse_args()
     if not 0 < arguments.seconds < float("inf"):
         parser.error("--seconds is a number above 0")
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal without arrows shows the floor nevertheless
+        sys.stdout.reconfigure(errors="replace")
     began = time.monotonic()
     try:
         film = None if arguments.film is None else Film(FloorView(floor), arguments.film)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import sys
 import warnings
@@ -48,6 +49,9 @@ GROUPS = ("team", "plot", "map")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a sub-command; return 0 (success), 1 (failure), 2 (wrong usage), or 130 (Ctrl-C)."""
     interruption = Interruption()
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        # As standard error does: a terminal that lacks a character of a table or a name is no failure.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         return _main(arguments, interruption)
     except KeyboardInterrupt:

@@ -52,6 +52,25 @@ def test_wrong_usage_is_2(mdm, arguments):
     assert "usage:" in errors
 
 
+def test_a_terminal_that_lacks_a_character_is_no_failure():
+    floor = EXAMPLES / "patrol"
+    command = [
+        sys.executable,
+        "-m",
+        "mdm",
+        "map",
+        "show",
+        floor / "floor.yaml",
+        floor / "labels.png",
+        floor / "floor.xml",
+    ]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=60, env={**os.environ, "PYTHONIOENCODING": "ascii"}
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert " m\\xb2 " in done.stdout
+
+
 def test_without_arguments_there_is_help(mdm):
     assert mdm() == mdm("--help")
     status, output, errors = mdm()

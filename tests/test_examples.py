@@ -196,6 +196,13 @@ def test_the_patrol_where_nothing_can_be_written(output, message):
     assert done.returncode == (1 if message else 0)
 
 
+@pytest.mark.parametrize("arguments", ["", "--log"])
+def test_the_patrol_whose_reader_has_gone(arguments):
+    command = f"{sys.executable} {EXAMPLES / 'patrol' / 'patrol.py'} --fast {arguments}; echo $? >&2"
+    done = subprocess.run(["sh", "-c", f"({command}) | true"], capture_output=True, text=True, timeout=100)
+    assert done.stderr.strip() == "1"
+
+
 @pytest.mark.parametrize("module", ["argparse", "numpy", "mdm.views", "navground"])
 def test_ctrl_c_ends_the_patrol_while_it_is_loading(module):
     """Also where it comes in the middle of an import."""

@@ -221,7 +221,8 @@ def main() -> None:
     except (mdm.Error, OSError) as error:
         if sys.stdout is not None:  # what could not be printed is not tried again at the end
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(f"patrol.py: {error}")
+        is_gone = isinstance(error.__cause__ or error, BrokenPipeError)
+        sys.exit(1 if is_gone else f"patrol.py: {error}")  # a reader that has gone needs no telling
     print(f"\nDone in {time.monotonic() - began:.1f} s.")
 
 

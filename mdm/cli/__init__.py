@@ -68,7 +68,7 @@ def _main(arguments: Sequence[str] | None, interruption: Interruption) -> int:
         epilog=(
             "example: mdm run examples/patrol/patrol.toml\n\n"
             "exit status: 0 what was asked is done; 1 it failed, as a sentence on standard error says; 2 wrong usage;\n"
-            "130 ended by Ctrl-C, 143 by SIGTERM: what was printed or written then is the result so far"
+            "130 ended by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP: what was printed or written then is the result so far"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM while something is computed whose result so far is worth having."""
+"""Ctrl-C, SIGTERM and SIGHUP while something is computed whose result so far is worth having."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Interruption"]
 
-_NUMBERS = (signal.SIGINT, signal.SIGTERM)
+_NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interruption:
-    """Notes the first Ctrl-C or SIGTERM that comes while it is deferred; the second is a `KeyboardInterrupt`.
+    """Notes the first Ctrl-C, SIGTERM or SIGHUP that comes while it is deferred; the second is a `KeyboardInterrupt`.
 
     Until there is something worth having the first is one as well. It is noted all the same, because what it breaks off
     may swallow it, as compilers do: who computes asks for it now and then.
@@ -59,7 +59,7 @@ class Interruption:
         first = self.number is None
         if first:
             self.number = number
-        if number == signal.SIGTERM and signal.getsignal(signal.SIGINT) != self._take:
+        if number != signal.SIGINT and signal.getsignal(signal.SIGINT) != self._take:
             signal.raise_signal(signal.SIGINT)  # a solver takes that to return what it has
         elif not first or not self.begun:
             raise KeyboardInterrupt

@@ -1,19 +1,30 @@
-"""Ctrl-C and SIGTERM: what was known by then is printed or kept, and the exit status tells of it."""
+"""Ctrl-C, SIGTERM and SIGHUP: what was known by then is printed or kept, and the exit status tells of it."""
 
 from __future__ import annotations
 
 import json
+import os
 import signal
+import subprocess
+import sys
 import threading
 
 import pytest
-from places import EXAMPLES, TIGER, TIGER_VECTORS
+from places import EXAMPLES, ROOT, TIGER, TIGER_VECTORS
 
 from mdm import load_policy
 from mdm.cli.interruption import Interruption
 from mdm.cli.policies.progress import ProgressLine
 
-SIGNALS = [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+SIGNALS = [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+
+
+@pytest.fixture(autouse=True)
+def hang_ups():
+    """Have a hang-up end a program, as it does where nohup has not started the tests."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
 
 
 @pytest.fixture
@@ -37,7 +48,7 @@ def interrupts(monkeypatch):
 
 @pytest.mark.parametrize(("number", "status"), SIGNALS)
 def test_a_signal_is_noted_alone(number, status):
-    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    before = [signal.getsignal(each) for each, _ in SIGNALS]
     interruption = Interruption()
     with interruption.deferred():
         assert not interruption.asked()
@@ -46,7 +57,7 @@ def test_a_signal_is_noted_alone(number, status):
         assert (interruption.number, interruption.status) == (number, status)
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(number)
-    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+    assert [signal.getsignal(each) for each, _ in SIGNALS] == before
 
 
 @pytest.mark.parametrize(("number", "status"), SIGNALS)
@@ -60,14 +71,14 @@ def test_while_there_is_nothing_worth_having_a_signal_ends_all(number, status):
 
 def test_handlers_of_others_stay(monkeypatch):
     heard = []
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number, _ in SIGNALS:
         before = signal.signal(number, lambda found, _: heard.append(found))
         try:
             with Interruption().deferred():
                 signal.raise_signal(number)
         finally:
             signal.signal(number, before)
-    assert heard == [signal.SIGINT, signal.SIGTERM]
+    assert heard == [number for number, _ in SIGNALS]
 
 
 def test_other_threads_have_no_signals():
@@ -171,3 +182,16 @@ def test_an_error_in_its_own_context_is_told(mdm, monkeypatch):
     monkeypatch.setattr("mdm.cli.policies.inputs.load", load)
     status, output, errors = mdm("evaluate", TIGER, TIGER_VECTORS)
     assert (status, output, errors) == (1, [], "mdm evaluate: disk\n")
+
+
+def test_a_policy_is_kept_where_the_terminal_has_gone(tmp_path):
+    policy = tmp_path / "tiger.vf"
+    ours, theirs = os.openpty()
+    command = [sys.executable, "-m", "mdm", "solve", TIGER, "--gap", "0", "-o", policy]
+    with subprocess.Popen(command, stdout=theirs, stderr=theirs, cwd=ROOT) as process:
+        os.close(theirs)
+        assert os.read(ours, 1)  # it has begun to tell how far it has come
+        os.close(ours)
+        process.send_signal(signal.SIGHUP)
+    assert process.returncode != 0
+    assert load_policy(policy).value([0.5, 0.5]) > -21

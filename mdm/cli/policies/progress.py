@@ -24,7 +24,8 @@ class ProgressLine:
     """Prints progress.
 
     A terminal has one line that is updated at most ten times a second. Elsewhere lines are printed after 1, 2, 4, ...
-    seconds and then once a minute.
+    seconds and then once a minute. Once it cannot be printed, as when the terminal has gone, it is no more: what it is
+    about goes on.
 
     Args:
         stream: The output; by default standard error.
@@ -46,23 +47,29 @@ class ProgressLine:
             return
         self._next = seconds + (_OFTEN if self._live else min(max(seconds, 1.0), _SELDOM))
         text = text_of()
-        self._stream.write(f"\r\x1b[K{text}" if self._live else f"{text}\n")
-        self._stream.flush()
+        self._print(f"\r\x1b[K{text}" if self._live else f"{text}\n")
         self._shown = True
 
     def end(self) -> None:
         """Clear the line on a terminal."""
         if self._live and self._shown:
-            self._stream.write("\r\x1b[K")
-            self._stream.flush()
+            self._print("\r\x1b[K")
+
+    def _print(self, text: str) -> None:
+        if self._stream is not None:
+            try:
+                self._stream.write(text)
+                self._stream.flush()
+            except OSError:
+                self._stream = None
 
 
 @contextmanager
 def counting(interruption: Interruption, what: str = "") -> Iterator[Callable[[int, int], bool]]:
-    """Yield what prints how many episodes of how many have ended, and returns True once Ctrl-C or SIGTERM has come.
+    """Yield what prints how many episodes of how many have ended, and returns True once a signal has come.
 
     Args:
-        interruption: Notes these meanwhile.
+        interruption: Notes Ctrl-C, SIGTERM and SIGHUP meanwhile.
         what: What is printed before the numbers.
     """
     line, began = ProgressLine(), perf_counter()

@@ -27,7 +27,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         description=(
             "Solve a model and print bounds on its value at the initial belief: the policy's value is at least the "
             "lower one, and no policy's exceeds the upper. It stops when the bounds are close, a limit is reached, or "
-            "at Ctrl-C or SIGTERM, and keeps the best policy so far."
+            "at Ctrl-C, SIGTERM or SIGHUP, and keeps the best policy so far."
         ),
         epilog="example: mdm solve tiger.pomdp -o tiger.npz --gap 0.01",
     )

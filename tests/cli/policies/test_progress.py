@@ -56,3 +56,17 @@ def test_without_standard_error_nothing_is_shown(monkeypatch):
     line = ProgressLine()
     line(Progress(5.0, 1.0, 2.0, 3, 4, 10**6))
     line.end()
+
+
+def test_where_the_terminal_has_gone_the_work_goes_on():
+    class Gone(Terminal):
+        def flush(self):
+            raise OSError(5, "Input/output error")
+
+    stream = Gone()
+    line = ProgressLine(stream)
+    line(Progress(5.0, 1.0, 2.0, 3, 4, 10**6))
+    told = stream.getvalue()
+    line(Progress(6.0, 1.0, 2.0, 3, 4, 10**6))
+    line.end()
+    assert stream.getvalue() == told  # it is not tried again

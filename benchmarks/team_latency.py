@@ -1,7 +1,8 @@
 """How soon an agent's observation is a callback at another one, and how many joint steps a second a team makes.
 
 Agents are processes. The bare ways are measured in the same processes, in blocks by turns with the team's, so that the
-machine's moods hit all alike; everything is measured pinned to one core, and not.
+machine's moods hit all alike; everything is measured pinned to one core, and not. The Python calls of one joint step
+are counted within one process and in virtual time, where they do not depend on the machine.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ import multiprocessing
 import os
 import socket
 import statistics
+import sys
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +29,9 @@ from mdm.team import Team
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
+    from types import FrameType
+
+    from mdm.team.transport.transport import Transport
 
 LEASE = 10.0  # seconds, so that few beats come between
 PATIENCE = 60.0  # seconds until all agents have met
@@ -54,7 +60,7 @@ def doors(agents: int) -> POMDP:
 class Robot:
     """One agent of a team: observes, and knows when its callback was called."""
 
-    def __init__(self, team: Team, number: int) -> None:
+    def __init__(self, team: Team, number: int, transport: Transport | None = None) -> None:
         model = doors(len(team.names))
         self.calls: list[float] = []
         self.left = 0
@@ -66,7 +72,7 @@ class Robot:
             actions=dict.fromkeys(("wait", "go"), self.act),
             agent=number,
         )
-        self.member = team.member(team.names[number], self.ensemble)
+        self.member = team.member(team.names[number], self.ensemble, transport=transport)
         self._seen = [None if other != number else number % 2 for other in range(len(team.names))]
         self._size = len(team.names)
         self._lock_step = False
@@ -227,6 +233,85 @@ class Agents:
             process.join()
 
 
+class Calls:
+    """Counts the Python calls within mdm between two moments, by agent and module, as `sys.setprofile` tells them.
+
+    A call is its agent's who was last seen to handle something. The simulated network and clock are left out: between
+    processes there are none.
+    """
+
+    LEFT_OUT = ("team/transport/network.py", "runtime/virtual.py", "runtime/clock.py", "runtime/runner.py")
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self.by_agent = dict.fromkeys(names, 0)
+        self.modules: Counter[str] = Counter()
+        self.actions: list[int] = []
+        self.digests = 0
+        self._agent = names[0]
+        self._root = str(Path(mdm.__file__).parent)
+
+    @property
+    def total(self) -> int:
+        """The calls of all agents."""
+        return sum(self.by_agent.values())
+
+    def begin(self, agent: str) -> None:
+        """Count from now on; what comes first is this agent's."""
+        self._agent = agent
+        sys.setprofile(self._take)
+
+    def end(self) -> None:
+        """Count no more."""
+        sys.setprofile(None)
+
+    def _take(self, frame: FrameType, event: str, _: object) -> None:
+        code = frame.f_code
+        if event != "call" or not code.co_filename.startswith(self._root):
+            return
+        agent = getattr(frame.f_locals.get("self"), "agent", None)
+        if isinstance(agent, str) and agent in self.by_agent:
+            self._agent = agent
+        module = code.co_filename[len(self._root) + 1 :]
+        if module in self.LEFT_OUT:
+            return
+        self.by_agent[self._agent] += 1
+        self.modules[module] += 1
+        if code.co_qualname == "ActionLayer._on_action":
+            self.actions.append(self.total)
+        elif code.co_qualname == "Copy.digest":
+            self.digests += 1
+
+
+async def count_calls(size: int) -> dict[str, Any]:
+    """Return what a joint step of so many agents is made of, in which the second one alone observes something."""
+    async with mdm.Runtime(log=None) as runtime:
+        team = Team("calls", [f"agent{number}" for number in range(size)], lease=LEASE)
+        network = mdm.team.Network(runtime.clock, team="calls", delay=0.0001, lease=LEASE)
+        robots = [Robot(team, number, network.transport(name)) for number, name in enumerate(team.names)]
+        for robot in robots:
+            await runtime.start(robot.member)
+        for robot in robots:
+            await robot.ready()
+        for _ in range(3):  # the first steps look things up
+            robots[1].observe()
+            await asyncio.sleep(0.123)
+        calls = Calls(team.names)
+        calls.begin(team.names[1])
+        robots[1].observe()
+        await asyncio.sleep(0.005)  # until all is said, and before a timer asks for anything
+        calls.end()
+    leader, follower, *_ = calls.by_agent.values()
+    return {
+        "agents": size,
+        "calls": calls.total,
+        "modules": len(calls.modules),
+        "leader": leader,
+        "who observes": follower,
+        "until the leader's callback": calls.actions[0],
+        "digests": calls.digests,
+    }
+
+
 def free(count: int) -> list[int]:
     """Return ports that nobody has."""
     held = [socket.socket() for _ in range(count)]
@@ -283,6 +368,7 @@ def main() -> None:
     options = parser(__doc__ or "").parse_args()
     blocks, count = (1, 20) if options.quick else (10, 200)
     sizes = (2,) if options.quick else (2, 3, 4, 8)
+    calls = [mdm.run(lambda size=size: count_calls(size), virtual=True) for size in (2, 3)]  # type: ignore[misc]
     ways: list[Any] = []
     steps: list[Any] = []
     cores = os.sched_getaffinity(0)
@@ -291,9 +377,10 @@ def main() -> None:
         of_ways, of_steps = measure(pinned, blocks=blocks, count=count, sizes=sizes)
         ways += of_ways
         steps += of_steps
+    table("Python calls within mdm in one joint step, in which one agent observes something", calls)
     table("One way: from an agent's observation to the other's callback, or half a round trip", ways)
     table("Joint steps: all agents observe at each (medians)", steps)
-    report("team_latency", {"ways": ways, "steps": steps}, options.output)
+    report("team_latency", {"calls": calls, "ways": ways, "steps": steps}, options.output)
 
 
 if __name__ == "__main__":

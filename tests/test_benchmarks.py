@@ -66,6 +66,7 @@ def test_benchmark(tmp_path, name):
         assert len(results["bridge"]) == 6
     elif name == "team_latency":
         assert len(results["ways"]) == 10
+        assert all(0 < row["until the leader's callback"] < row["calls"] for row in results["calls"])
         assert all(row["steps a second"] > 0 for row in results["steps"])
     elif name == "ticks":
         assert {row["way"] for row in results["ticks"]} == {"mdm", "loop.call_at", "asyncio.sleep"}

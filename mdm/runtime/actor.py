@@ -88,6 +88,7 @@ class Actor:
         self.grace = grace
         self.__parent: Actor | None = None
         self.__children: list[Actor] = []
+        self.__names: set[tuple[str, str]] = set()
         self.__place = ""
         self.__shared: list[Actor] = []
         self.__life: Life = "created"
@@ -194,9 +195,11 @@ class Actor:
             raise Error(f"a child of actor {self.path!r} needs a name that is not empty")
         if child.parent is not None:
             raise Error(f"actor {child.name!r} is already a child of {child.parent.path!r}")
-        if any((sibling.name, sibling.__place) == (child.name, child.__place) for sibling in self.children):  # noqa: SLF001
+        known_as = (child.name, child.__place)
+        if known_as in self.__names:
             raise Error(f"actor {self.path!r} has two children named {child.name!r}")
         child.__parent = self
+        self.__names.add(known_as)
         self.__children.insert(0 if first else len(self.__children), child)
 
     def share(self, actor: Actor) -> None:
@@ -229,8 +232,9 @@ class Actor:
         """Stop a child, wait for its end, and forget it."""
         _demand_actor(child)
         await child.__stop()
-        if child in self.children:
+        if child.parent is self:
             self.__children.remove(child)
+            self.__names.discard((child.name, child.__place))
             child.__parent = None
             child.__place = ""
 
@@ -458,7 +462,7 @@ class Actor:
             self.__group = group
             self.__work.open = True
             self.__change("starting")
-            permanent = tuple(self.children)
+            permanent = dict.fromkeys(self.children)
             try:
                 try:
                     await self.__begin()
@@ -487,6 +491,7 @@ class Actor:
                 if child not in permanent:
                     child.__parent = None  # noqa: SLF001 - the tree is actors' own affair
             self.__children[:] = (child for child in permanent if child.parent is self)
+            self.__names = {(child.name, child.__place) for child in self.__children}  # noqa: SLF001
         return failed
 
     async def __begin(self) -> None:

@@ -385,4 +385,7 @@ class _Unmade(Generic[T]):
 
 
 def _without(subscriptions: tuple[Subscription[T], ...], one: Subscription[T]) -> tuple[Subscription[T], ...]:
-    return tuple(other for other in subscriptions if other is not one)
+    if one not in subscriptions:
+        return subscriptions
+    place = subscriptions.index(one)
+    return subscriptions[:place] + subscriptions[place + 1 :]

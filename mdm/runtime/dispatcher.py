@@ -58,6 +58,7 @@ class Dispatcher(WeaklyHeld):
         "_overflowing",
         "_refused",
         "_turns",
+        "_turns_behind",
         "_woken",
         "active",
         "blamed",
@@ -91,6 +92,8 @@ class Dispatcher(WeaklyHeld):
         self._lasting = (0, 0)
         self._woken = False
         self._turns = 0
+        # Turns that began behind another one, within the limits of that one: a chain of them may have no end, either.
+        self._turns_behind = 0
         self._interrupted = 0
         self._from_threads = 0
         self._refused = 0
@@ -111,12 +114,13 @@ class Dispatcher(WeaklyHeld):
         """Deliver what waits, as far as one turn may go, then accept no more from other threads."""
         self.loop = None
         self._drain()
-        if self.queue:
+        if self.queue or self._behind:
             self.run()
-        for subscription, _ in self.queue:
+        for subscription, _ in (*self.queue, *self._behind):
             if subscription.channel is not None:
                 subscription.channel.dropped += 1
         self.queue.clear()
+        self._behind.clear()
 
     def deliver(self, subscription: Subscription[Any], message: object) -> None:
         """Hand a message to one subscriber: in the running turn, or in a turn of its own."""
@@ -156,41 +160,42 @@ class Dispatcher(WeaklyHeld):
                     self._culprit(first).fail(error)
                 budget -= 1 + _STRAIGHT - self.straight
                 self.straight = 0
-            while queue:
-                subscription, message = queue.popleft()
-                try:
-                    subscription.handler(message)
-                except RecursionError as error:
-                    limit = sys.getrecursionlimit()
-                    sys.setrecursionlimit(limit + _ROOM)
-                    self._fail_later(subscription, error, limit)
-                    return
-                except BaseException as error:
-                    subscription.fail(error)
-                budget -= 1
-                if not budget:
-                    budget = _SLICE
-                    now = self._clock.now()
-                    if not deadline:
-                        deadline = now + self._max_nanoseconds
-                        slices = self._max_slices
-                    slices -= 1
-                    if not slices or now > deadline:
-                        break
-            else:
-                self._turns += 1
-                self.active = False
-                if self._behind:
-                    self.deliver(*self._behind.popleft())
-                return
+            while True:
+                while queue:
+                    subscription, message = queue.popleft()
+                    try:
+                        subscription.handler(message)
+                    except RecursionError as error:
+                        limit = sys.getrecursionlimit()
+                        sys.setrecursionlimit(limit + _ROOM)
+                        self._fail_later(subscription, error, limit)
+                        return
+                    except BaseException as error:
+                        subscription.fail(error)
+                    budget -= 1
+                    if not budget:
+                        budget = _SLICE
+                        now = self._clock.now()
+                        if not deadline:
+                            deadline = now + self._max_nanoseconds
+                            slices = self._max_slices
+                        slices -= 1
+                        if not slices or now > deadline:
+                            self._interrupted += 1
+                            self._look_for_end()
+                            self._resume_later()
+                            return
+                if not self._behind:
+                    break
+                queue.append(self._behind.popleft())
+                self._turns_behind += 1
+            self._turns += 1
+            self.active = False
         except BaseException:
             self.straight = 0
             self.active = False  # where there is no room to go on later, the next message does
             self._resume_later()
             raise
-        self._interrupted += 1
-        self._look_for_end()
-        self._resume_later()
 
     def _culprit(self, first: Subscription[Any]) -> Subscription[Any]:
         """Return whose handler has raised: the first one's, or that of one whom it has led to by calls."""
@@ -283,7 +288,7 @@ class Dispatcher(WeaklyHeld):
     def statistics(self) -> DispatcherStatistics:
         """Return what the dispatcher has done so far."""
         return DispatcherStatistics(
-            turns=self._turns,
+            turns=self._turns + self._turns_behind,
             interrupted=self._interrupted,
             from_threads=self._from_threads,
             replaced=self._inbox.replaced,

@@ -63,6 +63,90 @@ def test_what_is_delivered_behind_a_turn_comes_after_all_that_the_turn_brings_ab
     run_virtual(main)
 
 
+def test_what_waits_behind_a_turn_may_be_far_more_than_the_stack_is_deep():
+    async def main(runtime):
+        seen, dispatcher = [], runtime.dispatcher
+        many = 5 * sys.getrecursionlimit()
+
+        def begin(_):
+            for number in range(many):
+                dispatcher.deliver_behind(Subscription(None, None, seen.append), number)
+
+        before = dispatcher.statistics().turns
+        dispatcher.deliver(Subscription(None, None, begin), None)
+        assert seen == list(range(many))
+        assert dispatcher.statistics().turns - before == many + 1  # each in a turn of its own
+
+    run_virtual(main)
+
+
+def test_a_turn_behind_comes_to_its_end_before_the_next_one():
+    log = []
+
+    async def main(runtime):
+        dispatcher, channel = runtime.dispatcher, runtime.channel("x", State)
+        channel.subscribe(lambda message: log.append(message.index))
+
+        def behind(number):
+            log.append(f"begins {number}")
+            channel.publish(state(number))
+
+        def begin(_):
+            for number in range(3):
+                dispatcher.deliver_behind(Subscription(None, None, behind), number)
+
+        dispatcher.deliver(Subscription(None, None, begin), None)
+
+    run_virtual(main)
+    assert log == ["begins 0", 0, "begins 1", 1, "begins 2", 2]
+
+
+def test_turns_that_lead_to_further_ones_behind_them_yield_to_the_event_loop_and_are_told():
+    async def main(runtime):
+        dispatcher, faults, count, other = runtime.dispatcher, probe(runtime.faults), [0], []
+
+        def behind(_):
+            count[0] += 1
+            if not faults:
+                dispatcher.deliver_behind(turn, None)
+
+        turn = Subscription(None, None, behind)
+        asyncio.get_running_loop().call_soon(lambda: other.append(count[0]))
+        dispatcher.deliver(turn, None)
+        assert not faults
+        await asyncio.sleep(0)
+        assert other[0] <= 16_384  # the loop turns after as many messages as one turn may have
+        while not faults:
+            await asyncio.sleep(0)
+        assert dispatcher.statistics().interrupted >= 64
+        return faults[0]
+
+    fault = run_virtual(main)
+    assert (fault.kind, "handlers may publish to each other without end" in fault.detail) == ("endless_turn", True)
+
+
+def test_what_waits_behind_is_delivered_before_the_runtime_closes():
+    """A turn that has been cut short right before what comes behind it."""
+    seen = []
+
+    async def main():
+        async with Runtime(clock=VirtualClock(), log=None) as runtime:
+            dispatcher = runtime.dispatcher
+            nothing = Subscription(None, None, lambda _: None)
+
+            def begin(_):
+                for _ in range(16_383):
+                    dispatcher.deliver(nothing, None)
+                dispatcher.deliver_behind(Subscription(None, None, seen.append), "behind")
+
+            dispatcher.deliver(Subscription(None, None, begin), None)
+            assert (len(dispatcher.queue), seen) == (0, [])  # cut short, with nothing left of the turn itself
+            dispatcher.close()
+            assert seen == ["behind"]
+
+    run(main, virtual=True)
+
+
 @given(st.data())
 def test_messages_are_delivered_first_in_first_out(data):
     """Against a plain queue: a turn is a breadth-first walk, in the order of publication."""

@@ -31,6 +31,8 @@ _SPARSE = 0.1
 """The density of the matrices from which none of their zeros are left out."""
 _ANY, _FIRST = 2, 3
 """The rows of the likelihood of several observations, and of the first one: see `kernels.move_dense`."""
+_MOST_KEPT = 1024
+"""Sets of observations of which the likelihood is kept."""
 
 
 class CompactFilter:
@@ -74,6 +76,7 @@ class CompactFilter:
 
         self._predictions = found(predictions)
         self._moves = [found(each) for each in moves]
+        self._sums: dict[tuple[int, tuple[int, ...]], Vector] = {}
         self.steps: list[list[Callable[[], float]]]
         """What makes a step and returns P(observation | belief, action), for each action and observation."""
         self.steps = [[partial(self._run, room, *move) for move in each] for each in self._moves]
@@ -89,11 +92,18 @@ class CompactFilter:
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
         """Update by an action and a set of possible observations; return their probability."""
+        room, key = self._room, (action, tuple(observations))
+        likelihood = self._sums.get(key)
+        if likelihood is not None:  # a team's agents observe at different times: the same sets come again and again
+            room[_ANY] = likelihood
+            return float(self._run(room, self._moves[action][observations[0]][0], _ANY))
         moves = [self._moves[action][observation] for observation in observations]
-        room, belief = self._room, self._belief
+        belief = self._belief
         (place, _), *others = moves
         if all(other == place for other, _ in others):
-            room[_ANY] = room[[row for _, row in moves]].sum(axis=0)
+            if len(self._sums) >= _MOST_KEPT:
+                self._sums.clear()
+            room[_ANY] = self._sums[key] = room[[row for _, row in moves]].sum(axis=0)
             return float(self._run(room, place, _ANY))
         before, after = belief.copy(), np.zeros(len(belief))
         for move in moves:

@@ -75,6 +75,7 @@ class BeliefTracker:
         self._steps = self._filter.steps if isinstance(self._filter, CompactFilter) else None
         self._belief: Vector | None = None
         self._support: Support | None = None
+        self._sizes = model.observation_space.shape
         self._agreeing: dict[tuple[int | None, ...], list[int]] = {}
         self.reset()
 
@@ -214,10 +215,11 @@ class BeliefTracker:
 
     def _other(self, action: Any, observation: Any) -> float:
         """Update by names, components, or no observation."""
-        try:
-            action = self._actions.index(action)
-        except (ModelError, TypeError) as error:
-            raise ModelError(f"there is no action {action!r}: {error}") from None
+        if action.__class__ is not int or not -1 < action < self._num_actions:
+            try:
+                action = self._actions.index(action)
+            except (ModelError, TypeError) as error:
+                raise ModelError(f"there is no action {action!r}: {error}") from None
         if observation is None:
             return self._filter.predict(action)
         symbols = self._symbols(observation)
@@ -235,8 +237,13 @@ class BeliefTracker:
         factors = self._space.factors
         if len(observation) != len(factors):
             raise ModelError(f"an observation has {len(factors)} components, not {len(observation)}")
-        pairs = zip(factors, observation, strict=True)
-        given = tuple([None if component is None else factor.index(component) for factor, component in pairs])
+        indices: list[int | None] = []
+        for factor, size, component in zip(factors, self._sizes, observation, strict=True):
+            if component is None or (component.__class__ is int and -1 < component < size):
+                indices.append(component)
+            else:
+                indices.append(factor.index(component))
+        given = tuple(indices)
         symbols = self._agreeing.get(given)
         if symbols is None:
             if len(self._agreeing) >= _MOST_KEPT:
@@ -246,7 +253,7 @@ class BeliefTracker:
 
     def _that_agree(self, given: tuple[int | None, ...]) -> list[int]:
         symbols = [0]
-        for size, component in zip(self._space.shape, given, strict=True):
+        for size, component in zip(self._sizes, given, strict=True):
             places = range(size) if component is None else (component,)
             symbols = [symbol * size + place for symbol in symbols for place in places]
         return symbols

@@ -135,6 +135,7 @@ class Controller:
         self._num_actions = self.policy.num_actions
         space = self.symbols.observation_space
         self._num_observations = 0 if space is None else len(space)
+        self._sizes = () if space is None else space.shape
         self._name = self.symbols.action_name
         self._action_names = self.symbols.known_names
         table = getattr(self.policy, "table", None)
@@ -463,6 +464,12 @@ class Controller:
             return observation  # type: ignore[no-any-return]
         if observation.__class__ is int and -1 < observation < self._num_observations:
             return observation
+        if observation.__class__ is tuple and None in observation and len(observation) == len(self._sizes):
+            for component, size in zip(observation, self._sizes, strict=True):
+                if component is not None and (component.__class__ is not int or not -1 < component < size):
+                    break
+            else:  # what a team's layer gives, where not all of its agents have observed something
+                return observation
         index, components = self.symbols.observed(observation)
         return components if index is None else index
 

@@ -30,6 +30,9 @@ LEAVING = (SystemExit, KeyboardInterrupt)
 """What ends the program, in order, in place of being one actor's failure."""
 
 
+_TOLD = 5
+
+
 class ActorFailure(Error):
     """An actor failed, and nobody above it could help; the cause is the error that it raised.
 
@@ -108,18 +111,42 @@ class RestartBudget:
 
 
 def describe(error: BaseException) -> str:
-    """Return one sentence for an error: its type, its text, and where in the code it came from."""
-    frames = traceback.extract_tb(error.__traceback__)
+    """Return one sentence for an error: its type, its text, and where in the code it came from.
+
+    A group says where each of its errors came from, not where they were gathered.
+    """
+    frames = [] if isinstance(error, BaseExceptionGroup) else traceback.extract_tb(error.__traceback__)
     place = f" (at {frames[-1].filename}:{frames[-1].lineno})" if frames else ""
     return f"{type(error).__name__}: {text_of(error)}{place}"
 
 
 def text_of(error: BaseException) -> str:
-    """Return an error's own text, or that it has none: one that cannot say what it is is a failure all the same."""
+    """Return an error's own text, or that it has none: one that cannot say what it is is a failure all the same.
+
+    That of a group, which counts its errors alone, is followed by what these are, group within group.
+    """
     try:
-        return str(error)
+        text = str(error)
     except BaseException as another:
         return f"its text cannot be had, for that raises {type(another).__name__}"
+    if not isinstance(error, BaseExceptionGroup):
+        return text
+    inner = _inner(error)
+    more = f"; and {len(inner) - _TOLD} more" if len(inner) > _TOLD else ""
+    return f"{text}: {'; '.join(map(describe, inner[:_TOLD]))}{more}"
+
+
+def _inner(group: BaseExceptionGroup[BaseException]) -> list[BaseException]:
+    """Return the errors of a group and of those within it, in their order."""
+    found: list[BaseException] = []
+    waiting: list[BaseException] = [group]
+    while waiting:
+        error = waiting.pop()
+        if isinstance(error, BaseExceptionGroup):
+            waiting += reversed(error.exceptions)
+        else:
+            found.append(error)
+    return found
 
 
 def failure(error: BaseException) -> BaseException:

@@ -6,6 +6,7 @@ import asyncio
 import re
 from contextlib import nullcontext
 
+import anyio
 import pytest
 from hypothesis import given, strategies as st
 from recorded import Fragile, Recorded, tell
@@ -290,3 +291,61 @@ def test_what_is_raised_where_a_failure_is_taken_in_is_told_and_changes_nothing_
 
     with pytest.raises(SystemExit, match="one more") if kind is SystemExit else nullcontext():
         run_virtual(main)
+
+
+def test_the_errors_of_a_group_are_told_each_with_its_place_and_group_within_group():
+    def raised(error):
+        try:
+            raise error
+        except BaseException as caught:
+            return caught
+
+    inner = ExceptionGroup("two", [raised(KeyError("shelf")), LookupError("never raised")])
+    line = inner.exceptions[0].__traceback__.tb_lineno
+    group = raised(ExceptionGroup("at once", [raised(ValueError("no way")), raised(inner)]))
+    place = f"(at {__file__}:{line})"
+    told = f"ValueError: no way {place}; KeyError: 'shelf' {place}; LookupError: never raised"
+    assert describe(group) == f"ExceptionGroup: at once (2 sub-exceptions): {told}"
+
+
+def test_of_a_large_or_deep_group_the_first_errors_are_told():
+    large = ExceptionGroup("many", [ValueError(number) for number in range(1000)])
+    first = "; ".join(f"ValueError: {number}" for number in range(5))
+    assert describe(large) == f"ExceptionGroup: many (1000 sub-exceptions): {first}; and 995 more"
+    deep = ValueError("at the bottom")
+    for _ in range(5000):
+        deep = ExceptionGroup("level", [deep])
+    assert describe(deep) == "ExceptionGroup: level (1 sub-exception): ValueError: at the bottom"
+
+
+@pytest.mark.parametrize("group", [asyncio.TaskGroup, anyio.create_task_group])
+def test_an_actor_that_fails_by_a_task_group_says_which_error_it_was(group):
+    faults = []
+
+    async def work():
+        async def fail():
+            raise ValueError("no way to the shelf")
+
+        async with group() as tasks:
+            if group is asyncio.TaskGroup:
+                tasks.create_task(fail())
+            else:
+                tasks.start_soon(fail)
+
+    class Working(Actor):
+        def on_start(self):
+            self.spawn(work())
+
+    async def main(runtime):
+        runtime.faults.subscribe(faults.append)
+        await runtime.start(Working("one"))
+        await asyncio.sleep(1)
+
+    with pytest.raises(ActorFailure, match=r"'one' failed: .*ValueError: no way to the shelf \(at "):
+        run_virtual(main)
+    assert "ValueError: no way to the shelf (at " in faults[0].detail
+    assert faults[0].detail.endswith(f"{__file__}:{fail_line(work)})")
+
+
+def fail_line(work):
+    return work.__code__.co_firstlineno + 2

@@ -22,6 +22,7 @@ from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.channel import Subscription
 from mdm.runtime.clock import check_seconds
 from mdm.runtime.executors import Jobs
+from mdm.runtime.handler import has_not_run
 from mdm.runtime.statistics import FULL
 from mdm.runtime.supervision import LEAVING, describe
 
@@ -356,7 +357,7 @@ class ActionLayer(Layer):
                 life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=life.name, jobs=jobs)
             except Error as error:  # the layer has ended already
                 self._finish(life, "failed", describe(error))
-        elif inspect.isgenerator(result) or inspect.isasyncgen(result):
+        elif has_not_run(result):
             self._end_life(life, "failed", f"returned {result!r}, of which nothing has run")
         else:
             self._end_life(life, "succeeded")

@@ -95,9 +95,12 @@ class Binding:
         self.takes_action = False
         if callable(target):
             kind = kind_of(target)
-            if kind is not None and "generator" in kind:
+            if kind not in {None, "an async function"}:
                 name = getattr(target, "__qualname__", repr(target))
-                raise ConfigError(f"an action's target is a function that is called or awaited, but {name} is {kind}")
+                raise ConfigError(
+                    f"an action's target is a function that is called or awaited, but {name} is {kind}, and a call "
+                    f"would run none of it"
+                )
             self.function = target
             self.takes_action = _takes_action(target)
         elif hasattr(target, "when_idle"):

@@ -251,7 +251,7 @@ def _takes_feedback(navigator: object) -> bool:
     if not callable(go):
         raise ConfigError(f"a navigator has an async method 'go', which takes a pose; {navigator!r} has none")
     kind = kind_of(go)
-    if kind is not None and "generator" in kind:
+    if kind not in {None, "an async function"}:
         raise ConfigError(f"a navigator's 'go' is an async function without 'yield', not {kind}: {go!r}")
     try:
         signature = inspect.signature(go)

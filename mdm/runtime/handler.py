@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dis
 import inspect
+from contextlib import asynccontextmanager, contextmanager
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -11,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 from mdm.errors import Error
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import AsyncIterator, Callable, Iterator
     from types import CodeType
 
-__all__ = ["check_plain", "kind_of", "may_return"]
+__all__ = ["check_plain", "has_not_run", "kind_of", "may_return"]
 
 _KINDS = {
     inspect.CO_COROUTINE: "an async function",
@@ -25,15 +26,36 @@ _KINDS = {
 _ANY = sum(_KINDS)
 
 
+def _yield() -> Iterator[None]:
+    yield
+
+
+async def _yield_later() -> AsyncIterator[None]:
+    yield
+
+
+_HOLD, _HOLD_LATER = contextmanager(_yield), asynccontextmanager(_yield_later)
+_CONTEXT_MANAGERS = (type(_HOLD()), type(_HOLD_LATER()))
+# All functions that one of these decorators has made share their code.
+_CONTEXTS = {_HOLD.__code__: "a @contextmanager function", _HOLD_LATER.__code__: "an @asynccontextmanager function"}
+
+
 def kind_of(function: Callable[..., Any]) -> str | None:
     """Return what a callable is whose call runs none of its code; None for a plain one.
 
     Methods, partial functions and objects with ``__call__`` are looked through.
     """
     code = _code_of(function)
-    if code is None or not code.co_flags & _ANY:
+    if code is None or code in _CONTEXTS:
+        return None if code is None else _CONTEXTS[code]
+    if not code.co_flags & _ANY:
         return None
     return next(kind for flag, kind in _KINDS.items() if code.co_flags & flag)
+
+
+def has_not_run(result: object) -> bool:
+    """Whether what a call has returned is the function's own code, of which nothing has run, and not to be awaited."""
+    return inspect.isgenerator(result) or inspect.isasyncgen(result) or isinstance(result, _CONTEXT_MANAGERS)
 
 
 def may_return(function: Callable[..., Any]) -> bool:

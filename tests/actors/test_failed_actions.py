@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from contextlib import asynccontextmanager, contextmanager
+from functools import partial
 
+import anyio
 import pytest
 from action_lives import Body, lives_of, robot, told
 from hypothesis import given, strategies as st
@@ -111,17 +114,40 @@ def test_what_was_cancelled_never_succeeds_and_what_was_not_does(begins, lasts, 
     run_virtual(main)
 
 
-@pytest.mark.parametrize("make", ["async generator", "generator"])
-def test_a_generator_is_no_action(make):
-    async def later():
-        yield
+@asynccontextmanager
+async def held_later():
+    yield
 
-    def now():
-        yield
 
-    function = later if make == "async generator" else now
-    with pytest.raises(ConfigError, match=f"ensembles.robot.actions.A: .* is an? {make} function"):
-        robot({"A": function})
+@contextmanager
+def held():
+    yield
+
+
+async def generated_later():
+    yield
+
+
+def generated():
+    yield
+
+
+@pytest.mark.parametrize("bound", [lambda function: function, partial, lambda function: bind(function, timeout=1.0)])
+@pytest.mark.parametrize(
+    ("function", "kind"),
+    [
+        (generated_later, "an async generator function"),
+        (generated, "a generator function"),
+        (held_later, "an @asynccontextmanager function"),
+        (held, "a @contextmanager function"),
+    ],
+)
+def test_what_a_call_would_run_none_of_is_no_action(function, kind, bound):
+    words = f"an action's target is a function that is called or awaited, but .* is {kind}, and a call would run none"
+    with pytest.raises(ConfigError, match=words):
+        robot({"A": bound(function)})
+    with pytest.raises(ConfigError, match=words):
+        robot({"A": lambda: None}, safe_action=bound(function) if bound is partial else function)
 
     async def main(runtime):
         ensemble = robot({"A": lambda: function()})  # noqa: PLW0108 - what it returns cannot be seen beforehand
@@ -130,6 +156,56 @@ def test_a_generator_is_no_action(make):
         ensemble.publish_state(0)
         assert told(lives) == [("A", "running"), ("A", "failed")]
         assert "of which nothing has run" in lives[1].detail
+
+    run_virtual(main)
+
+
+def test_an_action_may_be_a_method_of_what_enters_a_context_or_return_one_that_is_open():
+    class Gripper:
+        @contextmanager
+        def held(self):
+            yield
+
+        def hold(self):
+            with self.held():
+                return self
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    async def main(runtime):
+        ensemble = robot({"A": Gripper().hold})
+        await runtime.start(ensemble)
+        lives = lives_of(runtime)
+        ensemble.publish_state(0)
+        assert told(lives) == [("A", "running"), ("A", "succeeded")]
+        with pytest.raises(ConfigError, match=r"Gripper.held is a @contextmanager function"):
+            robot({"A": Gripper().held})
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("group", [asyncio.TaskGroup, anyio.create_task_group])
+def test_an_action_that_fails_by_a_task_group_says_which_error_it_was(group):
+    async def drive():
+        async def fail():
+            raise ValueError("no way to the shelf")
+
+        async with group() as tasks:
+            (tasks.create_task(fail()) if group is asyncio.TaskGroup else tasks.start_soon(fail))
+
+    async def main(runtime):
+        ensemble = robot({"A": drive})
+        await runtime.start(ensemble)
+        lives, faults = lives_of(runtime), probe(runtime.faults)
+        ensemble.publish_state(0)
+        await asyncio.sleep(1)
+        assert told(lives)[-1] == ("A", "failed")
+        for detail in (lives[-1].detail, faults[0].detail):
+            assert "sub-exception): ValueError: no way to the shelf (at " in detail
 
     run_virtual(main)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import asynccontextmanager, contextmanager
 from functools import partial
 
 import pytest
@@ -24,6 +25,16 @@ def generates(_=None):
     yield
 
 
+@contextmanager
+def holds(_=None):
+    yield
+
+
+@asynccontextmanager
+async def holds_later(_=None):
+    yield
+
+
 class Callable:
     async def __call__(self, _=None):
         pass
@@ -40,6 +51,8 @@ WRONG = [
     (is_async, "is_async is an async function"),
     (generates_later, "generates_later is an async generator function"),
     (generates, "generates is a generator function"),
+    (holds, "holds is a @contextmanager function"),
+    (holds_later, "holds_later is an @asynccontextmanager function"),
     (partial(is_async, 1), "is an async function"),
     (Callable(), "is an async function"),
     (Callable().method, "Callable.method is an async function"),

@@ -6,6 +6,7 @@ Standard error may be a pipe that nobody reads. Then a write waits, and with it 
 from __future__ import annotations
 
 import contextvars
+import operator
 import os
 import select
 import sys
@@ -87,7 +88,8 @@ class Writer:
 class Stream:
     """A stream of text, written to without a buffer.
 
-    A thread that waits inside Python's buffer of a stream would end the interpreter with an error at its exit.
+    A thread that waits inside Python's buffer of a stream would end the interpreter with an error at its exit. A stream
+    that is none of the operating system's, as consoles of other programs set it, need only have `write`.
 
     Args:
         stream: Standard error or output, or None where there is none.
@@ -99,13 +101,14 @@ class Stream:
         self._stream = stream
         self._descriptor: int | None = None
         if self._stream is not None and hasattr(select, "poll"):
-            with suppress(OSError, ValueError):  # else it is none of the operating system's
-                self._descriptor = self._stream.fileno()
+            with suppress(Exception):  # else it is none of the operating system's
+                self._descriptor = operator.index(self._stream.fileno())
 
     @property
     def colours(self) -> bool:
         """Whether it is a terminal, and the environment variable NO_COLOR forbids none."""
-        return self._stream is not None and self._stream.isatty() and not os.environ.get("NO_COLOR")
+        is_terminal = getattr(self._stream, "isatty", None)
+        return is_terminal is not None and bool(is_terminal()) and not os.environ.get("NO_COLOR")
 
     def write(self, line: str) -> None:
         """Write a line.
@@ -117,9 +120,11 @@ class Stream:
             raise BrokenPipeError("there is nothing to write to")
         if self._descriptor is None:
             self._stream.write(line + "\n")
-            self._stream.flush()
+            if hasattr(self._stream, "flush"):
+                self._stream.flush()
             return
-        data = memoryview(f"{line}\n".encode(self._stream.encoding, "backslashreplace"))
+        encoding = getattr(self._stream, "encoding", None) or "utf-8"
+        data = memoryview(f"{line}\n".encode(encoding, "backslashreplace"))
         ready = select.poll()
         ready.register(self._descriptor, select.POLLOUT)
         while data:

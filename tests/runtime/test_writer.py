@@ -13,7 +13,7 @@ import time
 import pytest
 from programs import python
 
-from mdm import Runtime, run
+from mdm import Actor, Runtime, run
 from mdm.messages import Fault
 from mdm.runtime.writer import Stream, Writer
 
@@ -74,6 +74,52 @@ def test_colours_are_for_terminals_where_they_are_wanted(monkeypatch):
         assert not Stream(None, bool).colours
         monkeypatch.setenv("NO_COLOR", "1")
         assert not Stream(terminal, bool).colours
+
+
+class Console:
+    """As programs with a window of their own set standard error."""
+
+    def __init__(self, **given):
+        self.text = ""
+        vars(self).update(given)
+
+    def write(self, text):
+        self.text += text
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"encoding": None, "errors": None},
+        {"fileno": lambda: None, "isatty": lambda: False},
+        {"fileno": lambda: 1 / 0, "isatty": lambda: None},
+        {"flush": lambda: None, "isatty": lambda: True},
+    ],
+)
+def test_standard_error_need_be_none_of_the_operating_system(given, monkeypatch):
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    console = Console(**given)
+    monkeypatch.setattr("sys.stderr", console)
+
+    async def main():
+        async with Runtime(log="console") as runtime:
+            await runtime.start(Actor("gripper"))
+            runtime.root.report("action", "stuck at \u2192")
+        return runtime.statistics().log
+
+    log = run(main)
+    assert (log.written > 2, log.lost) == (True, 0)
+    assert "gripper" in console.text
+    assert "stuck at \u2192" in console.text
+
+
+def test_a_stream_without_an_encoding_takes_utf_8():
+    reading, writing = os.pipe()
+    with open(reading, "rb") as end:  # noqa: PTH123
+        Stream(Console(fileno=lambda: writing, encoding=None), bool).write("\u2192")
+        os.close(writing)
+        assert end.read() == "\u2192\n".encode()
 
 
 def test_standard_error_that_nobody_reads_does_not_hold_the_robot(program):

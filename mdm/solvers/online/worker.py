@@ -52,6 +52,8 @@ def _send(descriptor: int, content: Any) -> None:
 
 
 def _tell() -> None:
+    if sys.stderr is None:
+        return
     sys.stderr.write("mdm: compiling the tree search, once on this machine; it takes some seconds\n")
     sys.stderr.flush()
 

@@ -28,13 +28,20 @@ class Said(msgspec.Struct, frozen=True, array_like=True, gc=False):
         number: Counted from 1 in the life of the agent, where the controller is to say that it has it; else 0.
         tick: The number of the tick that it belongs to; 0 where events make steps.
         part: What the agent saw, None where it saw nothing.
-        command: In place of a part, what was asked for at the agent.
+        command: In place of a part, what was asked for at the agent; or ``hold``: it took a stop that the controller
+            knows nothing of, and stays stopped.
+        token: What the command is known by.
+        life: In which life of the controller it was asked for.
+        step: The last decision of that life which the agent had by then.
     """
 
     number: int
     tick: int
     part: bytes | None
     command: str | None
+    token: str = ""
+    life: int = 0
+    step: int = 0
 
 
 class Decided(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -51,6 +58,11 @@ class Decided(msgspec.Struct, frozen=True, array_like=True, gc=False):
         command: In place of these, the command.
         digest: Of the controller after it.
         taken: The last number taken from each agent, by its name.
+        token: What the command is known by.
+        started: The step that started the team last, 0 where none did.
+        bars: Of each agent that has said a stop or a hold its life, the number of the last one, and the step that this
+            became.
+        void: Of each agent, the token of its last command that came too late to be done.
     """
 
     step: int
@@ -63,6 +75,10 @@ class Decided(msgspec.Struct, frozen=True, array_like=True, gc=False):
     command: str | None
     digest: str
     taken: dict[str, int]
+    token: str = ""
+    started: int = 0
+    bars: dict[str, tuple[int, int, int]] = {}
+    void: dict[str, str] = {}
 
 
 encode = msgspec.msgpack.Encoder().encode

@@ -8,6 +8,7 @@ import msgspec
 
 from mdm.runtime import Subscription
 from mdm.team import centralised
+from mdm.team.agreement.hold import BARS, HOLD, STARTS, STOP
 from mdm.team.centralised import CentralisedStatistics, Decided, encode
 from mdm.team.copy import BEGIN
 from mdm.team.layer import TeamLayer
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from mdm.actors import Ensemble
     from mdm.messages import Action
     from mdm.runtime import Timer
+    from mdm.team.centralised import Said
     from mdm.team.link import Link
     from mdm.team.placement import Placement
     from mdm.team.team import Team
@@ -47,7 +49,11 @@ class Centre(TeamLayer):
         self._closed = -1
         self._late = 0
         self._last = Decided(0, False, 0, None, None, {}, (), None, "", {})
-        self._on: tuple[dict[str, bytes], tuple[str, ...], str | None] = ({}, (), None)
+        self._on: tuple[dict[str, bytes], tuple[str, ...], str | None, str] = ({}, (), None, "")
+        self._started = self._barred = 0
+        self._asked = self._stopped = False
+        self._bars: dict[str, tuple[int, int, int]] = {}
+        self._void: dict[str, str] = {}
         self._timer: Timer | None = None
         self._serves = False
         self._saying: Subscription[Decided] = Subscription(None, self, self._spread)
@@ -66,8 +72,8 @@ class Centre(TeamLayer):
         self.every(4 / self.team.lease, lambda _: self._put())
 
     def on_running(self) -> None:
-        """Begin to decide, or begin anew after a failure."""
-        self._command("start" if self.copy.begun else BEGIN)
+        """Begin to decide, or begin anew after a failure; a team that was stopped stays so."""
+        self._command("stop" if self._stopped else "start" if self.copy.begun else BEGIN)
 
     def take_live(self, _link: Link) -> None:
         """Take note of who is live: who has just come is told what is decided; nobody waits for who is gone."""
@@ -85,10 +91,18 @@ class Centre(TeamLayer):
 
     # -- What the agents say -------------------------------------------------------------------------------------
 
-    def ask_for(self, command: str) -> None:
+    def ask_for(self, command: str, token: str) -> None:
         """Do what was asked for, at all agents."""
         if self.refusal is None:
-            self._command(command)
+            self._asked = True
+            self._command(command, token)
+        else:
+            self.tell_void(token, f"{self.agent} takes no part in the team")
+
+    @property
+    def still(self) -> bool:
+        """Whether this agent does nothing of what is decided: never, for it decides itself."""
+        return False
 
     def offer(self, part: bytes | None) -> None:
         """Take what this agent has seen."""
@@ -120,9 +134,26 @@ class Centre(TeamLayer):
             return
         self._taken[sample.owner] = (sample.incarnation, said.number)
         if said.command is not None:
-            self._command(said.command)
+            self._take_said(sample, said, said.command)
         elif said.part is not None:
             self._decide({sample.owner: said.part})
+
+    def _take_said(self, sample: Sample, said: Said, command: str) -> None:
+        """Do what was asked for at another agent, unless a stop came between."""
+        agent = sample.owner
+        if command not in BARS:
+            known = said.step if said.life == self.link.transport.incarnation else -1
+            if known < self._barred:
+                self._void[agent] = said.token
+                self._put()
+            else:
+                self._asked = True
+                self._command(command, said.token)
+            return
+        if command == HOLD and not self._asked:
+            command = STOP  # this life of the controller began by itself, and knows of no stop before
+        self._bars[agent] = (sample.incarnation, said.number, self._last.step + 1)
+        self._command(command, said.token)
 
     def _collect(self, agent: str, tick: int, part: bytes | None) -> None:
         """Take what an agent saw until a tick; it counts for that one alone."""
@@ -155,7 +186,7 @@ class Centre(TeamLayer):
         if missing is None:
             live = self.link.live
             missing = tuple([agent for agent in self._seeing if agent not in live and agent not in inputs])
-        self._on = (inputs, missing, None)
+        self._on = (inputs, missing, None, "")
         known, before = not self.ensemble.control.blind, self._last.step
         self.copy.step(inputs, missing, self.runtime.clock.now())
         if known and self.ensemble.control.blind:
@@ -163,18 +194,26 @@ class Centre(TeamLayer):
         elif self._last.step == before:
             self._put()  # a search will decide later, or nothing is to be decided
 
-    def _command(self, command: str) -> None:
-        self._on = ({}, (), command)
-        before = self._last.step
-        self._open = None
-        self.take_command(command, self.runtime.clock.now())
-        if self._last.step == before:
+    def _command(self, command: str, token: str = "") -> None:
+        self._on = ({}, (), command, token)
+        before, runs = self._last.step, self.copy.running
+        if command in BARS:
+            self._barred = before + 1
+        if command in STARTS:
+            self._started, self._stopped = before + 1, False
+        if command != HOLD:
+            self._open = None
+            self._stopped = self._stopped or command == STOP
+            self.take_command(command, token, self.runtime.clock.now())
+        if self._last.step == before and runs and (command == HOLD or command in STARTS):
+            self._publish_again()
+        elif self._last.step == before:
             self._publish(None)
 
     def _publish(self, action: Action | None) -> None:
         """Have a decision sent to all."""
         controller = self.ensemble.controller
-        inputs, missing, command = self._on
+        inputs, missing, command, token = self._on
         self._last = Decided(
             step=self._last.step + 1,
             running=self.copy.running,
@@ -186,8 +225,17 @@ class Centre(TeamLayer):
             command=command,
             digest="",
             taken={},
+            token=token,
+            started=self._started,
         )
         # Behind this agent's callback, which does not wait for what is for the others.
+        self.runtime.dispatcher.deliver(self._saying, self._last)
+
+    def _publish_again(self) -> None:
+        """Have a command sent to all that changes nothing of what is decided."""
+        _, _, command, token = self._on
+        told = {"step": self._last.step + 1, "inputs": {}, "missing": (), "command": command, "token": token}
+        self._last = msgspec.structs.replace(self._last, started=self._started, **told)
         self.runtime.dispatcher.deliver(self._saying, self._last)
 
     def _spread(self, decided: Decided) -> None:
@@ -207,8 +255,10 @@ class Centre(TeamLayer):
 
     def _say(self, decided: Decided) -> None:
         """Send a decision, with what was taken from each agent."""
-        taken = {agent: number for agent, (_, number) in self._taken.items()}
-        self.link.put(self._key, encode(msgspec.structs.replace(decided, taken=taken)), priority="step")
+        live = self.link.live
+        taken = {agent: number for agent, (life, number) in self._taken.items() if live.get(agent, life) == life}
+        told = msgspec.structs.replace(decided, taken=taken, bars=self._bars, void=self._void)
+        self.link.put(self._key, encode(told), priority="step")
 
     def statistics(self) -> CentralisedStatistics:
         """Return where it stands."""

@@ -102,8 +102,14 @@ class Copy:
 
     # -- Steps ---------------------------------------------------------------------------------------------------
 
-    def command(self, command: str, time: int) -> None:
-        """Start, stop, reset or resume; what was observed before counts no more."""
+    def command(self, command: str, time: int, *, still: bool = False) -> None:
+        """Start, stop, reset or resume; what was observed before counts no more.
+
+        Args:
+            command: Which.
+            time: For the messages here.
+            still: Whether this agent does nothing of what is decided: its actions wait for another start.
+        """
         self._digest = None
         if command == BEGIN:
             if self.begun:
@@ -112,7 +118,11 @@ class Copy:
         self.begun = self.begun or command != "reset"
         if self.parts.takes != "state":
             self._kept = list(self.parts.idle)
-        self._ensemble.take(Control(time, cast('Literal["start", "stop", "reset", "resume"]', command)))
+        message = Control(time, cast('Literal["start", "stop", "reset", "resume"]', command))
+        if still:
+            self._control.take(message)
+        else:
+            self._ensemble.take(message)
 
     def step(self, inputs: Mapping[str, bytes], missing: Iterable[str], time: int) -> None:
         """Decide on a joint step.

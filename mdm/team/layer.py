@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError
 from mdm.messages import Observation, State
+from mdm.team.commands import DONE, PENDING, Commands
 from mdm.team.commits import Committed
 from mdm.team.copy import Copy
 from mdm.team.ownership import Parts, acting
@@ -52,6 +53,7 @@ class TeamLayer(Layer):
         commits: Where each step is told; set before the start.
         lost: The teammates that are lost.
         tick: The number of the last tick.
+        commands: What became of commands.
     """
 
     def __init__(self, name: str, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
@@ -71,6 +73,7 @@ class TeamLayer(Layer):
         self.lost: frozenset[str] = frozenset()
         self.malformed = 0
         self.tick = 0
+        self.commands = Commands(self.agent, link.transport.incarnation)
         self._places = self.parts.of[self.agent]
         self._own: tuple[int | None, ...] = (None,) * len(self._places)
         self._seen: list[int | None] = [None] * len(self._places)
@@ -139,8 +142,18 @@ class TeamLayer(Layer):
         """Say what this agent saw, for the next step; None where it saw nothing."""
         raise NotImplementedError
 
-    def ask_for(self, command: str) -> None:
-        """Have all agents do what was asked for here."""
+    def ask_for(self, command: str, token: str) -> None:
+        """Have all agents do what was asked for here.
+
+        Args:
+            command: ``start``, ``stop``, ``reset`` or ``resume``.
+            token: What it is known by.
+        """
+        raise NotImplementedError
+
+    @property
+    def still(self) -> bool:
+        """Whether this agent does nothing of what is decided, since it took a stop that the team knows nothing of."""
         raise NotImplementedError
 
     def take_live(self, link: Link) -> None:
@@ -149,11 +162,25 @@ class TeamLayer(Layer):
 
     # -- What the own layers say ---------------------------------------------------------------------------------
 
-    def command(self, command: Literal["start", "stop", "reset", "resume"]) -> None:
-        """Have the team do what was asked for here; a stop stops this agent at once, too."""
+    def command(self, command: Literal["start", "stop", "reset", "resume"], token: str | None = None) -> None:
+        """Have the team do what was asked for here; a stop stops this agent at once, too.
+
+        Args:
+            command: What was asked for.
+            token: What it is known by; by default one of its own.
+        """
         if command == "stop":
             self.ensemble.safety.stop(self.runtime.clock.now())
-        self.ask_for(command)
+        elif token is not None and self.commands.outcomes.get(token) in {DONE, PENDING}:
+            return  # another agent was asked for the same, and has told this one
+        self.ask_for(command, self.commands.ask(command, token))
+
+    def tell_void(self, token: str, reason: str) -> None:
+        """Report that a command which was asked for here will not be done."""
+        command = self.commands.name(token)
+        self.commands.void(token, reason)
+        after = "; this agent stays stopped until a start is asked for" if command == "stop" and self.still else ""
+        self.report("void_command", f"{command}, asked for at {self.agent}, is void: {reason}{after}")
 
     def say(self, values: Iterable[int | None]) -> None:
         """Offer the values of this agent's factors."""
@@ -223,10 +250,11 @@ class TeamLayer(Layer):
 
     # -- Steps ---------------------------------------------------------------------------------------------------
 
-    def take_command(self, command: str, now: int) -> None:
-        """Do what all do."""
-        self.copy.command(command, now)
+    def take_command(self, command: str, token: str, now: int) -> None:
+        """Do what all do; an agent that stays stopped decides as they do, and does nothing of it."""
+        self.copy.command(command, now, still=self.still and command != "stop")
         self.forget()
+        self.commands.done(token)
 
     def tell(
         self,

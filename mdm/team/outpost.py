@@ -9,7 +9,9 @@ import msgspec
 
 from mdm.messages import Action, Fault
 from mdm.team import centralised
+from mdm.team.agreement.hold import BARS, HOLD, STARTS, STOP
 from mdm.team.centralised import CentralisedStatistics, Decided, Said, controlling, encode
+from mdm.team.commands import PENDING
 from mdm.team.layer import TeamLayer
 from mdm.team.transport.keys import join
 
@@ -53,6 +55,11 @@ class Outpost(TeamLayer):
         self._life = 0
         self._last: Decided | None = None
         self._here = False
+        self._still = False
+        self._waits: int | None = None
+        """The number under which the controller is told of the stop that was taken here; 0 before it can be."""
+        self._since = 0
+        """The step of the controller after which a start ends the stop that was taken here."""
         self._checked: int | None = None
         self._unsaid = 0
 
@@ -66,9 +73,28 @@ class Outpost(TeamLayer):
 
     # -- What this agent says ------------------------------------------------------------------------------------
 
-    def ask_for(self, command: str) -> None:
-        """Ask the controller for it."""
-        self._queue(None, command)
+    def ask_for(self, command: str, token: str) -> None:
+        """Ask the controller for it, if it is there; a stop holds here until a start that was asked for after it."""
+        if command == STOP:
+            self._still, self._waits = True, 0
+            self._discard("a stop was asked for after it")
+        if not self._here or self._last is None:
+            self.tell_void(token, f"agent {self._controller!r}, which decides, is not there")
+            return
+        self._queue(None, command, token)
+        if command == STOP:
+            self._waits = self._number
+
+    @property
+    def still(self) -> bool:
+        """Whether this agent does nothing of what is decided."""
+        return self._still
+
+    def _discard(self, reason: str) -> None:
+        """Drop the commands that wait, but for stops, and tell whoever asked for them."""
+        for said in [said for said in self._waiting if said.command is not None and said.command not in BARS]:
+            self._waiting.remove(said)
+            self.tell_void(said.token, reason)
 
     def offer(self, part: bytes | None) -> None:
         """Say what this agent has seen."""
@@ -79,7 +105,7 @@ class Outpost(TeamLayer):
         elif part is not None:
             self._unsaid += 1
 
-    def _queue(self, part: bytes | None, command: str | None) -> None:
+    def _queue(self, part: bytes | None, command: str | None, token: str = "") -> None:
         """Say something until the controller says that it has it; of states what was not said yet gives way."""
         waiting = self._waiting
         if self.parts.takes == "state" and len(waiting) > 1 and waiting[-1].command is None and command is None:
@@ -88,7 +114,8 @@ class Outpost(TeamLayer):
             del waiting[next((place for place in range(1, len(waiting)) if waiting[place].command is None), 1)]
             self._unsaid += 1
         self._number += 1
-        waiting.append(Said(self._number, 0, part, command))
+        step = 0 if self._last is None else self._last.step
+        waiting.append(Said(self._number, 0, part, command, token, self._life, step))
         if len(waiting) == 1:
             self._say()
 
@@ -118,12 +145,17 @@ class Outpost(TeamLayer):
         if sample.incarnation != self._life:
             self._life = sample.incarnation
             self._last = None
+            self._leave_term()
+            if self._still:
+                self._waits = 0  # it knows of no stop that a life of the controller before it decided
             self.spawn(self._compare(sample.incarnation), name="compare")
             if self.parts.takes == "state" and self.team.event_driven:
                 self.say(self.own)  # a controller that has just begun knows nothing
         if self._waiting and decided.taken.get(self.agent, 0) >= self._waiting[0].number:
             self._waiting.popleft()
             self._say()
+        if (void := decided.void.get(self.agent)) and self.commands.outcomes.get(void) == PENDING:
+            self.tell_void(void, "a stop came before it")
         if self._checked == sample.incarnation and self.refusal is None:
             self._obey(decided)
 
@@ -132,18 +164,26 @@ class Outpost(TeamLayer):
         now = self.runtime.clock.now()
         last, self._last = self._last, decided
         control, safety = self.ensemble.control, self.ensemble.safety
-        if last is not None and decided.step <= last.step:
+        late = last is not None and decided.step < last.step
+        held = self._still
+        if not late:
+            self._settle(decided)
+        if late or (last is not None and decided.step == last.step):
             safety.reopen(_CONTROLLER, now)
             return
         control.running = decided.running
         if decided.command is not None:
             self.forget()
+            self.commands.done(decided.token)
         if not decided.running:
             safety.stop(now)
-        elif self.ensemble.mode == "stopped":
+        elif self.ensemble.mode == "stopped" and not self._still:
             safety.start(now)
         action = decided.action
-        if decided.running and action is not None and 0 <= action < control.controller.policy.num_actions:
+        goes_on = last is not None and last.running and decided.command in {HOLD, *STARTS} and not held
+        if self._still or goes_on:
+            pass  # nothing new is decided, or nothing of it is for this agent
+        elif decided.running and action is not None and 0 <= action < control.controller.policy.num_actions:
             if decided.impossible is not None:
                 safety.alarm(Fault(now, self.ensemble.path, "impossible_observation", decided.impossible))
             control.carry_out(Action(now, decided.epoch, action))
@@ -157,6 +197,20 @@ class Outpost(TeamLayer):
             digest=decided.digest,
         )
         self.assess(now)
+
+    def _settle(self, decided: Decided) -> None:
+        """Take note of stops, and of starts that were asked for after them."""
+        life, number, step = decided.bars.get(self.agent, (0, 0, 0))
+        if self._waits is not None:
+            if self._waits == 0:
+                self._queue(None, HOLD)
+                self._waits = self._number
+            elif life == self.link.transport.incarnation and number >= self._waits:
+                self._waits, self._since = None, step
+        elif not decided.running:
+            self._still, self._since = True, decided.step
+        if self._still and self._waits is None and decided.running and decided.started > self._since:
+            self._still = False
 
     async def _compare(self, life: int) -> None:
         """Compare the controller's configuration with this agent's; carry out nothing before."""
@@ -181,6 +235,7 @@ class Outpost(TeamLayer):
         """Take note of whether the controller is live."""
         was, self._here = self._here, self._controller in link.live
         if was and not self._here:
+            self._leave_term()
             self._forget_events()
             text = f"agent {self._controller!r}, which decides, is gone"
             self.tell_loss([self._controller], "lost_controller", text, lambda: not self._here)
@@ -189,9 +244,19 @@ class Outpost(TeamLayer):
     def _forget_events(self) -> None:
         """Take it that what was observed here is too old for whoever decides next."""
         if self.parts.takes != "state":
-            commands = [said for said in self._waiting if said.command is not None]
-            self._unsaid += len(self._waiting) - len(commands)
-            self._waiting = deque(commands)
+            self._unsaid += len(self._waiting)
+            self._waiting.clear()
+
+    def _leave_term(self) -> None:
+        """Drop the commands that the controller has not taken: they were asked for before it was lost."""
+        reason = f"agent {self._controller!r}, which decides, was lost before it had it"
+        void = [said for said in self._waiting if said.command is not None]
+        self._waiting = deque(said for said in self._waiting if said.command is None)
+        for said in void:
+            if said.command != HOLD:
+                self.tell_void(said.token, reason)
+        if self._waits is not None:
+            self._waits = 0
 
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there; the way back from a lost controller is its next decision."""

@@ -16,6 +16,7 @@ from mdm.runtime import ActorStatistics, Subscription
 from mdm.runtime.supervision import describe
 from mdm.team.agreement import Agreement, decode, encode
 from mdm.team.agreement.entries import Applied, Command, Component, Entries, Snapshot
+from mdm.team.agreement.hold import HOLD
 from mdm.team.copy import BEGIN
 from mdm.team.layer import TeamLayer
 from mdm.team.transport.keys import join
@@ -99,6 +100,7 @@ class Replica(TeamLayer):
         self._behind = False
         self._asked = False
         self._saved: bytes | None = None
+        self._restored = False
         self._complaint: tuple[str, int] | None = None
         self._timer: Timer | None = None
         self._age: Timer | None = None
@@ -135,6 +137,7 @@ class Replica(TeamLayer):
         self._asked = self._behind = self._concludes = False
         if self._saved is not None:  # the ensemble has failed, and begins anew: the team has gone on
             self.restore(self._saved)
+            self._resume(self.runtime.clock.now())
         super().on_start()
         for to in (_ALL, self.agent):
             self.hear(join(self.team.name, "*", self.ensemble.name, "agreement", to), self._on_message)
@@ -157,9 +160,14 @@ class Replica(TeamLayer):
         self._withheld = False
         self._send(self.agreement.propose(part, self.runtime.clock.now()))
 
-    def ask_for(self, command: str) -> None:
+    def ask_for(self, command: str, token: str) -> None:
         """Propose a command, for a step of its own."""
-        self._send(self.agreement.propose(None, self.runtime.clock.now(), command))
+        self._send(self.agreement.propose(None, self.runtime.clock.now(), command, token))
+
+    @property
+    def still(self) -> bool:
+        """Whether this agent does nothing of what is decided."""
+        return self.agreement.hold.still
 
     def _send(self, sends: list[Send]) -> None:
         """Have said what the agreement says, and done what follows from where it stands.
@@ -167,7 +175,7 @@ class Replica(TeamLayer):
         Both come behind this agent's callback, but for what may keep it from being called.
         """
         agreement = self.agreement
-        if self._behind or agreement.reports or agreement.role != self._role:
+        if self._behind or agreement.reports or agreement.proposals.void or agreement.role != self._role:
             self._follow_up()
         if sends:
             self.runtime.dispatcher.deliver(self._saying, sends)
@@ -235,6 +243,10 @@ class Replica(TeamLayer):
 
     def _follow_up(self) -> None:
         agreement, now = self.agreement, self.runtime.clock.now()
+        if self._restored:
+            self._resume(now)
+        if agreement.proposals.void:
+            self._tell_void()
         if agreement.reports:
             reports, agreement.reports = agreement.reports, []
             self.link.note_refused(agreement.excluded)
@@ -253,11 +265,20 @@ class Replica(TeamLayer):
             self.ensemble.control.catch_up(now, over=True)
         self._set_timer(now)
         self.assess(now)
-        if self._role == "leading" and not self.copy.begun and not self._asked:
+        if self._role == "leading" and not self.copy.begun and not self._asked and not self.still:
             self._asked = True
-            self.ask_for(BEGIN)
+            self.ask_for(BEGIN, "")
         if self.parts.takes == "state" and self.team.event_driven:
             self._speak_up(now)
+
+    def _tell_void(self) -> None:
+        """Tell which commands, asked for here, will be no step."""
+        void, self.agreement.proposals.void = self.agreement.proposals.void, []
+        for asked, reason in void:
+            if asked.command == BEGIN:
+                self._asked = False
+            elif asked.command != HOLD:
+                self.tell_void(asked.token, reason)
 
     def _set_timer(self, now: int) -> None:
         when = self.agreement.next_time
@@ -318,7 +339,7 @@ class Replica(TeamLayer):
         self._applied += 1
         try:
             if commit.command is not None:
-                self.take_command(commit.command, now)
+                self._take_command(commit, now)
             else:
                 self.copy.step(commit.inputs, commit.missing, now)
         except Exception as error:  # a policy or tracker of the user's: the step counts, and this agent fails
@@ -330,6 +351,21 @@ class Replica(TeamLayer):
                 action=self.ensemble.control.acted,
                 digest=self.copy.digest(),
             )
+
+    def _take_command(self, commit: Commit, now: int) -> None:
+        """Do what a step orders; a hold of one agent orders nothing."""
+        command = commit.command
+        if command is None or command == HOLD:
+            return
+        alone = self.copy.running and self.ensemble.mode == "stopped"
+        self.take_command(command, commit.token, now)
+        if alone and self.ensemble.mode == "deciding":
+            self.ensemble.control.repeat(now)  # it does what was decided while it alone was stopped
+
+    @property
+    def running(self) -> bool:
+        """Whether the copy decides."""
+        return self.copy.running
 
     def digest(self) -> str:
         """Return the digest of the copy."""
@@ -348,7 +384,12 @@ class Replica(TeamLayer):
             self._complain(describe(error), now)
             return
         self._complaint = None
-        if self.copy.running:
+        self._restored = True
+
+    def _resume(self, now: int) -> None:
+        """Act or not, as the copy that was taken and what this agent was told say."""
+        self._restored = False
+        if self.copy.running and not self.still:
             self.ensemble.safety.start(now)
         else:
             self.ensemble.safety.stop(now)

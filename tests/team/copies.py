@@ -17,22 +17,25 @@ class Copy:
     def __init__(self, agent, oracle):
         self.agent, self.oracle = agent, oracle
         self.position, self.value = START, 0
+        self.running, self.started = False, ""
 
     def apply(self, commit):
         body = encode(commit)
         self.oracle.applies(self, commit, body)
         self.position = Position(commit.term, commit.step)
         self.value = crc32(body, self.value)
+        if commit.command in {"start", "stop"}:
+            self.running, self.started = commit.command == "start", commit.token
 
     def digest(self):
         return str(self.value)
 
     def snapshot(self):
         term, step = self.position.term, self.position.step
-        return repr((term.number, term.leader, term.incarnation, step, self.value)).encode()
+        return repr((term.number, term.leader, term.incarnation, self.running, self.started, step, self.value)).encode()
 
     def restore(self, snapshot):
-        *term, step, value = eval(snapshot)
+        *term, self.running, self.started, step, value = eval(snapshot)
         self.position = Position(type(START.term)(*term), step)
         self.value = value
         self.oracle.restores(self)

@@ -47,7 +47,7 @@ def clone(machine):
     for name in ("live", "present", "excluded", "components", "commands", "applied", "doubts", "timers"):
         held[name] = dict(held[name])
     held["reports"], held["_out"] = [], []
-    for name in ("history", "proposals", "replica", "ballot"):
+    for name in ("history", "proposals", "hold", "replica", "ballot"):
         if held[name] is not None:
             inner = object.__new__(type(held[name]))
             inner.__dict__.update(held[name].__dict__)
@@ -55,6 +55,7 @@ def clone(machine):
     made.history.commits = list(made.history.commits)
     made.proposals.components = made.proposals.components.copy()
     made.proposals.commands = made.proposals.commands.copy()
+    made.proposals.void = []
     if made.ballot is not None:
         made.ballot.joined = dict(made.ballot.joined)
     return made
@@ -62,7 +63,7 @@ def clone(machine):
 
 def describe(machine):
     """Return everything that decides what an agent does next, as bytes."""
-    ballot, history, proposals = machine.ballot, machine.history, machine.proposals
+    ballot, history, proposals, hold = machine.ballot, machine.history, machine.proposals, machine.hold
     return msgspec.msgpack.encode([
         machine.agent, machine.incarnation, machine.term, machine.begun, machine.heard, machine.live, machine.excluded,
         machine.released, machine.enough, machine.sound, machine.fetching, machine.members_now, machine.overdue,
@@ -71,6 +72,7 @@ def describe(machine):
         list(proposals.components), list(proposals.commands), proposals.offered, proposals.commanded,
         sorted(machine.components.items()), list(machine.commands.items()), sorted(machine.applied.items()),
         sorted(machine.doubts.items()), sorted(machine.timers), machine.replica.position, machine.replica.value,
+        hold.still, hold.waits, hold.last, hold.at, hold.kept, machine.replica.running, machine.replica.started,
     ])  # fmt: skip
 
 

@@ -75,6 +75,7 @@ class Commit(msgspec.Struct, frozen=True, array_like=True, tag="commit", gc=Fals
         command: ``"start"``, ``"stop"``, ``"reset"``…: such a step has neither inputs nor missing agents.
         by: Who gave the command.
         digest: Of the leader's copy after the step before.
+        token: What the command is known by.
     """
 
     term: Term
@@ -85,6 +86,7 @@ class Commit(msgspec.Struct, frozen=True, array_like=True, tag="commit", gc=Fals
     command: str | None
     by: str
     digest: str
+    token: str = ""
 
 
 class Call(msgspec.Struct, frozen=True, array_like=True, tag="call", gc=False):
@@ -152,11 +154,12 @@ class Component(msgspec.Struct, frozen=True, array_like=True, tag="component", g
 
 
 class Command(msgspec.Struct, frozen=True, array_like=True, tag="command", gc=False):
-    """A command that the sender would have as this step; it has applied the step before."""
+    """A command that was asked of the sender in this term, for this step; it has applied the step before."""
 
     term: Term
     step: int
     command: str
+    token: str = ""
 
 
 class Applied(msgspec.Struct, frozen=True, array_like=True, tag="applied", gc=False):

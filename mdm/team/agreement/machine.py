@@ -19,6 +19,8 @@ from mdm.team.agreement.entries import (
     Snapshot,
     Stale,
 )
+from mdm.team.agreement.hold import STOP
+from mdm.team.agreement.proposals import Asked
 from mdm.team.agreement.recovery import Recovery
 
 if TYPE_CHECKING:
@@ -62,9 +64,25 @@ class Agreement(Recovery):
         self._review(now)
         return self._sent()
 
-    def propose(self, component: bytes | None, now: int, command: str | None = None) -> list[Send]:
-        """Propose what this agent saw, for the next step; None: it saw nothing. A command makes a step of its own."""
-        self.proposals.add(component, command)
+    def propose(
+        self, component: bytes | None, now: int, command: str | None = None, token: str | None = None
+    ) -> list[Send]:
+        """Propose what this agent saw, for the next step; None: it saw nothing. A command makes a step of its own.
+
+        Args:
+            component: What it saw.
+            now: The time.
+            command: What it was asked for; a stop holds for this agent at once.
+            token: What the command is known by, the same at all agents that are asked for the same; by default its own.
+        """
+        asked = None
+        if command is not None:
+            self.asked += 1
+            token = token or f"{self.agent}.{self.incarnation:x}.{self.asked}"
+            asked = Asked(command, token, self.term)
+            if command == STOP:
+                self.hold.stop(token)
+        self.proposals.add(component, asked)
         self._offer(now)
         return self._sent()
 

@@ -5,10 +5,17 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from mdm.team.agreement.entries import Commit, Term
+import msgspec
 
-__all__ = ["Proposals"]
+from mdm.team.agreement.entries import Term
+from mdm.team.agreement.hold import BARS, HOLD, OPENS, STOP
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mdm.team.agreement.entries import Commit
+
+__all__ = ["Asked", "Proposals"]
 
 WAITING = 64
 """Components that happen before a step can take them, in event-driven teams; the oldest is lost beyond."""
@@ -17,30 +24,48 @@ COMMANDS = 16
 """Commands that wait."""
 
 
+class Asked(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """A command that was asked for at this agent.
+
+    Args:
+        command: ``"start"``, ``"stop"``, ``"reset"``…
+        token: What it is known by, the same at each agent that was asked for it.
+        term: The term in which it was asked for.
+    """
+
+    command: str
+    token: str
+    term: Term
+
+
 class Proposals:
     """An agent's own components and commands, in their order.
 
     A component that was offered for a step counts for that step alone. Where the step went without it, an event is
     offered anew for the next one, and a reading of a fixed rate is dropped, since the next is on its way. Where a
     command became the step, which takes no components, both are offered anew.
+
+    A command counts in the term in which it was asked for. A stop beats what was asked for before it to start or reset,
+    here at once, elsewhere when it is applied there.
+
+    Attributes:
+        void: Commands that will be no step, each with the reason; for the caller to take.
     """
 
     def __init__(self, agent: str, *, event_driven: bool) -> None:
         self.agent = agent
         self.event_driven = event_driven
         self.components: deque[bytes | None] = deque()
-        self.commands: deque[str] = deque()
+        self.commands: deque[Asked] = deque()
         self.offered: tuple[Term, int] | None = None
         self.commanded: tuple[Term, int] | None = None
         self.dropped = 0
+        self.void: list[tuple[Asked, str]] = []
 
-    def add(self, component: bytes | None, command: str | None) -> None:
+    def add(self, component: bytes | None, asked: Asked | None) -> None:
         """Take what is to be proposed."""
-        if command is not None:
-            if len(self.commands) == COMMANDS:
-                self.dropped += 1
-            else:
-                self.commands.append(command)
+        if asked is not None:
+            self._ask(asked)
             if component is None:
                 return
         if not self.event_driven:
@@ -54,11 +79,34 @@ class Proposals:
                 self.dropped += 1
             self.components.append(component)
 
+    def _ask(self, asked: Asked) -> None:
+        commands = self.commands
+        if asked.command == STOP:
+            self._discard(lambda one: one.command in OPENS, "a stop was asked for after it")
+        if len(commands) < COMMANDS:
+            commands.append(asked)
+        elif asked.command == STOP:
+            self.dropped += 1
+            commands[-1] = asked  # the later of two stops holds for both
+        else:
+            self.dropped += 1
+            self.void.append((asked, f"{COMMANDS} commands wait before it"))
+
+    def _discard(self, which: Callable[[Asked], bool], reason: str) -> None:
+        """Drop commands, and keep for the caller why."""
+        gone = [asked for asked in self.commands if which(asked)]
+        if not gone:
+            return
+        if self.commands[0] in gone:
+            self.commanded = None
+        for asked in gone:
+            self.commands.remove(asked)
+        self.void += ((asked, reason) for asked in gone)
+
     def settle(self, commit: Commit) -> None:
         """Take note of a step that was applied."""
         if commit.command is not None:
-            if commit.by == self.agent and self.commanded == (commit.term, commit.step):
-                self.commands.popleft()
+            self._settle_command(commit)
         elif self.offered == (commit.term, commit.step) and self.components:
             taken = self.agent in commit.inputs or self.components[0] is None
             if taken or not self.event_driven:
@@ -66,15 +114,39 @@ class Proposals:
                 self.dropped += not taken
         self.offered = self.commanded = None
 
-    def renew(self) -> None:
-        """Take note of a new term, in which nothing was offered yet; a reading from before it is too old."""
+    def _settle_command(self, commit: Commit) -> None:
+        commands, after = self.commands, False
+        for place, asked in enumerate(commands):
+            own = commit.by == self.agent
+            same = (asked.token, asked.command) == (commit.token, commit.command)
+            if same and (own or (place == 0 and asked.command in OPENS)):
+                del commands[place]  # it is a step now: by this agent, or by another that was asked for the same
+                after = own
+                break
+        if commit.command in BARS and not after:
+            reason = f"a {commit.command} of {commit.by} came before it"
+            self._discard(lambda one: one.command in OPENS, reason)
+
+    def renew(self, term: Term) -> None:
+        """Take note of a new term, in which nothing was offered yet; what is from before it is too old."""
         if not self.event_driven:
             self.dropped += len(self.components)
             self.components.clear()
+        self._discard(lambda one: one.term != term, "the term in which it was asked for has ended")
         self.offered = self.commanded = None
 
     def forget(self, step: int) -> None:
         """Take note of a snapshot, which holds what was decided up to a step; what was offered until then is past."""
         if self.offered is not None and self.offered[1] <= step:
             self.components.popleft()
+        self._discard(lambda one: one.command in OPENS, "steps that this agent does not know may have stopped the team")
         self.offered = self.commanded = None
+
+    def holds(self, token: str) -> bool:
+        """Return whether a stop, or a hold in its place, waits to be a step."""
+        return any(asked.token == token and asked.command in BARS for asked in self.commands)
+
+    def hold(self, token: str, term: Term) -> None:
+        """Have a hold be the next command of this agent."""
+        self.commands.appendleft(Asked(HOLD, token, term))
+        self.commanded = None

@@ -80,6 +80,7 @@ class Recovery(Terms):
             return  # it is late: this agent's history is that of the term already
         self.replica.restore(message.body)
         history.replace(message.lineage, message.side)
+        self.hold.restore(message.lineage, running=self.replica.running)
         self.proposals.forget(position.step)
         self.sound = self.replica.digest() == message.digest
         if not self.sound:

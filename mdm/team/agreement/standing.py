@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 from mdm.errors import ConfigError
 from mdm.team.agreement.entries import START, Joined, Send
 from mdm.team.agreement.history import History
+from mdm.team.agreement.hold import Hold
 from mdm.team.agreement.proposals import Proposals
 
 if TYPE_CHECKING:
@@ -23,6 +24,10 @@ Role = Literal["leading", "following", "joining", "waiting", "refused"]
 
 class Replica(Protocol):
     """The copy that commits are applied to."""
+
+    @property
+    def running(self) -> bool:
+        """Whether it decides."""
 
     def apply(self, commit: Commit) -> None:
         """Apply a step."""
@@ -81,6 +86,8 @@ class Standing:
         self.members_now: tuple[str, ...] = ()
         self.history = History(log_size, len(agents))
         self.proposals = Proposals(agent, event_driven=event_driven)
+        self.hold = Hold(agent)
+        self.asked = 0
         self._new_step()
         self.applied: dict[str, int] = {}
         self.doubts: dict[str, tuple[int, str]] = {}
@@ -151,7 +158,7 @@ class Standing:
         self.begun = True
         self.fetching = None
         self.timers.pop("call", None)
-        self.proposals.renew()
+        self.proposals.renew(self.term)
 
     def _stop(self) -> None:
         """Apply nothing more in this term."""
@@ -161,5 +168,5 @@ class Standing:
 
     def _new_step(self) -> None:
         self.components: dict[str, bytes | None] = {}
-        self.commands: dict[str, str] = {}
+        self.commands: dict[str, tuple[str, str]] = {}
         self.overdue = False

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from mdm.team.agreement.entries import Applied, Begin, Command, Commit, Component, Fetch
+from mdm.team.agreement.entries import Applied, Begin, Command, Commit, Component, Fetch, Position
+from mdm.team.agreement.hold import BARS
 from mdm.team.agreement.standing import Standing
 
 __all__ = ["Steps"]
@@ -13,12 +14,14 @@ class Steps(Standing):
 
     def _offer(self, now: int) -> None:
         """Offer what this agent has to say to the next step; a leader then commits what is ready."""
-        proposals = self.proposals
+        proposals, hold = self.proposals, self.hold
         while self.begun:
             step = self.history.position.step + 1
+            if hold.waits and not proposals.holds(hold.waits):
+                proposals.hold(hold.waits, self.term)
             if proposals.commands and proposals.commanded is None:
                 proposals.commanded = (self.term, step)
-                self._say(Command(self.term, step, proposals.commands[0]), now)
+                self._say(self._command(step), now)
             if proposals.components and proposals.offered is None:
                 proposals.offered = (self.term, step)
                 self._say(Component(self.term, step, proposals.components[0]), now)
@@ -34,7 +37,7 @@ class Steps(Standing):
         if isinstance(message, Component):
             self.components[self.agent] = message.body
         else:
-            self.commands[self.agent] = message.command
+            self._keep(self.agent, message)
         self._wait(now)
 
     def _wait(self, now: int) -> None:
@@ -49,8 +52,17 @@ class Steps(Standing):
 
     def _on_command(self, sender: str, message: Command, now: int) -> None:
         if self._hears(sender, message.step, now):
-            self.commands.setdefault(sender, message.command)
+            self._keep(sender, message)
         self._offer(now)
+
+    def _command(self, step: int) -> Command:
+        asked = self.proposals.commands[0]
+        return Command(self.term, step, asked.command, asked.token)
+
+    def _keep(self, sender: str, message: Command) -> None:
+        """Keep a command for the next step; a stop in place of what its agent was asked for before it."""
+        if sender not in self.commands or message.command in BARS:
+            self.commands[sender] = message.command, message.token
 
     def _hears(self, sender: str, step: int, now: int) -> bool:
         """Return whether what a member says counts for the next step; it has applied the step before its own."""
@@ -86,9 +98,10 @@ class Steps(Standing):
         last = self.history.position
         inputs: dict[str, bytes] = {}
         missing: tuple[str, ...] = ()
-        command, by = None, ""
+        command, by, token = None, "", ""
         if self.commands:
-            by, command = next(iter(self.commands.items()))
+            by = min(self.commands, key=lambda agent: self.commands[agent][0] not in BARS)  # of equals the first
+            command, token = self.commands[by]
         else:
             components = self.components
             inputs = {agent: body for agent in self.agents if (body := components.get(agent)) is not None}
@@ -97,7 +110,7 @@ class Steps(Standing):
             else:
                 missing = tuple(agent for agent in self.agents if agent not in components)
         digest = self.replica.digest()
-        commit = Commit(self.term, last.step + 1, last.term, inputs, missing, command, by, digest)
+        commit = Commit(self.term, last.step + 1, last.term, inputs, missing, command, by, digest, token)
         self._take(commit)
         self.applied[self.agent] = commit.step
         self._new_step()
@@ -109,6 +122,8 @@ class Steps(Standing):
             self.timers["retry"] = now + self.retry
 
     def _take(self, commit: Commit) -> None:
+        if commit.command is not None:
+            self.hold.take(commit, Position(commit.term, commit.step))
         self.replica.apply(commit)
         self.history.append(commit)
         self.proposals.settle(commit)
@@ -190,6 +205,6 @@ class Steps(Standing):
         """Send again what this agent has to say to the next step."""
         proposals, leader = self.proposals, self.term.leader
         if proposals.commanded is not None:
-            self._send(leader, Command(*proposals.commanded, proposals.commands[0]))
+            self._send(leader, self._command(proposals.commanded[1]))
         if proposals.offered is not None:
             self._send(leader, Component(*proposals.offered, proposals.components[0]))

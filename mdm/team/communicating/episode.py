@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import msgspec
 
 from mdm.runtime import ActorStatistics
 from mdm.team.communicating.recollection import Experience
 
-__all__ = ["Episode", "TalkerStatistics", "Word", "decode", "encode"]
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+__all__ = ["Episode", "Stops", "TalkerStatistics", "Word", "decode", "encode"]
+
+_MOST = 1 << 62
+"""No stop has a number as great: they are about as many as nanoseconds have passed since 1970."""
 
 
 class Episode(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -17,17 +25,52 @@ class Episode(msgspec.Struct, frozen=True, array_like=True, gc=False):
         number: It grows with each command.
         origin: The number of the tick of step 0: ticks are at multiples of the period since 1970, on every clock.
         by: Who began it.
-        running: Whether the agents decide in it.
+        running: Whether the agents decide in it, unless one of them was stopped that this does not know of.
+        stops: The last stop of each agent of which whoever began it knew.
+        token: What the command is known by that began it.
     """
 
     number: int
     origin: int
     by: str
     running: bool
+    stops: dict[str, int] = {}
+    token: str = ""
 
     def supersedes(self, other: Episode | None) -> bool:
         """Whether it counts in place of another: the later command does, and of two at once the earlier origin."""
         return other is None or (self.number, -self.origin, self.by) > (other.number, -other.origin, other.by)
+
+
+class Stops:
+    """The last stop of each agent that one of them knows of; a later one has a greater number, in any life of an agent.
+
+    A stop beats each start that was asked for by somebody who did not know of it, whichever came first.
+
+    Args:
+        agents: All agents.
+
+    Attributes:
+        last: The numbers, by agent.
+    """
+
+    def __init__(self, agents: Iterable[str]) -> None:
+        self._agents = frozenset(agents)
+        self.last: dict[str, int] = {}
+
+    def take(self, agent: str, life: int) -> None:
+        """Take note of a stop that is asked of an agent."""
+        self.last[agent] = max(self.last.get(agent, 0), life) + 1
+
+    def hear(self, others: Mapping[str, int]) -> None:
+        """Take note of the stops that another agent knows of."""
+        for agent, number in others.items():
+            if agent in self._agents and self.last.get(agent, 0) < number < _MOST:
+                self.last[agent] = number
+
+    def allow(self, episode: Episode) -> bool:
+        """Return whether the agents decide in an episode."""
+        return episode.running and all(episode.stops.get(agent, 0) >= number for agent, number in self.last.items())
 
 
 class Word(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -37,11 +80,13 @@ class Word(msgspec.Struct, frozen=True, array_like=True, gc=False):
         episode: The episode that it is in.
         configuration: The digest of what must be the same at all agents.
         experiences: What it shares of its history; their steps count from the episode's origin.
+        stops: The last stop of each agent that it knows of.
     """
 
     episode: Episode
     configuration: str
     experiences: tuple[Experience, ...] = ()
+    stops: dict[str, int] = {}
 
 
 encode = msgspec.msgpack.Encoder().encode

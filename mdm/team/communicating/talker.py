@@ -17,7 +17,7 @@ from mdm.models.digest import of_parts
 from mdm.runtime import Subscription
 from mdm.runtime.scheduler import next_tick
 from mdm.team import centralised
-from mdm.team.communicating.episode import Episode, TalkerStatistics, Word, decode, encode
+from mdm.team.communicating.episode import Episode, Stops, TalkerStatistics, Word, decode, encode
 from mdm.team.communicating.knowledge import Knowledge, SharedHistory
 from mdm.team.communicating.recollection import Experience
 from mdm.team.layer import TeamLayer
@@ -60,6 +60,7 @@ class Talker(TeamLayer):
     Attributes:
         knowledge: What the agent knows.
         episode: The present episode; None before the first.
+        stops: The stops that it knows of.
     """
 
     def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
@@ -81,6 +82,7 @@ class Talker(TeamLayer):
         except ConfigError as error:
             raise ConfigError(error.message, key=f"{key}.policy") from None
         self.episode: Episode | None = None
+        self.stops = Stops(team.names)
         self._configuration = of_parts([encode(sorted(self.copy.facts.items()))])[:16]
         self._key = link.key(ensemble.name, "word")
         self._offset: int | None = None
@@ -118,7 +120,7 @@ class Talker(TeamLayer):
 
     def on_running(self) -> None:
         """Go on after a failure."""
-        if self.episode is not None and self.episode.running:
+        if self._decides:
             self.ensemble.control.running = True
             self.ensemble.safety.start(self.runtime.clock.now())
 
@@ -139,22 +141,37 @@ class Talker(TeamLayer):
         """Begin the first episode where there is none, if this is the first of the agents that are there."""
         if self.episode is None and not self._refused:
             if next((agent for agent in self._agents if agent in self.link.live), self.agent) == self.agent:
-                self.ask_for("start")
+                self.ask_for("start", "")
             else:
                 self.call_later(self.team.lease, self._begin)
 
-    def ask_for(self, command: str) -> None:
+    def ask_for(self, command: str, token: str) -> None:
         """Begin an episode, or end it, at all agents."""
+        if command == "stop":
+            self.stops.take(self.agent, self.link.transport.incarnation)
         if self._refused:
+            if token:
+                self.tell_void(token, f"{self.agent} takes no part in the team")
             return
-        number, running = (0, False) if self.episode is None else (self.episode.number, self.episode.running)
+        number, running = 0 if self.episode is None else self.episode.number, self._decides
         if command in {"start", "resume"} and running:
+            self.commands.done(token)
             return
         assert self.team.period is not None
         behind = self.runtime.clock.now() + round(self.team.deadline * 1e9)  # by when all will have heard of it
         origin = next_tick(behind, 1 / self.team.period)
         decides = command != "stop" and (command != "reset" or running)
-        self._enter(Episode(number + 1, origin, self.agent, decides))
+        self._enter(Episode(number + 1, origin, self.agent, decides, dict(self.stops.last), token))
+
+    @property
+    def _decides(self) -> bool:
+        """Whether the agents decide in the present episode."""
+        return self.episode is not None and self.stops.allow(self.episode)
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing is decided here in an episode in which others may decide, since a stop came before it."""
+        return self.episode is not None and self.episode.running and not self._decides
 
     def _enter(self, episode: Episode) -> None:
         now = self.runtime.clock.now()
@@ -164,19 +181,40 @@ class Talker(TeamLayer):
         self._early.clear()
         self._problem = None
         self.forget()
-        self.ensemble.control.running = episode.running
-        if episode.running:
+        decides = self.ensemble.control.running = self._decides
+        if decides:
             self.ensemble.safety.start(now)
         else:
             self.ensemble.safety.stop(now)
-        self._tell_commit(0, (), "start" if episode.running else "stop", None)
+        self.commands.done(episode.token)
+        self._tell_commit(0, (), "start" if decides else "stop", None)
+        if self.still:
+            self._tell_beaten(episode)
         self._say()
+
+    def _hear_stops(self, word: Word) -> None:
+        """Take note of the stops that another agent knows of; one that beats the episode's start ends it."""
+        decided = self._decides
+        self.stops.hear(word.stops)
+        self.stops.hear(word.episode.stops)
+        if decided and not self._decides and self.episode is not None:
+            self._shut()
+            self.ensemble.control.running = False
+            self.ensemble.safety.stop(self.runtime.clock.now())
+            self._tell_beaten(self.episode)
+            self._say()
+
+    def _tell_beaten(self, episode: Episode) -> None:
+        """Tell that the start of an episode is void, where it was asked for here."""
+        if episode.by == self.agent and episode.token:
+            self.tell_void(episode.token, "a stop was asked for elsewhere before it was known there")
 
     def _say(self, experiences: tuple[Experience, ...] = ()) -> bool:
         """Say in which episode this agent is, and what it shares."""
         if self.episode is None:
             return False
-        return self.link.put(self._key, encode(Word(self.episode, self._configuration, experiences)), priority="step")
+        word = Word(self.episode, self._configuration, experiences, self.stops.last)
+        return self.link.put(self._key, encode(word), priority="step")
 
     # -- Steps ---------------------------------------------------------------------------------------------------
 
@@ -189,7 +227,7 @@ class Talker(TeamLayer):
         self.tick = tick.number
         if self._first_tick is None:
             self._first_tick = tick.number
-        if self._refused or self.episode is None or not self.episode.running or tick.number < self.episode.origin:
+        if self._refused or self.episode is None or not self._decides or tick.number < self.episode.origin:
             return
         if self._open is not None:
             self._decide()
@@ -338,6 +376,7 @@ class Talker(TeamLayer):
         self._compare_clocks(sample)
         if self._refused:
             return
+        self._hear_stops(word)
         if word.episode.supersedes(self.episode):
             self._enter(word.episode)
         elif word.episode != self.episode:

@@ -36,10 +36,12 @@ def test_a_command_of_an_earlier_life_in_the_log_is_not_that_of_the_present_one(
     team.propose("a", command="start")
     team.deliver()
     team.start("b")
-    team.propose("b", command="stop")
+    team.propose("b", command="stop")  # in no term yet: it holds for b alone
     team.see()
     team.deliver()
-    assert [commit.command for commit in team["b"].history.commits] == ["stop", "start", "stop"]
+    assert team["b"].hold.still
+    assert not team["a"].hold.still
+    assert [commit.command for commit in team["b"].history.commits] == ["stop", "start", "hold"]
     assert team.equal
 
 

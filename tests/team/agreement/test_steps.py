@@ -106,15 +106,29 @@ def test_going_on_alone_waits_for_nobody_beyond_the_deadline():
 def test_commands_are_steps_of_their_own_and_one_at_a_time(event_driven):
     team = Lockstep(3, event_driven=event_driven)
     team.propose("b", b"seen", "stop")
-    team.propose("c", None, "start")
+    team.propose("c", None, "stop")
     team.propose("a", b"heard")
     team.propose("c", b"felt")
     team.deliver()
     made = [(commit.command, commit.by, set(commit.inputs)) for commit in team["b"].history.commits]
     assert sorted(made[:3], key=str) != made[:3] or len(made) >= 3
-    assert {(command, by) for command, by, _ in made if command} == {("stop", "b"), ("start", "c")}
+    assert {(command, by) for command, by, _ in made if command} == {("stop", "b"), ("stop", "c")}
     assert {agent for _, _, inputs in made for agent in inputs} == {"a", "b", "c"}
     assert all(not inputs for command, _, inputs in made if command)
+    assert team.equal
+
+
+@pytest.mark.parametrize("first", ["start", "stop"])
+def test_of_a_start_and_a_stop_that_are_asked_for_at_once_the_stop_counts(first):
+    team = Lockstep(3)
+    team.deliver()
+    agents = {first: "b", ({"start", "stop"} - {first}).pop(): "c"}
+    for command, agent in agents.items():
+        team.propose(agent, None, command)
+    team.deliver()
+    assert team["a"].history.commits[-1].command == "stop"
+    assert not any(team[agent].replica.running for agent in "abc")
+    assert team["a"].hold.still
     assert team.equal
 
 

@@ -5,11 +5,14 @@ All are written as msgpack arrays that begin with the name of their kind, in a f
 
 from __future__ import annotations
 
-from typing import Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import msgspec
 
 from mdm.errors import Error
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 __all__ = [
     "START",
@@ -219,13 +222,10 @@ class Send(msgspec.Struct, frozen=True, gc=False):
     message: Message
 
 
-_encoder = msgspec.msgpack.Encoder()
 _decoder: msgspec.msgpack.Decoder[Message] = msgspec.msgpack.Decoder(Message)
 
-
-def encode(message: Message) -> bytes:
-    """Return a message as bytes."""
-    return _encoder.encode(message)
+encode: Callable[[Message], bytes] = msgspec.msgpack.Encoder().encode
+"""Returns a message as bytes."""
 
 
 def decode(body: bytes) -> Message:

@@ -29,31 +29,29 @@ class History:
 
     Attributes:
         side: How many of them took part in the last step that was not a command.
+        position: The last step that was applied.
     """
 
     def __init__(self, size: int, agents: int) -> None:
         self.size, self.agents = size, agents
         self.side = 0
         self.lineage: tuple[Position, ...] = (START,)
+        self.position = START
         self.commits: list[Commit] = []
-
-    @property
-    def position(self) -> Position:
-        """The last step that was applied."""
-        return self.lineage[-1]
 
     def follows(self, commit: Commit) -> bool:
         """Return whether a commit is the next step of this history."""
-        last = self.lineage[-1]
+        last = self.position
         return commit.step == last.step + 1 and commit.previous == last.term
 
     def append(self, commit: Commit) -> None:
         """Add the next step."""
         last = Position(commit.term, commit.step)
-        if commit.term == self.lineage[-1].term:
+        if commit.term == self.position.term:
             self.lineage = (*self.lineage[:-1], last)
         else:
             self.lineage = (*self.lineage[1 - TERMS :], last)
+        self.position = last
         if commit.command is None:
             self.side = self.agents - len(commit.missing)
         self.commits.append(commit)
@@ -62,7 +60,7 @@ class History:
 
     def replace(self, lineage: tuple[Position, ...], side: int) -> None:
         """Take another history, of which no commits are known."""
-        self.lineage, self.side = lineage, side
+        self.lineage, self.position, self.side = lineage, lineage[-1], side
         self.commits = []
 
     def since(self, position: Position, limit: int) -> tuple[Commit, ...] | None:

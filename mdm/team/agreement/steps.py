@@ -91,8 +91,8 @@ class Steps(Standing):
             return True
         awaited = [agent for agent in self.members_now if agent in self.present]
         if self.commands or self.event_driven:
-            return all(applied.get(agent) == step for agent in awaited)
-        return all(agent in self.components for agent in awaited)
+            return not [agent for agent in awaited if applied.get(agent) != step]
+        return self.components.keys() >= set(awaited)
 
     def _commit(self, now: int) -> None:
         last = self.history.position
@@ -106,9 +106,9 @@ class Steps(Standing):
             components = self.components
             inputs = {agent: body for agent in self.agents if (body := components.get(agent)) is not None}
             if self.event_driven:
-                missing = tuple(agent for agent in self.agents if self.applied.get(agent) != last.step)
+                missing = tuple([agent for agent in self.agents if self.applied.get(agent) != last.step])
             else:
-                missing = tuple(agent for agent in self.agents if agent not in components)
+                missing = tuple([agent for agent in self.agents if agent not in components])
         digest = self.replica.digest()
         commit = Commit(self.term, last.step + 1, last.term, inputs, missing, command, by, digest, token)
         self._take(commit)

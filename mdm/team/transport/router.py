@@ -99,7 +99,7 @@ class Router:
 
     def wants(self, key: str) -> bool:
         """Whether anything subscribed to a key."""
-        return bool(self._route(key).handlers)
+        return bool((self._routes.get(key) or self._route(key)).handlers)
 
     def deliver(self, key: str, data: bytes, now: int, carrier: str | None = None) -> None:
         """Hand a message to the handlers of its key.
@@ -208,6 +208,8 @@ class Router:
         Raises:
             Error: If it is one, or is no key.
         """
+        if key in self._sent and key != _REST:  # it was put before
+            return
         if owner_of(check_key(key), self._team) != self._agent:
             raise Error(f"agent {self._agent!r} of team {self._team!r} must not use {key}, which is not its own")
 

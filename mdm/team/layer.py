@@ -86,6 +86,7 @@ class TeamLayer(Layer):
         """Listen to the own layers."""
         channel = self.owner.channel
         self._held = False
+        self._now = self.runtime.clock.reader()
         if self.parts.takes == "state":
             self.subscribe(channel("own_state", State, retain=True), self._on_own_state)
         else:
@@ -184,7 +185,7 @@ class TeamLayer(Layer):
 
     def say(self, values: Iterable[int | None]) -> None:
         """Offer the values of this agent's factors."""
-        self.offer(self.copy.part(self.runtime.clock.now(), values))
+        self.offer(self.copy.part(self._now(), values))
 
     @property
     def own(self) -> tuple[int | None, ...]:

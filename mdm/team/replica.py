@@ -35,6 +35,7 @@ __all__ = ["Replica", "ReplicaStatistics"]
 _PATIENCE = 1.0
 _ALL = "all"
 _MAJORITY = frozenset({"lost_majority"})
+_STEADY = frozenset({"leading", "following"})
 _OFFERS = (Command, Component)
 """Messages that say besides that their sender has applied the step before."""
 _BEHIND = (Entries, Snapshot)
@@ -80,6 +81,9 @@ class Replica(TeamLayer):
 
     Raises:
         ConfigError: If the ensemble cannot be replicated.
+
+    Attributes:
+        agreement: The state machine that this agent agrees by.
     """
 
     def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
@@ -90,8 +94,19 @@ class Replica(TeamLayer):
                 key=f"ensembles.{ensemble.name}.policy",
             )
         super().__init__("replica", team, ensemble, link, placement)
-        self._agreement: Agreement | None = None
-        self._key = link.key(ensemble.name, "agreement")
+        deadline = round(team.deadline * 1e9)
+        self.agreement = Agreement(
+            self.agent,
+            team.names,
+            self,
+            incarnation=link.transport.incarnation,
+            mode=team.quorum,
+            event_driven=team.event_driven,
+            deadline_ns=deadline,
+            retry_ns=max(10_000_000, min(50_000_000, deadline // 2)),
+            configuration=self.copy.facts,
+        )
+        self._keys = {to: link.key(ensemble.name, "agreement", to or _ALL) for to in (None, *team.names)}
         self._applied = 0
         self._unsaid = 0
         self._withheld = False
@@ -110,29 +125,11 @@ class Replica(TeamLayer):
         self._affirming: Subscription[None] = Subscription(None, self, self._affirm)
         self._word: Send | None = None
 
-    @property
-    def agreement(self) -> Agreement:
-        """The state machine that this agent agrees by."""
-        if self._agreement is None:
-            team = self.team
-            deadline = round(team.deadline * 1e9)
-            self._agreement = Agreement(
-                self.agent,
-                team.names,
-                self,
-                incarnation=self.link.transport.incarnation,
-                mode=team.quorum,
-                event_driven=team.event_driven,
-                deadline_ns=deadline,
-                retry_ns=max(10_000_000, min(50_000_000, deadline // 2)),
-                configuration=self.copy.facts,
-            )
-        return self._agreement
-
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
         """Listen to the own layers and to the other agents."""
+        self._dispatcher = self.runtime.dispatcher
         self._timer = self._age = None
         self._asked = self._behind = self._concludes = False
         if self._saved is not None:  # the ensemble has failed, and begins anew: the team has gone on
@@ -158,7 +155,7 @@ class Replica(TeamLayer):
             self._withheld = True
             return
         self._withheld = False
-        self._send(self.agreement.propose(part, self.runtime.clock.now()))
+        self._send(self.agreement.propose(part, self._now()))
 
     def ask_for(self, command: str, token: str) -> None:
         """Propose a command, for a step of its own."""
@@ -178,17 +175,17 @@ class Replica(TeamLayer):
         if self._behind or agreement.reports or agreement.proposals.void or agreement.role != self._role:
             self._follow_up()
         if sends:
-            self.runtime.dispatcher.deliver(self._saying, sends)
+            self._dispatcher.deliver(self._saying, sends)
         if not self._concludes:
             self._concludes = True
-            self.runtime.dispatcher.deliver_behind(self._concluding, None)
+            self._dispatcher.deliver_behind(self._concluding, None)
 
     def _say(self, sends: list[Send]) -> None:
         for send in sends:
             if isinstance(send.message, Applied):
                 # Who observes something as soon as it was called offers it to the next step, and says the same by that.
                 if self._word is None:
-                    get_running_loop().call_soon(self.runtime.dispatcher.deliver, self._affirming, None)
+                    get_running_loop().call_soon(self._dispatcher.deliver, self._affirming, None)
                 self._word = send
                 continue
             if isinstance(send.message, _OFFERS):
@@ -202,7 +199,7 @@ class Replica(TeamLayer):
             self._put(word)
 
     def _put(self, send: Send) -> None:
-        self.link.put(f"{self._key}/{send.to or _ALL}", encode(send.message), priority="step")
+        self.link.put(self._keys[send.to], encode(send.message), priority="step")
 
     def _conclude(self, _: None) -> None:
         """Do at the end of a turn what nobody waits for."""
@@ -220,7 +217,7 @@ class Replica(TeamLayer):
         except Error:
             self.malformed += 1
             return
-        now = self.runtime.clock.now()
+        now = self._now()
         if isinstance(message, _BEHIND) and not self._behind:
             self._behind = True
             self.ensemble.control.catch_up(now, over=False)
@@ -237,12 +234,12 @@ class Replica(TeamLayer):
 
     def _on_time(self) -> None:
         self._timer = None
-        self._send(self.agreement.tick(self.runtime.clock.now()))
+        self._send(self.agreement.tick(self._now()))
 
     # -- Where it stands -----------------------------------------------------------------------------------------
 
     def _follow_up(self) -> None:
-        agreement, now = self.agreement, self.runtime.clock.now()
+        agreement, now = self.agreement, self._now()
         if self._restored:
             self._resume(now)
         if agreement.proposals.void:
@@ -259,7 +256,7 @@ class Replica(TeamLayer):
         self._role = agreement.role
         if agreement.refusal is not None and self.link.refusal is None:
             parting: Subscription[str] = Subscription(None, self, self.link.refuse)
-            self.runtime.dispatcher.deliver_behind(parting, agreement.refusal)  # and behind what it has to say yet
+            self._dispatcher.deliver_behind(parting, agreement.refusal)  # and behind what it has to say yet
         if self._behind and agreement.fetching is None:
             self._behind = False
             self.ensemble.control.catch_up(now, over=True)
@@ -281,14 +278,12 @@ class Replica(TeamLayer):
                 self.tell_void(asked.token, reason)
 
     def _set_timer(self, now: int) -> None:
-        when = self.agreement.next_time
-        if when is None:
-            return
-        if self._timer is not None and self._timer.when > when:
-            self._timer.cancel()
-            self._timer = None
-        if self._timer is None:  # else one that is too early finds nothing to do, and the next is set then
-            self._timer = self.call_at(max(when, now), self._on_time)
+        when, timer = self.agreement.next_time, self._timer
+        if when is None or (timer is not None and timer.when <= when):
+            return  # one that is too early finds nothing to do, and the next is set then
+        if timer is not None:
+            timer.cancel()
+        self._timer = self.call_at(max(when, now), self._on_time)
 
     def _speak_up(self, now: int) -> None:
         """Where events alone make steps: say anew what the team has forgotten, and let what it has not grow old."""
@@ -325,6 +320,8 @@ class Replica(TeamLayer):
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there."""
         safety = self.ensemble.safety
+        if self._role in _STEADY and not self.lost and not self._held and safety.modes.mode != "safe":
+            return  # as at nearly each step
         if self._role == "waiting":
             safety.endanger("lost_majority", f"{self.agent} is without a majority of team {self.team.name!r}", now)
         elif self._role not in {"joining", "refused"}:
@@ -335,7 +332,7 @@ class Replica(TeamLayer):
 
     def apply(self, commit: Commit) -> None:
         """Apply a step."""
-        now = self.runtime.clock.now()
+        now = self._now()
         self._applied += 1
         try:
             if commit.command is not None:

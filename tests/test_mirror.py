@@ -25,6 +25,8 @@ UNTESTED_ALONE = {
     "maps/problem.py": "declares a type alone",
     "cli/team/asker.py": "with the verbs that ask: test_status",
     "cli/team/commands.py": "with the status, which tells what has become of them: test_status",
+    "cli/team/table.py": "with the status: test_status",
+    "team/sharing/asking.py": "a session of its own, by the verbs that ask: test_status",
     "cli/team/file.py": "with every verb of teams",
     "problems/agents.py": "a line that the problems of teams share",
     "policies/constant_policy.py": "with the random policy, which makes the same promises",

@@ -104,6 +104,11 @@ class Centre(TeamLayer):
         """Whether this agent does nothing of what is decided: never, for it decides itself."""
         return False
 
+    @property
+    def knows(self) -> object:
+        """The last decision."""
+        return [self.link.transport.incarnation, self._last.step]
+
     def offer(self, part: bytes | None) -> None:
         """Take what this agent has seen."""
         if self.refusal is not None:

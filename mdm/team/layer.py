@@ -157,6 +157,11 @@ class TeamLayer(Layer):
         """Whether this agent does nothing of what is decided, since it took a stop that the team knows nothing of."""
         raise NotImplementedError
 
+    @property
+    def knows(self) -> object:
+        """What is the same at agents that know of the same commands; plain values."""
+        raise NotImplementedError
+
     def take_live(self, link: Link) -> None:
         """Take note of who is live."""
         raise NotImplementedError

@@ -37,13 +37,10 @@ if TYPE_CHECKING:
     from mdm.team.transport.allowance import Allowance
     from mdm.team.transport.transport import Transport, TransportStatistics
 
-__all__ = ["FIRST_PORT", "Member", "MemberStatistics", "Teammates"]
+__all__ = ["Member", "MemberStatistics", "Teammates"]
 
 _PATIENCE = 3.0
 """Seconds, beside a lease, within which all agents of a team may start."""
-
-FIRST_PORT = 7447
-"""The port of the first agent on this machine, where nothing is said about endpoints; the others' follow."""
 
 
 class Teammates(Message, frozen=True, gc=False):
@@ -269,10 +266,7 @@ def _session(team: Team, agent: str, allowance: Allowance | None, access: Access
     from mdm.team.transport.session import Session  # noqa: PLC0415 - the one that needs Zenoh
 
     protocol = "tcp" if access is None else "tls"
-    endpoints = {
-        other.name: other.endpoint or f"{protocol}/127.0.0.1:{FIRST_PORT + number}"
-        for number, other in enumerate(team.agents)
-    }
+    endpoints = team.endpoints(protocol)
     configuration = ceiling_settings(team.ceilings)
     if access is not None:
         plain = [name for name, endpoint in endpoints.items() if not endpoint.startswith(("tls/", "quic/"))]

@@ -90,6 +90,11 @@ class Outpost(TeamLayer):
         """Whether this agent does nothing of what is decided."""
         return self._still
 
+    @property
+    def knows(self) -> object:
+        """The last decision of the controller that is known here."""
+        return [self._life, 0 if self._last is None else self._last.step]
+
     def _discard(self, reason: str) -> None:
         """Drop the commands that wait, but for stops, and tell whoever asked for them."""
         for said in [said for said in self._waiting if said.command is not None and said.command not in BARS]:

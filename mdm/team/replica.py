@@ -166,6 +166,12 @@ class Replica(TeamLayer):
         """Whether this agent does nothing of what is decided."""
         return self.agreement.hold.still
 
+    @property
+    def knows(self) -> object:
+        """The last step."""
+        position = self.agreement.history.position
+        return [position.term.number, position.term.leader, position.term.incarnation, position.step]
+
     def _send(self, sends: list[Send]) -> None:
         """Have said what the agreement says, and done what follows from where it stands.
 

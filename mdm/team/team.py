@@ -21,12 +21,17 @@ if TYPE_CHECKING:
     from mdm.actors import Drive, Ensemble
     from mdm.team.communicating.communication import CommunicationPolicy
     from mdm.team.member import Member
+    from mdm.team.sharing.commanding import Confirmation
+    from mdm.team.transport.access import Access
     from mdm.team.transport.transport import Transport
 
-__all__ = ["Agent", "Mode", "Quorum", "Team"]
+__all__ = ["FIRST_PORT", "Agent", "Mode", "Quorum", "Team"]
 
 Mode = Literal["replicated", "centralised", "communicating"]
 Quorum = Literal["majority", "continue"]
+
+FIRST_PORT = 7447
+"""The port of the first agent on this machine, where nothing is said about endpoints; the others' follow."""
 
 Given = str | tuple[str, str]
 """An agent as it is given: its name, or its name and its endpoint."""
@@ -174,6 +179,55 @@ class Team:
     def event_driven(self) -> bool:
         """Whether events make the joint steps, and not the clock."""
         return isinstance(self.drive, OnEvent)
+
+    def endpoints(self, protocol: str = "tcp") -> dict[str, str]:
+        """Return where each agent listens; those that say nothing of it, on this machine, at a port each."""
+        return {
+            agent.name: agent.endpoint or f"{protocol}/127.0.0.1:{FIRST_PORT + number}"
+            for number, agent in enumerate(self.agents)
+        }
+
+    # -- Commands ------------------------------------------------------------------------------------------------
+
+    async def start(self, **options: Any) -> tuple[Confirmation, ...]:
+        """Have the team decide, from outside; see `stop`."""
+        return await self._command("start", **options)
+
+    async def stop(self, **options: Any) -> tuple[Confirmation, ...]:
+        """Have the team decide no more, from outside: said to every agent.
+
+        Args:
+            options: ``ensemble``, by default the only one; ``seconds`` to wait for what each agent is by then, by
+                default 5; the ``access`` of the team's operator, where its agents have certificates; or the
+                ``transport`` to ask by, open, in place of a session of its own.
+
+        Returns:
+            What each agent is afterwards; those that did not confirm say why not.
+
+        Example::
+
+            unconfirmed = [one.agent for one in await team.stop() if not one.confirmed]
+        """
+        return await self._command("stop", **options)
+
+    async def reset(self, **options: Any) -> tuple[Confirmation, ...]:
+        """Have the team begin a new episode, from outside; see `stop`."""
+        return await self._command("reset", **options)
+
+    async def release(self, **options: Any) -> tuple[Confirmation, ...]:
+        """End the safe mode of every agent, from outside; see `stop`."""
+        return await self._command("release", **options)
+
+    async def _command(
+        self, name: str, *, transport: Transport | None = None, access: Access | None = None, **options: Any
+    ) -> tuple[Confirmation, ...]:
+        from mdm.team.sharing.asking import asking  # noqa: PLC0415 - it asks for a team
+        from mdm.team.sharing.commanding import command  # noqa: PLC0415
+
+        if transport is not None:
+            return await command(transport, self, name, **options)
+        async with asking(self, access) as (session, _):
+            return await command(session, self, name, **options)
 
     def member(self, agent: str, *ensembles: Ensemble, transport: Transport | None = None, **options: Any) -> Member:
         """Return one agent's part of the team, an actor to run.

@@ -16,6 +16,15 @@ NAMES = ["r0", "r1", "r2"]
 MODES = ["replicated", "centralised", "communicating"]
 
 
+class Reached(Network):
+    """A network in which the operator's console reaches everybody, unless it is on a side of its own."""
+
+    def connected(self, first, second):
+        if "console" in {first, second} and "console" not in self._sides:
+            return first in self._open and second in self._open
+        return super().connected(first, second)
+
+
 class Squad:
     """Three robots that decide every half second, in virtual time."""
 
@@ -23,7 +32,7 @@ class Squad:
         self.runtime = runtime
         more = {"controller": controller} if mode == "centralised" else {}
         self.team = Team("squad", NAMES, mode=mode, period=0.5, lease=0.5, **more)
-        self.network = Network(runtime.clock, team="squad")
+        self.network = Reached(runtime.clock, team="squad")
 
     async def begin(self):
         self.robots = dict(zip(NAMES, await started(self.runtime, self.team, self.network, self.build), strict=True))
@@ -43,7 +52,7 @@ class Squad:
             getattr(self.robots[agent].ensemble, command)()
 
     async def cut(self, agent):
-        self.network.partition({agent}, set(NAMES) - {agent})
+        self.network.partition({agent}, {*NAMES} - {agent})
         await asyncio.sleep(3.0)
 
     async def heal(self):

@@ -19,6 +19,7 @@ VERBS = {
     "start": "mdm.cli.team.commands",
     "stop": "mdm.cli.team.commands",
     "reset": "mdm.cli.team.commands",
+    "release": "mdm.cli.team.commands",
     "check": "mdm.cli.team.check",
     "decisions": "mdm.cli.team.decisions",
     "certificates": "mdm.cli.team.certificates",

@@ -39,6 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Ask all agents; return the exit status."""
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.cli.team.file import team_of  # noqa: PLC0415
+    from mdm.cli.team.table import table  # noqa: PLC0415
 
     team = team_of(arguments.file)
     found = asyncio.run(_ask(arguments.file, team))
@@ -46,7 +47,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(as_json({"team": team.name, "agents": found, "silent": silent}))
     elif found:
-        print("\n".join(_table([row for agent, ensembles in found.items() for row in _rows(agent, ensembles)])))
+        print(
+            "\n".join(table(_COLUMNS, [row for agent, ensembles in found.items() for row in _rows(agent, ensembles)]))
+        )
     if len(silent) == len(team.names):
         print(f"mdm team status: nobody runs the team {team.name!r}: no agent answers", file=sys.stderr)
     elif silent:
@@ -56,10 +59,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 async def _ask(file: str, team: Team) -> dict[str, dict[str, Any]]:
     """Return what each agent says of each of its ensembles."""
-    from mdm.cli.team.asker import asking  # noqa: PLC0415
+    from mdm.cli.team.asker import asker_of  # noqa: PLC0415
 
     found: dict[str, dict[str, Any]] = {}
-    async with asking(file, team) as asker:
+    async with asker_of(file, team) as asker:
         questions = [(name, call) for name in asker.ensembles for call in ("status", "statistics")]
         answers = dict(
             zip(questions, await asyncio.gather(*(asker.ask(call, name) for name, call in questions)), strict=True)
@@ -101,7 +104,7 @@ def _rows(agent: str, ensembles: dict[str, Any]) -> list[list[str]]:
 def _row(agent: str, name: str, status: dict[str, Any]) -> list[str]:
     if "error" in status:
         return [agent, name, "error", status["error"]]
-    causes = ", ".join(cause.partition(":")[0] for cause in status["causes"])
+    causes = ", ".join(["held"] * status.get("held", False) + [cause.partition(":")[0] for cause in status["causes"]])
     late = status.get("late")
     return [
         *(agent, name),
@@ -117,10 +120,3 @@ def _row(agent: str, name: str, status: dict[str, Any]) -> list[str]:
 
 def _text(value: object) -> str:
     return "-" if value is None else str(value)
-
-
-def _table(rows: list[list[str]]) -> list[str]:
-    """Return rows as lines of aligned columns, below the columns' names."""
-    wide = [list(_COLUMNS), *rows]
-    widths = [max((len(row[place]) for row in wide if place < len(row)), default=0) for place in range(len(_COLUMNS))]
-    return ["  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=False)).rstrip() for row in wide]

@@ -173,6 +173,11 @@ class Talker(TeamLayer):
         """Whether nothing is decided here in an episode in which others may decide, since a stop came before it."""
         return self.episode is not None and self.episode.running and not self._decides
 
+    @property
+    def knows(self) -> object:
+        """The stops that this agent knows of."""
+        return dict(sorted(self.stops.last.items()))
+
     def _enter(self, episode: Episode) -> None:
         now = self.runtime.clock.now()
         self.episode, self._offset = episode, None

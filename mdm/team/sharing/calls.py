@@ -6,18 +6,19 @@ has either ``result`` or ``error``.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import msgspec
 import numpy as np
 
 from mdm.errors import Error
-from mdm.runtime import Actor
+from mdm.runtime import Actor, Subscription
 from mdm.runtime.supervision import describe
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from typing import Literal
 
     from mdm.actors import Ensemble
     from mdm.team.layer import TeamLayer
@@ -28,10 +29,16 @@ if TYPE_CHECKING:
 __all__ = ["CALLS", "COMMANDS", "Answers", "ask"]
 
 COMMANDS = ("start", "stop", "reset", "release")
-"""Calls that do something: the first three at all agents of a team, whichever was asked; a release at the one asked."""
+"""Calls that do something: the first three at all agents of a team, whichever was asked; a release at the one asked.
+
+Their body is the command's token, the same for all agents that are asked for the same, or empty.
+"""
 
 CALLS = (*COMMANDS, "status", "statistics", "wiring", "versions")
 """All calls."""
+
+
+_LONGEST_TOKEN = 64
 
 
 class Answers(Actor):
@@ -64,21 +71,27 @@ class Answers(Actor):
     def _answering(self, name: str, call: str) -> Callable[[bytes], bytes]:
         function = getattr(self, f"_{call}", None)
 
-        def answer(_: bytes) -> bytes:
+        def answer(body: bytes) -> bytes:
             try:
-                result = self._command(name, call) if function is None else function(name)
+                result = self._command(name, call, _token(body)) if function is None else function(name)
                 return _encode({"result": result})
             except Exception as error:  # whoever asks is told; the team goes on
                 return _encode({"error": describe(error)})
 
         return answer
 
-    def _command(self, name: str, call: str) -> str:
+    def _command(self, name: str, call: str, token: str | None) -> str:
         if self.life != "running":
             raise Error(f"agent {self._link.agent!r} is {self.life}")
         if call in {"start", "reset"} and getattr(self._layers[name].statistics(), "role", "") == "refused":
             raise Error(f"agent {self._link.agent!r} takes no part in the team, which refused it when it joined")
-        getattr(self._ensembles[name], call)()
+        ensemble, layer = self._ensembles[name], self._layers[name]
+        if call == "release" or ensemble.life != "running" or ensemble.failing:
+            getattr(ensemble, call)()
+        else:
+            order = cast('Literal["start", "stop", "reset"]', call)
+            turn: Subscription[str | None] = Subscription(None, layer, lambda token: layer.command(order, token))
+            self.runtime.dispatcher.deliver(turn, token)
         return "done"
 
     def _status(self, name: str) -> dict[str, Any]:
@@ -94,6 +107,9 @@ class Answers(Actor):
             else ensemble.controller.symbols.action_name(acted),
             "epoch": ensemble.controller.epoch,
             "live": list(self._link.live),
+            "held": layer.still,
+            "knows": layer.knows,
+            "commands": layer.commands.outcomes,
         }
         for key in ("role", "leader", "term", "step", "digest", "members"):
             if hasattr(stands, key):
@@ -126,6 +142,11 @@ class Answers(Actor):
         return self._layers[name].copy.facts
 
 
+def _token(body: bytes) -> str | None:
+    """Return a command's token, if it has one."""
+    return body.decode() if 0 < len(body) <= _LONGEST_TOKEN and body.isalnum() else None
+
+
 def _plain(value: object) -> object:
     if isinstance(value, np.ndarray):
         return value.tolist()
@@ -145,6 +166,7 @@ async def ask(
     agent: str = "*",
     ensemble: str = "*",
     seconds: float = 1.0,
+    body: bytes = b"",
 ) -> dict[str, Any]:
     """Ask agents of a team, and return what each says.
 
@@ -155,6 +177,7 @@ async def ask(
         agent: Who is asked; by default all.
         ensemble: Of which ensemble; by default the only one.
         seconds: How long to wait.
+        body: What is asked besides: of commands, the token.
 
     Returns:
         By agent, the result, or an `Error` with what the agent says in its place; who does not answer is left out.
@@ -166,7 +189,7 @@ async def ask(
         raise Error(f"there is no call {call!r}; there are {', '.join(CALLS)}")
     if agent != "*":
         team.check_agent(agent)
-    answers = await transport.ask(join(team.name, agent, ensemble, call), timeout=seconds)
+    answers = await transport.ask(join(team.name, agent, ensemble, call), body, timeout=seconds)
     found: dict[str, Any] = {}
     for who in team.names:
         if who in answers:

@@ -1,17 +1,17 @@
-"""`mdm team status`, `stop`, `reset` and `start` of a team that runs, and of one that does not."""
+"""`mdm team status`, `stop`, `reset`, `start` and `release` of a team that runs, and of one that does not."""
 
 from __future__ import annotations
 
-import asyncio
 import json
 import signal
 import time
-from typing import ClassVar
 
 import pytest
 
-from mdm import Error
-from mdm.cli.team import commands
+
+def lines(output):
+    """The lines of a table, word by word."""
+    return [line.split() for line in output]
 
 
 def asked(mdm, team, *, agents=2, mode="deciding"):
@@ -41,10 +41,18 @@ def test_a_team_that_runs_tells_how_it_is_and_is_told_what_to_do(mdm, free, up):
         status, output, _ = mdm("team", "status", team)
         assert output[0].split()[:6] == ["agent", "ensemble", "mode", "role", "term", "step"]
         assert output[1].split()[:4] == ["a", "joint", "deciding", "leading"]
-        assert mdm("team", "stop", team)[:2] == (0, ["joint: stop, said to a"])
-        asked(mdm, team, mode="stopped")
-        assert mdm("team", "start", team, "--ensemble", "joint")[0] == 0
+        status, output, errors = mdm("team", "stop", team)
+        assert (status, errors) == (0, "")
+        assert lines(output)[0] == ["agent", "ensemble", "mode", "role", "term", "step", "confirmed"]
+        assert [[*line[:4], line[-1]] for line in lines(output)[1:]] == [
+            ["a", "joint", "stopped", "leading", "yes"],
+            ["b", "joint", "stopped", "following", "yes"],
+        ]
+        assert {one["joint"]["mode"] for one in asked(mdm, team, mode="stopped")[1]["agents"].values()} == {"stopped"}
+        status, output, _ = mdm("team", "start", team, "--ensemble", "joint")
+        assert (status, [line[2] for line in lines(output)[1:]]) == (0, ["deciding", "deciding"])
         assert mdm("team", "reset", team)[0] == 0
+        assert mdm("team", "release", team)[0] == 0
         asked(mdm, team)
         status, _, errors = mdm("team", "start", team, "--ensemble", "jont")
         assert status == 1
@@ -70,8 +78,8 @@ def test_one_that_does_not_answer_is_told(mdm, free, up, tmp_path):
         assert status == 1
         assert errors == "mdm team status: no answer from b\n"
         status, output, errors = mdm("team", "stop", team)
-        assert (status, output) == (1, ["joint: stop, said to a"])
-        assert errors == "mdm team stop: joint: agent 'b' does not answer\n"
+        assert (status, [line[-1] for line in lines(output)]) == (1, ["confirmed", "yes", "no"])
+        assert errors == "mdm team stop: joint: agent 'b' did not confirm: it does not answer\n"
 
 
 def test_one_that_hangs_is_told_and_the_others_are_asked(mdm, free):
@@ -86,39 +94,9 @@ def test_one_that_hangs_is_told_and_the_others_are_asked(mdm, free):
             pass
         status, found, errors = asked(mdm, team, agents=1)
         assert (status, found["silent"], errors) == (1, ["a"], "mdm team status: no answer from a\n")
-        status, output, errors = mdm("team", "stop", team)
-        assert (status, output) == (1, ["joint: stop, said to b"])
-        assert errors == "mdm team stop: joint: agent 'a' does not answer\n"
-
-
-@pytest.mark.parametrize(
-    ("states", "answers", "told"),
-    [
-        ({"a": {"live": ["a", "b"]}, "b": {"live": ["a", "b"]}}, {"a": "done"}, ["a: done"]),
-        ({"a": {"live": ["a"]}, "b": {"live": ["b"]}}, {"a": "done", "b": "done"}, ["a: done", "b: done"]),
-        (
-            {"a": {"live": ["a", "b"], "role": "refused"}, "b": {"live": ["a", "b"], "role": "leading"}},
-            {"a": Error("it was refused"), "b": "done"},
-            ["a: agent 'a' does not start: it was refused", "b: done"],
-        ),
-        (
-            {"a": {"live": ["a", "b"], "role": "leading"}, "b": {"live": ["a", "b"], "role": "refused"}},
-            {"a": "done", "b": Error("it was refused")},
-            ["a: done", "b: agent 'b' does not start: it was refused"],
-        ),
-        ({"b": Error("in another form")}, {"b": "done"}, ["a: agent 'a' does not answer", "b: done"]),
-        ({"a": {"live": ["a"]}}, {}, ["a: agent 'a' does not answer", "b: agent 'b' does not answer"]),
-    ],
-)
-def test_all_are_told_who_are_not_told_by_others(states, answers, told):
-    class Asked:
-        ensembles: ClassVar = {"joint": ["a", "b"]}
-
-        async def ask(self, call, ensemble, agent):
-            return {agent: answers[agent]} if agent in answers else {}
-
-    results = asyncio.run(commands.tell(Asked(), "start", "joint", states))
-    assert [f"{agent}: {problem or 'done'}" for _, agent, problem in results] == told
+        status, output, errors = mdm("team", "stop", team, "--wait", "2")
+        assert (status, [line[-1] for line in lines(output)]) == (1, ["confirmed", "no", "yes"])
+        assert errors == "mdm team stop: joint: agent 'a' did not confirm: it does not answer\n"
 
 
 def test_the_operator_of_a_team_with_certificates_may_ask(mdm, free, up, tmp_path):

@@ -31,12 +31,13 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
         "building",
         "team_bridge",
         "team_latency",
+        "team_memory",
     ],
 )
 def test_benchmark(tmp_path, name):
     if name == "decision_latency":
         pytest.importorskip("pykka")
-    if name in {"team_bridge", "team_latency"}:
+    if name in {"team_bridge", "team_latency", "team_memory"}:
         pytest.importorskip("zenoh")
     output = tmp_path / "out.json"
     done = subprocess.run(
@@ -68,6 +69,8 @@ def test_benchmark(tmp_path, name):
         assert len(results["ways"]) == 10
         assert all(0 < row["until the leader's callback"] < row["calls"] for row in results["calls"])
         assert all(row["steps a second"] > 0 for row in results["steps"])
+    elif name == "team_memory":
+        assert all(row["RSS MB"] >= row["PSS MB"] > 0 for row in results["team_memory"])
     elif name == "ticks":
         assert {row["way"] for row in results["ticks"]} == {"mdm", "loop.call_at", "asyncio.sleep"}
     elif name == "tree_search":

@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from mdm.beliefs.filter import Filter
     from mdm.models.pomdp import POMDP
 
-__all__ = ["chosen_filter", "is_vast"]
+__all__ = ["chosen_filter"]
 
-_ROWS = 10_000_000
-"""The largest number of rows of T for which a factored model is flattened."""
 _FOLDED = 4_000_000
 """The largest total size of dense matrices, one per action and observation."""
+_PAIRS = 20_000
+"""The most pairs of an action and an observation that have something of their own: as objects they take 1 kB each."""
 _SMALL = 128
 """The number of states up to which a dense matrix is as fast as any."""
 _DENSE = 1 / 16
@@ -46,17 +46,26 @@ def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:
         model: The POMDP.
         fast: Whether to use numba; by default if it is installed.
     """
-    fast = can_compile() if fast is None else fast
-    if isinstance(model, FactoredPOMDP) and model.false_negative is None and is_vast(model):
+    if isinstance(model, FactoredPOMDP) and model.stays_factored:
         return NetworkFilter(model.network)
+    size = len(model.state_space)
+    if fast is None:
+        fast = not (model.is_sparing and size <= _SMALL) and can_compile()
     model = model.flatten()
     all_detected = not model.waits
-    actions, size = range(len(model.action_space)), len(model.state_space)
+    actions = range(len(model.action_space))
     pairs = len(actions) * len(model.observation_space)
     by_joints = model.event_observations or not all_detected
-    fits = pairs * size**2 <= _FOLDED
+    few = pairs <= _PAIRS
+    fits = few and pairs * size**2 <= _FOLDED
     filled = size <= _SMALL or _filled(model) >= _DENSE
-    if fast and filled and not by_joints and (pairs + len(actions) * size) * (size + LINE) <= _FOLDED:
+    if (
+        fast
+        and filled
+        and not by_joints
+        and pairs <= _PAIRS
+        and (pairs + len(actions) * size) * (size + LINE) <= _FOLDED
+    ):
         return CompactFilter(model)
     if fits and (filled or not all_detected):
         return (CompactFilter if fast else FoldedFilter)(model)
@@ -71,11 +80,6 @@ def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:
         return narrow
     most = size // (_NARROW if fast else _GATHERED[1])
     return AdaptiveFilter(narrow, wide(dynamics), most, most // 2)
-
-
-def is_vast(model: POMDP) -> bool:
-    """Whether a factored model is too large to be flattened for belief tracking."""
-    return isinstance(model, FactoredPOMDP) and len(model.state_space) * len(model.action_space) > _ROWS
 
 
 def _filled(model: POMDP) -> float:

@@ -145,23 +145,28 @@ class LikelyFilter(_DenseFilter):
 
     def __init__(self, model: POMDP, *, fast: bool) -> None:
         super().__init__(model)
-        self._likelihoods = Dynamics(model).likelihoods
+        self._told = once([model.observation_matrix(action) for action in range(len(model.action_space))], dense)
         self._move = None
         if fast:
             from mdm.beliefs.kernels import move_likely  # noqa: PLC0415 - numba is slow to import
 
             self._move = move_likely
             for _ in range(2):  # compiled now, not at the first step: for a writeable and for a read-only belief
-                self._move(self._transitions[0], self._likelihoods[0][0], self._before, self._after)
+                self._move(self._transitions[0], self._likelihood(0, 0), self._before, self._after)
                 self.dense()
 
     def step(self, action: int, observation: int) -> float:
         """Update by an action and an observation; return P(observation | belief, action)."""
-        return self._step(action, self._likelihoods[action][observation])
+        return self._step(action, self._likelihood(action, observation))
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
         """Update by an action and a set of possible observations; return their probability."""
-        return self._step(action, self._likelihoods[action][list(observations)].sum(axis=0))
+        return self._step(action, self._told[action][:, list(observations)].sum(axis=1))
+
+    def _likelihood(self, action: int, observation: int) -> Vector:
+        """Return P(o | a, s') for each s', in a row; to keep all of them would hold O twice."""
+        likelihood: Vector = self._told[action][:, observation].copy()
+        return likelihood
 
     def _step(self, action: int, likelihood: Vector) -> float:
         if self._move is not None:

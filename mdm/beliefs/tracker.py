@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from mdm.beliefs.choice import chosen_filter, is_vast
+from mdm.beliefs.choice import chosen_filter
 from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.filter import Support
 from mdm.errors import ModelError
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BeliefTracker"]
 
-_MOST_KEPT = 1024
-"""Observations with missing components of which it is kept which joint observations agree with them."""
+_MOST_KEPT = 100_000
+"""The most joint observations that are kept as agreeing with observations of which components are missing."""
 
 Observed: TypeAlias = "Symbol | Sequence[str | int | None] | None"
 """A joint observation by index or name, its components (None for a missing one), or None for no observation."""
@@ -77,6 +77,7 @@ class BeliefTracker:
         self._support: Support | None = None
         self._sizes = model.observation_space.shape
         self._agreeing: dict[tuple[int | None, ...], list[int]] = {}
+        self._num_agreeing = 0
         self.reset()
 
     @property
@@ -246,9 +247,12 @@ class BeliefTracker:
         given = tuple(indices)
         symbols = self._agreeing.get(given)
         if symbols is None:
-            if len(self._agreeing) >= _MOST_KEPT:
+            symbols = self._that_agree(given)
+            self._num_agreeing += len(symbols)
+            if self._num_agreeing > _MOST_KEPT:
                 self._agreeing.clear()
-            symbols = self._agreeing[given] = self._that_agree(given)
+                self._num_agreeing = len(symbols)
+            self._agreeing[given] = symbols
         return symbols
 
     def _that_agree(self, given: tuple[int | None, ...]) -> list[int]:
@@ -261,7 +265,7 @@ class BeliefTracker:
 
 def _first(model: POMDP) -> Support:
     """Return the support of the initial belief."""
-    if isinstance(model, FactoredPOMDP) and is_vast(model):
+    if isinstance(model, FactoredPOMDP) and model.stays_factored:
         return Support(*first_states(model.network))
     initial = model.initial_belief
     (states,) = initial.nonzero()

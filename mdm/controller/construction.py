@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ConfigError, ModelError
-from mdm.models import POMDP
+from mdm.models import POMDP, FactoredMDP, FactoredPOMDP
+from mdm.models.factored.reward_rows import RewardRow, RewardRows
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import numpy.typing as npt
 
@@ -54,18 +55,22 @@ def horizon_of(information: Information, given: int | None) -> int | None:
     return given
 
 
-def expectation(information: Information, *, own: bool) -> Callable[[Vector], float] | None:
+def expectation(information: Information, *, own: bool) -> Callable[[Vector | RewardRow], float] | None:
     """Return the expectation of functions of the state; None if the information state has no states."""
-    known: Callable[[Vector], float] | None = getattr(information, "expected", None)
+    known: Callable[[Vector | RewardRow], float] | None = getattr(information, "expected", None)
     if known is None and own:
         return lambda values: float(values.dot(information.current))
     return known
 
 
-def reward_rows(given: npt.ArrayLike | None, model: MDP | None, symbols: Symbols) -> list[Vector] | None:
-    """Return R as a row of S numbers for each action."""
+def reward_rows(
+    given: npt.ArrayLike | None, model: MDP | None, symbols: Symbols
+) -> Sequence[Vector] | RewardRows | None:
+    """Return R as a row of S numbers for each action; of a model that stays factored none of them is made."""
     if given is None and model is None:
         return None
+    if given is None and isinstance(model, FactoredMDP | FactoredPOMDP) and model.stays_factored:
+        return RewardRows(model.network)
     rewards = model.rewards if given is None and model is not None else given
     try:
         array = np.asarray(rewards, dtype=np.float64)

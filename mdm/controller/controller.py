@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models import MDP
+    from mdm.models.factored.reward_rows import RewardRows
     from mdm.models.matrices import Vector
     from mdm.models.space import Symbol
     from mdm.policies import Policy
@@ -119,9 +120,10 @@ class Controller:
         self._expected = expectation(self.information, own=self._own_tracker)
         if self._expected is None and options.get("rewards") is not None:
             raise ConfigError("a plan has no belief to expect rewards by: give no rewards", key="rewards")
-        self._rewards: list[Vector] | None = None
+        self._rewards: Sequence[Vector] | RewardRows | None = None
         if self._expected is not None:
             self._rewards = reward_rows(options.get("rewards"), self.model, self.symbols)
+        self._given_rewards = self._rewards if isinstance(self._rewards, list) and "rewards" in options else []
         self._initial: Vector | None = None
         self.epoch = 0
         self.impossible = 0
@@ -400,8 +402,9 @@ class Controller:
             policy = [type(self.policy).__name__, self._num_actions, *getattr(self.policy, "parameters", list)()]
             model = None if self.model is None else digest(self.model)
             tracked = type(self.information).__name__
-            rewards = [] if self._rewards is None else self._rewards
-            self._configuration = of_parts([model, *policy, tracked, self.horizon, self.on_impossible, *rewards])
+            self._configuration = of_parts(
+                [model, *policy, tracked, self.horizon, self.on_impossible, *self._given_rewards]
+            )
         return self._configuration
 
     _configuration: str | None = None

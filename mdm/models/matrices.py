@@ -25,6 +25,7 @@ __all__ = [
     "RowError",
     "Vector",
     "distribution",
+    "is_large_and_sparse",
     "numbers",
     "read_only",
     "stochastic_matrices",
@@ -114,11 +115,16 @@ def stochastic_matrices(
 
 def _choose_sparse(matrices: Sequence[Any], rows: int, columns: int) -> bool:
     """Return whether the matrices are large and sparse enough for CSR."""
-    size = len(matrices) * rows * columns
-    if size <= _LARGE:
+    if len(matrices) * rows * columns <= _LARGE:
         return False
     entries = sum(matrix.nnz if is_compressed(matrix) else int(np.count_nonzero(matrix)) for matrix in matrices)
-    return entries < _DENSE * size
+    return is_large_and_sparse(len(matrices), rows, columns, entries)
+
+
+def is_large_and_sparse(matrices: int, rows: int, columns: int, entries: float) -> bool:
+    """Whether so many matrices with so many entries in all are large and sparse enough for CSR."""
+    size = matrices * rows * columns
+    return size > _LARGE and entries < _DENSE * size
 
 
 def _checked(matrix: Any, what: str, rows: Space, columns: int, as_sparse: bool) -> tuple[Matrix, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
@@ -49,6 +50,10 @@ class MDP:
     """
 
     kind: Literal["MDP", "POMDP"] = "MDP"
+    is_sparing: bool = False
+    """Whether memory counts for more than microseconds; see `sparingly`."""
+    stays_factored: bool = False
+    """Whether beliefs and rewards are computed on factors, and no matrices are made for them."""
 
     def __init__(
         self,
@@ -187,6 +192,16 @@ class MDP:
         if symbol is None:
             return self
         raise ModelError("an MDP has no observations, and so no false negatives")
+
+    def sparingly(self) -> Self:
+        """Return the same model for a process whose memory counts for more than microseconds, such as a team's agent.
+
+        Beliefs and rewards of a factored model are computed on its network unless its matrices are small, and what is
+        small is not compiled, since the compiler alone takes more than 100 MB.
+        """
+        other = copy.copy(self)
+        other.is_sparing = True
+        return other
 
     def flatten(self) -> MDP:
         """Return the model as matrices; a flat model returns itself."""

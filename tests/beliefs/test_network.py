@@ -11,6 +11,7 @@ from mdm.beliefs import BeliefTracker, choice as belief_choice
 from mdm.beliefs.filter import Support
 from mdm.beliefs.network import NetworkFilter
 from mdm.models import POMDP, Factor, FactoredPOMDP, Node, Space, Table, TwoSliceNetwork
+from mdm.models.factored import model as factored_model
 from mdm.models.factored.flattening import first_states
 
 
@@ -89,5 +90,53 @@ def test_what_is_seen_of_such_a_model_is_a_factor_of_its_observations():
 def test_small_models_are_flattened(monkeypatch):
     model = lamps(3)
     assert not isinstance(belief_choice.chosen_filter(model), NetworkFilter)
-    monkeypatch.setattr(belief_choice, "_ROWS", 7)
+    monkeypatch.setattr(factored_model, "_ROWS", 7)
     assert isinstance(belief_choice.chosen_filter(model), NetworkFilter)
+
+
+@given(factored_models(events=True), st.integers(0, 2**32 - 1))
+def test_a_sparing_tracker_believes_what_one_of_matrices_does(model, seed):
+    """Also where components of observations are missing, and where nothing is observed."""
+    assume(isinstance(model, POMDP))
+    random = np.random.default_rng(seed)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(factored_model, "_SMALL", 0)
+        spare = model.sparingly().step_by_step()
+        assert spare.stays_factored
+        tracker = BeliefTracker(spare)
+    assert isinstance(tracker._filter, NetworkFilter)
+    flat = BeliefTracker(model.flatten().step_by_step())
+    sizes = model.observation_space.shape
+    for _ in range(5):
+        action = int(random.integers(len(model.action_space)))
+        seen = [None if random.random() < 0.4 else int(random.integers(size)) for size in sizes]
+        observation = None if random.random() < 0.2 else seen
+        chance = tracker.update(action, observation)
+        assert chance == pytest.approx(flat.update(action, observation), abs=1e-12)
+        np.testing.assert_allclose(tracker.belief, flat.belief, atol=1e-12)
+        values = random.normal(size=len(model.state_space))
+        assert tracker.expected(values) == pytest.approx(flat.expected(values), abs=1e-11)
+
+
+def test_what_may_be_missed_is_summed_over_by_matrices(monkeypatch):
+    """Steps without an observation lead from any state to any: they are not computed on the network."""
+    monkeypatch.setattr(factored_model, "_SMALL", 0)
+    model = lamps(3)
+    assert model.sparingly().stays_factored
+    assert not model.stays_factored
+    assert not model.with_false_negatives("dark").sparingly().stays_factored
+    network = model.network
+    seen = [Node("state", 0), Node("observation", 0)]
+    events = FactoredPOMDP(
+        TwoSliceNetwork(
+            network.states,
+            network.actions,
+            network.observations,
+            initial=network.initial,
+            transitions=network.transitions,
+            observation=[Table(seen, [[0.5, 0.25], [0.5, 0.5]])],
+        ),
+        discount=0.9,
+    )
+    assert not events.sparingly().stays_factored
+    assert events.sparingly().step_by_step().stays_factored

@@ -14,9 +14,10 @@ import numpy as np
 
 from mdm.models.compressed import csr
 from mdm.models.factored.potential import Node
+from mdm.models.matrices import ROUNDING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterator, Sequence
 
     import numpy.typing as npt
 
@@ -33,6 +34,7 @@ __all__ = [
     "following",
     "observation_matrices",
     "observed_chances",
+    "rewards_at",
     "transition_events",
     "transition_matrices",
 ]
@@ -65,20 +67,64 @@ def first_states(network: TwoSliceNetwork) -> tuple[Indices, Vector]:
 def following(network: TwoSliceNetwork, action: int, states: Indices) -> tuple[Indices, Indices, Vector]:
     """Return the transitions from some states: the place of the state, the next state, and the probability."""
     actions = _digits("action", np.array([action]), network.actions.shape)
-    return _grow(network, "next_state", len(states), _digits("state", states, network.states.shape) | actions)
+    joint = _grow(network, "next_state", len(states), _digits("state", states, network.states.shape) | actions)
+    return joint if network.is_exact else _normalised(joint, len(states))
 
 
 def observed_chances(
     network: TwoSliceNetwork, action: int, states: Indices | None, next_states: Indices, observations: Sequence[int]
 ) -> Vector:
     """Return P(one of some observations | s, a, s') of some transitions; only events need ``states``."""
+    assert network.observations is not None
     digits = _digits("action", np.array([action]), network.actions.shape)
     digits |= _digits("next_state", next_states, network.states.shape)
     if states is not None:
         digits |= _digits("state", states, network.states.shape)
-    joint = _grow(network, "observation", len(next_states), digits)
-    wanted = np.isin(joint.values, observations)
-    return np.bincount(joint.rows[wanted], joint.probabilities[wanted], minlength=len(next_states)).astype(np.float64)
+    count, shape = len(next_states), network.observations.shape
+    wanted = np.unique(np.array(observations, dtype=np.intp))
+    allowed = [np.isin(np.arange(size), of) for size, of in zip(shape, np.unravel_index(wanted, shape), strict=True)]
+    if network.is_exact and math.prod(int(each.sum()) for each in allowed) == len(wanted):
+        # Components that may be anything are left out, unless others depend on them.
+        seen = {place for place, each in enumerate(allowed) if not each.all()}
+        joint = _grow(network, "observation", count, digits, _with_parents(network, "observation", seen), allowed)
+    else:
+        joint = _grow(network, "observation", count, digits)
+        if not network.event_observations:
+            joint = _normalised(joint, count)
+        agree = np.isin(joint.values, wanted)
+        joint = _Joint(joint.rows[agree], joint.values, joint.probabilities[agree])
+    return np.bincount(joint.rows, joint.probabilities, minlength=count).astype(np.float64)
+
+
+def rewards_at(network: TwoSliceNetwork, action: int, states: Indices) -> Vector:
+    """Return R(s, a) of an action in some states, as `expected_rewards` has it, without anything of other states.
+
+    Of the next slice only those variables are considered that a utility depends on.
+    """
+    count = len(states)
+    digits = _digits("state", states, network.states.shape)
+    digits |= _digits("action", np.array([action]), network.actions.shape)
+    result = np.zeros(count)
+    for utility in network.utilities if count else ():
+        seen = {node.place for node in utility.scope if node.role == "observation"}
+        after = {node.place for node in utility.scope if node.role == "next_state"}
+        if not seen and not after:
+            result += _values(network, utility, digits, count)
+            continue
+        if network.is_exact:
+            seen = _with_parents(network, "observation", seen)
+            after |= {
+                node.place for place in seen for node in network.observation[place].scope if node.role == "next_state"
+            }
+            after = _with_parents(network, "next_state", after)
+            joint = _grow(network, "next_state", count, digits, after)
+        else:
+            joint = _grow(network, "next_state", count, digits)
+        inner = {node: _along(values, joint.rows) for node, values in digits.items()}
+        inner |= _digits("next_state", joint.values, network.states.shape)
+        values = _outcome_values(network, utility, inner, len(joint.rows), seen if network.is_exact else None)
+        result += np.bincount(joint.rows, joint.probabilities * values, minlength=count)
+    return result
 
 
 def transition_matrices(network: TwoSliceNetwork) -> list[Any]:
@@ -137,12 +183,18 @@ def expected_rewards(network: TwoSliceNetwork, transitions: list[Any]) -> Vector
     return result
 
 
-def _outcome_values(network: TwoSliceNetwork, utility: Potential, digits: dict[Node, Indices], count: int) -> Vector:
-    """Return the expectation of a utility over the observations, for some transitions."""
+def _outcome_values(
+    network: TwoSliceNetwork,
+    utility: Potential,
+    digits: dict[Node, Indices],
+    count: int,
+    seen: Collection[int] | None = None,
+) -> Vector:
+    """Return the expectation of a utility over the observations, or over some of them, for some transitions."""
     if all(node.role != "observation" for node in utility.scope):
         return _values(network, utility, digits, count)
     assert network.observations is not None
-    joint = _grow(network, "observation", count, digits)
+    joint = _grow(network, "observation", count, digits, seen)
     inner = {node: _along(values, joint.rows) for node, values in digits.items()}
     inner |= _digits("observation", joint.values, network.observations.shape)
     weighted = joint.probabilities * _values(network, utility, inner, len(joint.rows))
@@ -163,18 +215,54 @@ def _by_action(network: TwoSliceNetwork, potentials: tuple[Potential, ...], buil
     return result
 
 
-def _grow(network: TwoSliceNetwork, role: Role, count: int, given: dict[Node, Indices]) -> _Joint:
-    """Return the joint distribution of a role's variables in each row, given the values of other variables there."""
+def _with_parents(network: TwoSliceNetwork, role: Role, places: Collection[int]) -> set[int]:
+    """Return some variables of a role, with all of that role on which they depend."""
+    found: set[int] = set()
+    waiting = list(places)
+    while waiting:
+        place = waiting.pop()
+        if place not in found:
+            found.add(place)
+            waiting += [node.place for node in network.parents(Node(role, place)) if node.role == role]
+    return found
+
+
+def _normalised(joint: _Joint, count: int) -> _Joint:
+    """Return distributions that sum to 1 in each row, as matrices do that were checked (`stochastic_matrices`)."""
+    sums = np.bincount(joint.rows, joint.probabilities, minlength=count)
+    sums[np.abs(sums - 1) <= ROUNDING] = 1
+    return _Joint(joint.rows, joint.values, joint.probabilities / sums[joint.rows])
+
+
+def _grow(
+    network: TwoSliceNetwork,
+    role: Role,
+    count: int,
+    given: dict[Node, Indices],
+    places: Collection[int] | None = None,
+    allowed: Sequence[npt.NDArray[np.bool_]] | None = None,
+) -> _Joint:
+    """Return the joint distribution of a role's variables in each row, given the values of other variables there.
+
+    Args:
+        network: The network.
+        role: The role.
+        count: How many rows there are.
+        given: The values of the other variables in each row, or in all.
+        places: Which variables, with all of the role on which they depend; by default all. The rest count as 0.
+        allowed: For each of the role's variables which values it may have; by default any.
+    """
     factors = network.factors(role)
     strides = [math.prod(map(len, factors[index + 1 :])) for index in range(len(factors))]
     every = np.arange(count)
     joint = _Joint(every, np.zeros(count, dtype=np.intp), np.ones(count))
-    for index in network.orders[role]:
+    for index in network.orders[role] if places is None else filter(places.__contains__, network.orders[role]):
         if not joint.rows.size:  # nothing is possible, as for an action without any event
             break
         potential = network.potentials(role)[index]
         child = Node(role, index)
         size = len(factors[index])
+        masked = 1.0 if allowed is None else allowed[index]
 
         def digits(node: Node, joint: _Joint = joint) -> Indices:
             if node.role == role:
@@ -193,7 +281,7 @@ def _grow(network: TwoSliceNetwork, role: Role, count: int, given: dict[Node, In
                 of_row *= factor_size
                 of_row += digits(node)
             rows = potential.rows(_spread(varying, cases, fixed), math.prod(shape), child, size)
-            joint = _extend(joint, rows, of_row, strides[index])
+            joint = _extend(joint, rows * masked, of_row, strides[index])
         else:
             step = max(1, _BLOCK // size)
             parts = []
@@ -202,7 +290,7 @@ def _grow(network: TwoSliceNetwork, role: Role, count: int, given: dict[Node, In
                 part = _Joint(*(array[start : start + step] for array in joint))  # type: ignore[arg-type]
                 cases = [column[start : start + step] for column in columns]
                 rows = potential.rows(_spread(varying, cases, fixed), len(part.rows), child, size)
-                parts.append(_extend(part, rows, np.arange(len(part.rows)), strides[index]))
+                parts.append(_extend(part, rows * masked, np.arange(len(part.rows)), strides[index]))
             joint = _Joint(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
     return joint
 
@@ -226,12 +314,17 @@ def _extend(joint: _Joint, distributions: Vector, of_row: Indices, stride: int) 
         return _Joint(joint.rows, joint.values + stride * values[of_row], probabilities)
     starts = np.cumsum(counts) - counts
     repeats = counts[of_row]
+    before = np.cumsum(repeats)
+    before -= repeats
+    before -= starts[of_row]
+    entry = np.arange(repeats.sum()) - np.repeat(before, repeats)
     source = np.repeat(np.arange(len(of_row)), repeats)
-    ends = np.cumsum(repeats)
-    entry = np.arange(len(source)) - np.repeat(ends - repeats - starts[of_row], repeats)
-    return _Joint(
-        joint.rows[source], joint.values[source] + stride * values[entry], joint.probabilities[source] * chances[entry]
-    )
+    del before, repeats  # nothing is kept that is as large as the result
+    rows, grown, probabilities = joint.rows[source], joint.values[source], joint.probabilities[source]
+    del source
+    grown += (stride * values)[entry]
+    probabilities *= chances[entry]
+    return _Joint(rows, grown, probabilities)
 
 
 def _values(network: TwoSliceNetwork, utility: Potential, digits: dict[Node, Indices], count: int) -> Vector:
@@ -273,7 +366,8 @@ def _along(values: Indices, rows: Indices) -> Indices:
 
 def _compressed(joint: _Joint, shape: tuple[int, int]) -> Any:
     starts = np.concatenate(([0], np.cumsum(np.bincount(joint.rows, minlength=shape[0]))))
-    matrix = csr((joint.probabilities, joint.values, starts), shape)
+    width = np.int32 if max(len(joint.values), *shape) <= np.iinfo(np.int32).max else np.int64
+    matrix = csr((joint.probabilities, joint.values.astype(width), starts.astype(width)), shape)
     matrix.sort_indices()
     return matrix
 

@@ -13,6 +13,7 @@ from mdm.models.compressed import is_compressed
 from mdm.models.events import DenseEvents, EventObservations, TransitionEvents
 from mdm.models.factored import flattening
 from mdm.models.factored.potential import Node
+from mdm.models.factored.size import MatrixSize, matrix_size
 from mdm.models.matrices import Checked, Matrix, Vector, distribution, stochastic_matrices
 from mdm.models.mdp import MDP, checked_discount
 from mdm.models.pomdp import POMDP
@@ -23,6 +24,11 @@ if TYPE_CHECKING:
     from mdm.models.space import Space
 
 __all__ = ["FactoredMDP", "FactoredPOMDP"]
+
+_ROWS = 10_000_000
+"""The largest number of rows of T for which a model is flattened to track beliefs."""
+_SMALL = 16_000_000
+"""The bytes of matrices that are made even where memory is short."""
 
 _Flat = TypeVar("_Flat", bound=MDP)
 
@@ -47,6 +53,29 @@ class _Factored(MDP):
         """The distribution of the first state: S numbers, read-only."""
         first = flattening.first_distribution(self.network)
         return distribution(first, what="the start", size=len(self.network.states))
+
+    @cached_property
+    def matrix_size(self) -> MatrixSize:
+        """How large its matrices would be; they are not made for it."""
+        return matrix_size(self.network, sparse=self._sparse)
+
+    @property
+    def stays_factored(self) -> bool:  # type: ignore[override]
+        """Whether beliefs and rewards are computed on the network, since its matrices would be large.
+
+        That is so of more than ten million rows, and in a process that is sparing (`sparingly`) of more than 16 MB, but
+        not where steps without an observation are to be summed over: that takes the matrices.
+        """
+        if self.false_negative is not None:
+            return False
+        if len(self.state_space) * len(self.action_space) > _ROWS:
+            return True
+        return self.is_sparing and not self._may_wait and self.matrix_size.total > _SMALL
+
+    @property
+    def _may_wait(self) -> bool:
+        """Whether events may leave something to no observation."""
+        return False
 
     @property
     def rewards(self) -> Vector:
@@ -170,6 +199,10 @@ class FactoredPOMDP(_Factored, POMDP):
     def event_observations(self) -> bool:
         """Whether observations are those of events, P(o | s, a, s')."""
         return self.network.event_observations
+
+    @property
+    def _may_wait(self) -> bool:
+        return self.event_observations and not self._tells_all and not self.network.is_exact
 
     def observation_matrix(self, action: Any) -> Matrix:
         """Return P(o | a, s') as an S' x O matrix, read-only."""

@@ -10,6 +10,7 @@ Intelligence 121, 2000).
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,7 @@ from mdm.models.matrices import TOLERANCE, Vector
 from mdm.models.validation import report
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -33,6 +34,8 @@ __all__ = ["PotentialError", "TwoSliceNetwork"]
 _BLOCK = 1 << 16
 _LARGEST = 50_000_000
 _TOLD = 100
+_EXACT = 1e-12
+"""The largest error in a sum of probabilities that is one of rounding alone."""
 _PARENTS: dict[Role, frozenset[Role]] = {
     "state": frozenset({"state"}),
     "next_state": frozenset({"state", "action", "next_state"}),
@@ -161,6 +164,22 @@ class TwoSliceNetwork:
         """Return the parents of a variable."""
         return tuple(other for other in self.potentials(node.role)[node.place].scope if other != node)
 
+    @cached_property
+    def is_exact(self) -> bool:
+        """Whether all distributions of the second slice sum to 1 but for rounding.
+
+        A variable on which nothing depends can then be left out of a sum. Event observations may leave something to no
+        observation, and numbers in a file may be written with few digits.
+        """
+        roles: tuple[Role, ...] = ("next_state", "observation")
+        return all(
+            (np.abs(rows.sum(axis=1) - 1) <= _EXACT).all()
+            for role in roles
+            for place, potential in enumerate(self.potentials(role))
+            for leaf in _leaves(Node(role, place), potential, {})
+            for _, rows in self._blocks(Node(role, place), leaf)
+        )
+
     def _order(self, role: Role, potentials: Sequence[Potential]) -> tuple[int, ...]:
         """Return the variables of a role in an order in which parents come first."""
         factors = self.factors(role)
@@ -240,6 +259,16 @@ class TwoSliceNetwork:
             flat = np.arange(start, min(start + step, total))
             digits = dict(zip(parents, np.unravel_index(flat, shape), strict=True)) if parents else {}
             yield digits, potential.rows(digits, len(flat), child, size)
+
+
+def _leaves(child: Node, potential: Potential, found: dict[int, Potential]) -> Iterable[Potential]:
+    """Return the parts of a distribution that trees choose among by other variables than the child, each once."""
+    if isinstance(potential, Tree) and potential.node != child:
+        for branch in set(potential.choice.tolist()):
+            _leaves(child, potential.branches[branch], found)
+    else:
+        found[id(potential)] = potential
+    return found.values()
 
 
 def _circle(parents: Mapping[int, set[int]]) -> list[int]:

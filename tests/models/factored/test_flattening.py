@@ -14,6 +14,7 @@ from random_models import dense, factored_models
 from mdm import ModelError
 from mdm.errors import ModelWarning
 from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Node, Space, Table, Tree, TwoSliceNetwork
+from mdm.models.factored.flattening import following, observed_chances, rewards_at
 from mdm.problems import patrol
 
 
@@ -185,3 +186,50 @@ def test_a_large_model_of_events_is_flattened_in_little_memory():
     tracemalloc.stop()
     assert model.is_sparse
     assert peak < 100e6
+
+
+@given(model=factored_models(events=True))
+def test_rewards_in_some_states_are_those_of_the_matrices(model):
+    states = np.arange(len(model.state_space))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        expected = model.rewards
+    for action in range(len(model.action_space)):
+        np.testing.assert_allclose(rewards_at(model.network, action, states), expected[:, action], atol=1e-12)
+        np.testing.assert_allclose(rewards_at(model.network, action, states[::-2]), expected[::-2, action], atol=1e-12)
+
+
+def rounded_network(digits):
+    """Return a network of two factors and two observations, with thirds written with so many digits."""
+    third = round(1 / 3, digits)
+    row = [third, third, third]
+    return TwoSliceNetwork(
+        Space([Factor("one", 3, prefix="a"), Factor("other", 3, prefix="b")]),
+        Space.single("agent", ["wait"]),
+        Space([Factor("left", 3, prefix="l"), Factor("right", 3, prefix="r")]),
+        initial=[Table([Node("state", place)], [0.5, 0.25, 0.25]) for place in range(2)],
+        transitions=[Table([Node("state", place), Node("next_state", place)], [row] * 3) for place in range(2)],
+        observation=[
+            Table([Node("next_state", place), Node("observation", place)], [row, [1, 0, 0], row]) for place in range(2)
+        ],
+        utilities=[Table([Node("next_state", 0)], [1, 2, 4]), Table([Node("observation", 1)], [1, 2, 4])],
+    )
+
+
+@pytest.mark.parametrize("digits", [5, 17])
+def test_sums_that_are_not_quite_one_count_as_in_matrices(digits):
+    """Matrices are normalised when they are made, so rows that are computed one by one are, too."""
+    network = rounded_network(digits)
+    assert network.is_exact == (digits == 17)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        flat = FactoredPOMDP(network, discount=0.9).flatten()
+    of, after, chances = following(network, 0, np.arange(9))
+    transitions = np.zeros((9, 9))
+    np.add.at(transitions, (of, after), chances)
+    np.testing.assert_allclose(transitions, dense(flat.transition_matrix(0)), atol=1e-15)
+    told = dense(flat.observation_matrix(0))
+    for seen in ([4], [0, 1, 2], [1, 4, 7], [0, 5], list(range(9))):
+        chances = observed_chances(network, 0, None, np.arange(9), seen)
+        np.testing.assert_allclose(chances, told[:, seen].sum(axis=1), atol=1e-15)
+    np.testing.assert_allclose(rewards_at(network, 0, np.arange(9)), flat.rewards[:, 0], atol=1e-12)

@@ -59,6 +59,8 @@ class Oracle:
         self.bases = {}  # where each term began
         self.forgetful = False  # whether an agent has been restarted
         self.said = {}  # the components that agents sent for each (term, step)
+        self.terms = []  # the term in which each command was asked for, in the order of asking
+        self.stopped = {}  # by agent, which of them was the last stop that it has taken, until it may act
         self.settled = frozenset()  # positions that were followed by another step, and its term
 
     def applies(self, copy, commit, body):
@@ -80,10 +82,36 @@ class Oracle:
         for agent, component in commit.inputs.items():
             if agent != commit.term.leader and component not in self.said.get((position, agent), ()):
                 raise Violation(f"{position} has a component of {agent} that was not for it")
+        if commit.command is not None:
+            self.applies_command(copy, commit)
         value = crc32(body, copy.value)
         if self.values.setdefault(position, value) != value:
             raise Violation(f"{copy.agent} has another copy at {position}")
         self.holders[position] = self.holders.get(position, frozenset()) | {copy.agent}
+
+    def asked(self, machine, command):
+        """Take note of what is asked of an agent; return the token, which is the place in the order of asking."""
+        self.terms.append(machine.term)
+        if command == "stop":
+            self.stopped[machine.agent] = len(self.terms)
+        return str(len(self.terms))
+
+    def applies_command(self, copy, commit):
+        if not commit.token.isdigit():
+            return
+        number = int(commit.token)
+        if commit.command == "stop":
+            self.stopped[copy.agent] = max(self.stopped.get(copy.agent, 0), number)
+        if commit.command != "hold" and self.terms[number - 1] != commit.term:
+            raise Violation(f"what was asked for in {self.terms[number - 1]} is a step of {commit.term}")
+
+    def acts(self, machine):
+        """See that an agent which acts does so on a start that was asked for after the last stop that it has taken."""
+        stopped = self.stopped.get(machine.agent)
+        if stopped is not None and machine.replica.running and not machine.hold.still:
+            if int(machine.replica.started) < stopped:
+                raise Violation(f"{machine.agent} was stopped, and acts on a start that was asked for before")
+            del self.stopped[machine.agent]
 
     def restores(self, copy):
         self.holders[copy.position] = self.holders.get(copy.position, frozenset()) | {copy.agent}

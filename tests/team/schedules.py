@@ -62,6 +62,7 @@ class Schedule:
             "restarts": True,
             "encoded": random.random() < 0.02,
             "divided": random.random() < 0.25,
+            "commands": random.choice([0.02, 0.02, 0.3]),
             "log_size": random.choice([1, 4, 256]),
         } | fixed
         self.__dict__.update(draw)
@@ -104,6 +105,7 @@ class Schedule:
         if machine.term < node.term:
             raise Violation(f"{node.name} goes back from {node.term} to {machine.term}")
         self.oracle.looks(machine)
+        self.oracle.acts(machine)
         if machine.ballot is not None and machine.step > node.step and machine.begun and self.oracle.majority:
             self.count_alone(node)
         node.term, node.step = machine.term, machine.step
@@ -140,10 +142,11 @@ class Schedule:
             return
         random = self.random
         if not node.paused:
-            command = random.choice(["start", "stop", "reset"]) if random.random() < 0.02 else None
+            command = random.choice(["start", "stop", "reset"]) if random.random() < self.commands else None
             self.serial += 1
             body = None if random.random() < 0.1 and self.now < CALM else b"%d" % self.serial
-            self.took(node, machine.propose(body, node.clock(self.now), command))
+            token = None if command is None else self.oracle.asked(machine, command)
+            self.took(node, machine.propose(body, node.clock(self.now), command, token))
         wait = random.randrange(1, 4 * self.period) if self.event_driven else int(self.period / node.rate)
         self.after(wait, self.propose, node, machine)
 
@@ -211,6 +214,7 @@ class Schedule:
         node = self.nodes[name]
         if node.machine is not None and self.restarts:
             node.machine, node.paused = None, False
+            self.oracle.stopped.pop(name, None)  # a process that ends forgets
             self.oracle.forgetful = True
             self.change()
 

@@ -24,7 +24,7 @@ TERMS = 9
 """The highest number of a term; states beyond it are counted as cut off."""
 
 
-CRASHES, RESTARTS, PARTITIONS, LOSSES, DUPLICATES, OVERTAKINGS, IMPATIENCE = range(7)
+CRASHES, RESTARTS, PARTITIONS, LOSSES, DUPLICATES, OVERTAKINGS, IMPATIENCE, COMMANDS = range(8)
 
 
 class State(NamedTuple):
@@ -34,9 +34,11 @@ class State(NamedTuple):
     lives: tuple  # which life each of them is in, 0 where it has crashed
     line: tuple  # messages under way, by number, of each link
     cut: int  # the agent that a partition cuts off, or -1
-    left: tuple  # crashes, restarts, partitions, losses, duplicates, overtakings, impatience
+    left: tuple  # crashes, restarts, partitions, losses, duplicates, overtakings, impatience, commands
     entries: frozenset  # what was applied, by number
     bases: frozenset  # where terms began, by number
+    asked: tuple = ()  # the term in which each command was asked for, in the order of asking
+    stopped: tuple = ()  # of each agent, which of them was the last stop that it has taken; 0 where it acts, or may
 
 
 def clone(machine):
@@ -141,6 +143,8 @@ class Search:
             sends = machine.members(dict(args[0]), 0)
         elif what == "propose":
             sends = machine.propose(component(machine.agent, machine.term, machine.step + 1), 0)
+        elif what == "command":
+            sends = machine.propose(None, 0, *args)
         else:
             machine.fire(what, 0)
             sends = machine._sent()
@@ -158,6 +162,7 @@ class Search:
             if len(machine.ballot.joined) < self.majority:
                 raise Violation(f"{machine.agent} begins {machine.term} without a majority")
         applied = tuple(self.entry(machine, *each) for each in witness.applied)
+        commands = tuple(commit for commit, *_ in witness.applied if commit.command is not None)
         sent = tuple(
             (self.names.index(target), self.messages((machine.agent, machine.incarnation, encode(send.message))))
             for send in sends
@@ -166,7 +171,7 @@ class Search:
         )
         if machine.term.number > TERMS:
             return None
-        return self.number(machine), sent, applied, began
+        return self.number(machine), sent, applied, began, commands
 
     def entry(self, machine, commit, body, value, older):
         """Return the number of a step that was applied, the newer term it was applied in, and if its leader did."""
@@ -180,7 +185,9 @@ class Search:
         numbers = tuple(self.new(name, life) for life, name in enumerate(self.names, 1))
         space = self.space
         line = ((),) * space.agents**2
-        return State(numbers, tuple(range(1, space.agents + 1)), line, -1, space[4:], frozenset(), frozenset())
+        left, lives = space[4:12], tuple(range(1, space.agents + 1))
+        first = State(numbers, lives, line, -1, left, frozenset(), frozenset(), (), (0,) * space.agents)
+        return self.calmed(first) if space.settled else first
 
     def after(self, state, index, *event):
         """Return the state after an event at one agent; None where a term goes beyond its bound."""
@@ -188,7 +195,7 @@ class Search:
         if found is None:
             self.cut_off += 1
             return None
-        number, sent, applied, began = found
+        number, sent, applied, began, commands = found
         agents = (*state.agents[:index], number, *state.agents[index + 1 :])
         entries, bases = state.entries, state.bases
         if applied or began is not None:
@@ -202,7 +209,28 @@ class Search:
                 if agents[target] >= 0 and self.linked(state, index, target) and message not in links[link]:
                     links[link] += (message,)
             line = tuple(links)
-        return State(agents, state.lives, line, state.cut, state.left, entries, bases)
+        after = state._replace(agents=agents, line=line, entries=entries, bases=bases)
+        if event[0] == "command" or commands or any(state.stopped):
+            after = self.check_commands(after, index, event, commands)
+        return after
+
+    def check_commands(self, state, index, event, commands):
+        """Return the state with what an agent was asked for, or took, in an event after which it stands there."""
+        asked, stopped = state.asked, state.stopped[index]
+        machine = self.machines.things[state.agents[index]]
+        if event[0] == "command":
+            asked += (machine.term,)
+            stopped = len(asked) if event[1] == "stop" else stopped
+        for commit in commands:
+            if commit.command == "stop":
+                stopped = max(stopped, int(commit.token))
+            if commit.command != "hold" and asked[int(commit.token) - 1] != commit.term:
+                raise Violation(f"what was asked for in {asked[int(commit.token) - 1]} is a step of {commit.term}")
+        if machine.replica.running and not machine.hold.still:
+            if int(machine.replica.started) < stopped:
+                raise Violation(f"{machine.agent} was stopped, and acts on a start that was asked for before")
+            stopped = 0
+        return state._replace(asked=asked, stopped=(*state.stopped[:index], stopped, *state.stopped[index + 1 :]))
 
     def place(self, number):
         """Return where an agent's copy stands, and whether it was restarted; None where it has crashed."""
@@ -288,7 +316,7 @@ class Search:
     def following(self, state):
         """Yield all states that may come next."""
         count = len(self.names)
-        crashes, restarts, partitions, losses, duplicates, overtakings, impatience = state.left
+        crashes, restarts, partitions, losses, duplicates, overtakings, impatience, commands = state.left
         for link, queue in enumerate(state.line):
             if not queue:
                 continue
@@ -315,6 +343,8 @@ class Search:
                 yield self.after(state, index, "members", view)
             if machine.begun and machine.step < self.space.steps and not machine.proposals.components:
                 yield self.after(state, index, "propose")
+            for command in ("start", "stop") if commands else ():
+                yield self.after(self.spent(state, COMMANDS), index, "command", command, str(len(state.asked) + 1))
             for timer in machine.timers:
                 if timer in {"retry", "invite"}:
                     if not any(state.line[index * count : (index + 1) * count]):
@@ -338,7 +368,9 @@ class Search:
 
     def placed(self, state, index, number, life):
         agents = (*state.agents[:index], number, *state.agents[index + 1 :])
-        return state._replace(agents=agents, lives=(*state.lives[:index], life, *state.lives[index + 1 :]))
+        stopped = (*state.stopped[:index], 0, *state.stopped[index + 1 :])  # a process that ends forgets
+        lives = (*state.lives[:index], life, *state.lives[index + 1 :])
+        return state._replace(agents=agents, lives=lives, stopped=stopped)
 
     def replaced(self, state, link, queue):
         return state._replace(line=(*state.line[:link], queue, *state.line[link + 1 :]))
@@ -378,6 +410,15 @@ class Search:
 
     def settle(self, state):
         """Let no more faults come, and see that all who are connected and enough become equal in bounded time."""
+        state = self.calmed(state)
+        machines = [self.machines.things[number] for number in state.agents if number >= 0]
+        if len(machines) >= self.majority:
+            ends = {(each.begun, each.term, each.history.position, each.replica.value) for each in machines}
+            if len(ends) != 1 or not machines[0].begun:
+                raise Violation(f"the agents do not become equal: {sorted(map(str, ends))}")
+
+    def calmed(self, state):
+        """Return where all come to if no more faults come."""
         state = state._replace(cut=-1)
         for around in range(16):
             for index, number in enumerate(state.agents):
@@ -398,11 +439,7 @@ class Search:
                     allowed = {"patience": 3, "call": 6 + index}.get(timer, 0) <= around
                     if allowed and timer in self.machines.things[state.agents[index]].timers:
                         state = self.after(state, index, timer) or state
-        machines = [self.machines.things[number] for number in state.agents if number >= 0]
-        if len(machines) >= self.majority:
-            ends = {(each.begun, each.term, each.history.position, each.replica.value) for each in machines}
-            if len(ends) != 1 or not machines[0].begun:
-                raise Violation(f"the agents do not become equal: {sorted(map(str, ends))}")
+        return state
 
 
 def main(*names):

@@ -19,6 +19,8 @@ class Space(NamedTuple):
     duplicates: int = 0
     overtakings: int = 0
     impatience: int = 0  # how often somebody who is not the first calls, or a leader does not wait for all
+    commands: int = 0  # how often somebody is asked to start or to stop
+    settled: bool = False  # whether all have joined a term at the beginning
 
 
 FAULTS = {"crashes": 1, "restarts": 1, "partitions": 1, "losses": 1, "duplicates": 1}
@@ -42,6 +44,11 @@ SPACES = {
     "one-step-events": Space(3, "majority", True, steps=1),
     "one-step-lost": Space(3, "majority", False, steps=1, losses=1, duplicates=1),
     "one-step-restart": Space(3, "majority", False, steps=1, crashes=1, restarts=1),
+    "commands-cut": Space(3, "majority", False, steps=0, partitions=1, commands=2, settled=True),
+    "commands-crash-cut": Space(3, "majority", False, steps=0, crashes=1, partitions=1, commands=2, settled=True),
+    "three-commands-cut": Space(3, "majority", False, steps=0, partitions=1, commands=3, settled=True),
+    "commands-continue": Space(2, "continue", False, steps=0, partitions=2, commands=3, settled=True),
+    "commands-two": Space(2, "majority", False, steps=0, crashes=1, restarts=1, partitions=1, losses=1, commands=3),
     "one-step-restart-lost": Space(3, "majority", False, steps=1, crashes=1, restarts=1, losses=1, duplicates=1),
 }
 """What is searched by name."""

@@ -212,7 +212,7 @@ class Sweep(Search):
         found = self.event(agent - 1, *what)
         if found is None:
             return CUT_OFF
-        number, sent, applied, began = found
+        number, sent, applied, began, _ = found
         index = self.names.index(self.machines.things[number].agent)
         bursts = [()] * len(self.names)
         for target, message in sent:
@@ -273,7 +273,7 @@ class Sweep(Search):
             for one in range(count)
             for other in range(count)
         )
-        return State(agents, lives, line, int(row[-1] & 7) - 1, (0,) * 7, *self.ledgers.things[row[-2]])
+        return State(agents, lives, line, int(row[-1] & 7) - 1, (0,) * 8, *self.ledgers.things[row[-2]])
 
     def first(self):
         """Return the first state as a row, with all that can be written down before."""

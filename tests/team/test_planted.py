@@ -8,6 +8,8 @@ from team.schedules import violation
 from mdm.team.agreement import Agreement
 from mdm.team.agreement.ballot import Ballot
 from mdm.team.agreement.entries import Commit, Term
+from mdm.team.agreement.hold import Hold
+from mdm.team.agreement.proposals import Proposals
 
 
 class WithoutFence(Agreement):
@@ -92,6 +94,50 @@ PLANTED = {
     "no majority": (WithoutMajority, None),
     "a term again": (SameTerm, None),
 }
+
+
+class Ageless(Proposals):
+    """Keeps commands from one term to the next."""
+
+    def renew(self, term):
+        kept = tuple(self.commands)
+        super().renew(term)
+        self.commands.extend(asked for asked in kept if asked not in self.commands)
+        self.void.clear()
+
+
+class Equal(Proposals):
+    """Has a stop beat nothing that was asked for before it."""
+
+    def _discard(self, which, reason):
+        if "stop" not in reason:
+            super()._discard(which, reason)
+
+
+class Unheld(Hold):
+    """Does what is decided, whatever this agent was told."""
+
+    @property
+    def still(self):
+        return False
+
+    @still.setter
+    def still(self, still):
+        pass
+
+
+COMMANDS = {
+    "commands without age": {"standing.Proposals": Ageless},
+    "a stop that beats nothing": {"standing.Proposals": Equal},
+    "no hold": {"standing.Hold": Unheld},
+}
+
+
+@pytest.mark.parametrize("fault", COMMANDS)
+def test_a_planted_fault_of_commands_is_found(fault, monkeypatch):
+    for place, planted in COMMANDS[fault].items():
+        monkeypatch.setattr(f"mdm.team.agreement.{place}", planted)
+    assert any("was asked for" in (violation(seed)[1] or "") for seed in range(1000))
 
 
 @pytest.mark.parametrize("fault", PLANTED)

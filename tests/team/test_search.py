@@ -6,7 +6,7 @@ import pytest
 from team.copies import Violation
 from team.search import Search
 from team.spaces import Space
-from team.test_planted import SameTerm, WithoutLog, WithoutMajority
+from team.test_planted import COMMANDS, SameTerm, WithoutLog, WithoutMajority
 
 SPACES = {
     "crash and restart": Space(2, "majority", False, crashes=1, restarts=1),
@@ -16,6 +16,12 @@ SPACES = {
     "cut, and both go on": Space(2, "continue", False, partitions=1),
     "crash, and the other goes on": Space(2, "continue", True, crashes=1),
     "three": Space(3, "majority", False, steps=1),
+    "commands and a cut": Space(2, "majority", False, steps=0, partitions=1, commands=2, settled=True),
+    "commands and a cut, and both go on": Space(2, "continue", False, steps=0, partitions=1, commands=2, settled=True),
+    "commands, crash and restart": Space(
+        2, "majority", False, steps=0, crashes=1, restarts=1, commands=2, settled=True
+    ),
+    "commands of three": Space(3, "majority", False, steps=0, commands=2, settled=True),
 }
 
 
@@ -30,3 +36,11 @@ def test_no_state_violates_what_is_promised(name):
 def test_a_planted_fault_is_found(machine):
     with pytest.raises(Violation):
         Search(Space(2, "majority", True, crashes=1, restarts=1, losses=1), machine).run(settle_every=10)
+
+
+@pytest.mark.parametrize("fault", COMMANDS)
+def test_a_planted_fault_of_commands_is_found(fault, monkeypatch):
+    for place, planted in COMMANDS[fault].items():
+        monkeypatch.setattr(f"mdm.team.agreement.{place}", planted)
+    with pytest.raises(Violation, match="was asked for"):
+        Search(Space(3, "majority", False, steps=0, partitions=1, commands=2, settled=True)).run(limit=500_000)

@@ -110,8 +110,11 @@ class Symbols:
         if isinstance(observation, list | tuple) and None in observation:
             if len(observation) != len(space.factors):
                 raise ModelError(f"an observation has {len(space.factors)} components, not {len(observation)}")
-            pairs = zip(space.factors, observation, strict=True)
-            return None, tuple([None if word is None else factor.index(word) for factor, word in pairs])
+            indices: list[int | None] = []
+            for factor, word in zip(space.factors, observation, strict=True):
+                given = word is None or (word.__class__ is int and -1 < word < len(factor.names))
+                indices.append(word if given else factor.index(word))
+            return None, tuple(indices)
         index = space.index(observation)
         return index, space.unravel(index)
 

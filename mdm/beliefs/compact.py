@@ -33,6 +33,8 @@ _ANY, _FIRST = 2, 3
 """The rows of the likelihood of several observations, and of the first one: see `kernels.move_dense`."""
 _MOST_KEPT = 1024
 """Sets of observations of which the likelihood is kept."""
+_LARGEST_KEPT = 256
+"""The most observations in a set that is kept."""
 
 
 class CompactFilter:
@@ -101,9 +103,11 @@ class CompactFilter:
         belief = self._belief
         (place, _), *others = moves
         if all(other == place for other, _ in others):
-            if len(self._sums) >= _MOST_KEPT:
-                self._sums.clear()
-            room[_ANY] = self._sums[key] = room[[row for _, row in moves]].sum(axis=0)
+            room[_ANY] = likelihood = room[[row for _, row in moves]].sum(axis=0)
+            if len(moves) <= _LARGEST_KEPT:
+                if len(self._sums) >= _MOST_KEPT:
+                    self._sums.clear()
+                self._sums[key] = likelihood
             return float(self._run(room, place, _ANY))
         before, after = belief.copy(), np.zeros(len(belief))
         for move in moves:

@@ -91,7 +91,9 @@ class BeliefTracker:
     def current(self) -> Vector | Support:
         """The argument of a policy: the belief, or its support if ``by_support`` and `is_sparse` hold."""
         if not (self._by_support and self._filter.is_sparse):
-            return self.belief
+            if self._belief is None:
+                self._belief = self._filter.dense()
+            return self._belief
         if self._support is None:
             self._support = self._filter.support()
         return self._support

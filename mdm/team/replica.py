@@ -284,8 +284,11 @@ class Replica(TeamLayer):
                 self.tell_void(asked.token, reason)
 
     def _set_timer(self, now: int) -> None:
-        when, timer = self.agreement.next_time, self._timer
-        if when is None or (timer is not None and timer.when <= when):
+        times, timer = self.agreement.timers, self._timer
+        if not times:
+            return
+        when = min(times.values())
+        if timer is not None and timer.when <= when:
             return  # one that is too early finds nothing to do, and the next is set then
         if timer is not None:
             timer.cancel()

@@ -103,6 +103,7 @@ class Team:
         self.names = tuple(agent.name for agent in self.agents)
         self.mode: Mode = _one_of(mode, Mode, "mode")
         self.drive = _drive(period, drive)
+        self.event_driven = isinstance(self.drive, OnEvent)
         self.period = 1 / self.drive.rate if isinstance(self.drive, FixedRate) else None
         for key, seconds in (("deadline", deadline), ("lease", lease), ("max_age", max_age)):
             if seconds is not None or key != "deadline":
@@ -174,11 +175,6 @@ class Team:
             hint = similar(str(name), self.names) or f"; the agents are {', '.join(self.names)}"
             raise ConfigError(f"team {self.name!r} has no agent {name!r}{hint}", key=key)
         return str(name)
-
-    @property
-    def event_driven(self) -> bool:
-        """Whether events make the joint steps, and not the clock."""
-        return isinstance(self.drive, OnEvent)
 
     def endpoints(self, protocol: str = "tcp") -> dict[str, str]:
         """Return where each agent listens; those that say nothing of it, on this machine, at a port each."""

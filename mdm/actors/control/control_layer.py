@@ -256,7 +256,7 @@ class ControlLayer(Layer):
             self._on_state(message)
         else:
             self._on_observation(message)
-        if self.guard is not None and not self._alarmed and not self.blind:
+        if self.guard is not None and not self._alarmed and (self._state is not None or not self._takes_states):
             self.guard.reopen(AT_KNOWN, message.time)
         self._taking = False
 

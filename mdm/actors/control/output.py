@@ -111,7 +111,9 @@ class Output:
         """Publish a decision on a stimulus of that time, unless it comes too late and is refused."""
         # Hot path.
         latency = self._now() - time
-        self.record(latency)
+        self._pending.append(latency)
+        if len(self._pending) >= FULL:
+            self._latencies.fold()
         late = self._deadline is not None and latency + self.overdue > self._deadline
         if late and self._refuses(step, latency + self.overdue, time):
             return

@@ -89,10 +89,12 @@ class Steps(Standing):
             return False
         if self.overdue:
             return True
-        awaited = [agent for agent in self.members_now if agent in self.present]
+        members, present, components = self.members_now, self.present, self.components
         if self.commands or self.event_driven:
-            return not [agent for agent in awaited if applied.get(agent) != step]
-        return self.components.keys() >= set(awaited)
+            awaited = [agent for agent in members if agent in present and applied.get(agent) != step]
+        else:
+            awaited = [agent for agent in members if agent in present and agent not in components]
+        return not awaited
 
     def _commit(self, now: int) -> None:
         last = self.history.position

@@ -7,6 +7,7 @@ A thread goes on when whoever awaits it is cancelled. An event loop whose `run_i
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
@@ -87,10 +88,14 @@ class _Watched:
         if jobs is None:
             return self._original(executor, function, *args)
         job = _Job(self._loop, jobs)
-        if executor is not None:
-            return self._original(_Submitting(executor, job), function, *args)  # type: ignore[arg-type]
-        future: asyncio.Future[Any] = self._original(None, job.run, function, *args)
-        future.add_done_callback(job.answered)
+        try:
+            if executor is not None and not isinstance(executor, ThreadPoolExecutor):
+                return self._original(_Submitting(executor, job), function, *args)  # type: ignore[arg-type]
+            future: asyncio.Future[Any] = self._original(executor, job.run, function, *args)
+        except BaseException:
+            job.drop()
+            raise
+        future.add_done_callback(job.drop)
         return future
 
 
@@ -115,8 +120,11 @@ class _Job:
         finally:
             self.ended()
 
-    def answered(self, _: object) -> None:
-        """Drop what has not begun where its future is done, that is cancelled."""
+    def drop(self, _: object = None) -> None:
+        """Count it no more where it has not begun: its future is cancelled, or it was not to be had.
+
+        An executor that has no thread to begin it in may have queued it all the same. It then never begins.
+        """
         with self._lock:
             if self._state != "waiting":
                 return
@@ -137,10 +145,6 @@ class _Submitting:
         self._job = job
 
     def submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]:
-        try:
-            future = self._executor.submit(function, *args)
-        except BaseException:
-            self._job.ended()
-            raise
+        future = self._executor.submit(function, *args)
         future.add_done_callback(self._job.ended)
         return future

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, contextmanager
 from functools import partial
 
@@ -346,5 +347,27 @@ def test_an_action_is_told_of_the_abandoned_thread_that_it_runs_beside():
         assert len(runtime.abandoned) == 1
         assert faults[-1].detail == "action 'B' begins while 'A', abandoned, still runs"
         free.set()
+
+    run_virtual(main)
+
+
+def test_an_action_and_a_safe_action_for_which_no_thread_is_had_fail_at_once():
+    async def main(runtime):
+        pool = ThreadPoolExecutor()
+        pool.shutdown()
+
+        async def brake():
+            await asyncio.get_running_loop().run_in_executor(pool, print)
+
+        ensemble = robot({"Drive": brake, "Rest": print}, safe_action=brake)
+        await runtime.start(ensemble)
+        lives, faults = lives_of(runtime), probe(runtime.faults)
+        ensemble.publish_state(0)
+        await asyncio.sleep(0.1)
+        assert [life for life in told(lives) if life[0] == "Drive"] == [("Drive", "running"), ("Drive", "failed")]
+        assert told(lives).count(("safe action", "failed")) == 2
+        assert ensemble.mode == "safe"
+        assert [cause.kind for cause in ensemble.causes] == ["action", "safe_action"]
+        assert not [fault for fault in faults if "abandoned" in fault.detail]
 
     run_virtual(main)

@@ -9,6 +9,7 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 import pytest
 
 from mdm import Actor, Runtime, run
+from mdm.runtime.executors import Jobs
 from mdm.testing import probe, run_virtual
 
 
@@ -76,6 +77,94 @@ def test_what_no_thread_has_begun_is_dropped():
             await holding
             await asyncio.to_thread(int)
         assert ran == []
+
+    run(main)
+
+
+class Short(ThreadPoolExecutor):
+    """Has no thread for what is handed in now and then, and has queued it all the same, as Python's own."""
+
+    def __init__(self):
+        super().__init__(max_workers=1)
+        self.short = False
+
+    def _adjust_thread_count(self):
+        if self.short:
+            raise RuntimeError("can't start new thread")
+        super()._adjust_thread_count()
+
+
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize("plain", [False, True])
+def test_what_no_thread_was_had_for_fails_at_once_and_never_begins(own, plain):
+    async def main():
+        loop, pool, ran, begun, free = asyncio.get_running_loop(), Short(), [], threading.Event(), threading.Event()
+        if not own:
+            loop.set_default_executor(pool)
+
+        def hold():
+            begun.set()
+            free.wait(10)
+
+        async def work():
+            await loop.run_in_executor(pool if own else None, ran.append, 1)
+
+        async with Runtime(log=None) as runtime:
+            actor = Actor("actor")
+            await runtime.start(actor)
+            holding = loop.run_in_executor(pool, hold)
+            await soon(begun.is_set)
+            pool.short = True
+            if plain:  # such as an action that is a plain function
+                jobs = Jobs()
+                with pytest.raises(RuntimeError, match="can't start new thread"):
+                    jobs.call(loop.run_in_executor, pool if own else None, ran.append, 1)
+                assert jobs.count == 0
+            else:
+                piece = actor.spawn(work(), lambda _: None)
+                await soon(piece.task.done)
+                assert piece.done
+                assert isinstance(piece.error, RuntimeError)
+            pool.short = False
+            free.set()
+            await holding
+            await loop.run_in_executor(pool, int)
+        pool.shutdown()
+        assert ran == []
+
+    run(main)
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_an_executor_that_was_shut_down_is_an_error_of_the_work(own):
+    async def main():
+        loop, pool = asyncio.get_running_loop(), ThreadPoolExecutor()
+        loop.set_default_executor(pool)
+        pool.shutdown()
+        async with Runtime(log=None) as runtime:
+            actor = Actor("actor")
+            await runtime.start(actor)
+
+            async def work():
+                await loop.run_in_executor(pool if own else None, int)
+
+            piece = actor.spawn(work(), lambda _: None)
+            await soon(piece.task.done)
+            assert piece.done
+            assert "after shutdown" in str(piece.error)
+
+    run(main)
+
+
+def test_a_process_pool_that_was_shut_down_is_an_error_of_the_work():
+    async def main():
+        pool = ProcessPoolExecutor(max_workers=1)
+        pool.shutdown()
+        jobs = Jobs()
+        async with Runtime(log=None):
+            with pytest.raises(RuntimeError, match="after shutdown"):
+                jobs.call(asyncio.get_running_loop().run_in_executor, pool, abs, -7)
+            assert jobs.count == 0
 
     run(main)
 

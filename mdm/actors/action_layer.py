@@ -47,7 +47,7 @@ _FAILED = frozenset({"failed", "timed_out", "abandoned"})
 class _Life:
     """One run of one action."""
 
-    __slots__ = ("action", "binding", "deadline", "ending", "grace", "name", "number", "secures", "work")
+    __slots__ = ("action", "binding", "deadline", "ending", "grace", "name", "number", "put_off", "secures", "work")
 
     def __init__(self, number: int, name: str, binding: Binding, action: Action, *, secures: bool = False) -> None:
         self.number = number
@@ -58,6 +58,7 @@ class _Life:
         self.deadline: Timer | None = None
         self.grace: Timer | None = None
         self.ending: ActionStatus | None = None
+        self.put_off: asyncio.Handle | None = None  # the cancellation that comes behind its successor's first step
         self.secures = secures
 
 
@@ -109,9 +110,9 @@ class ActionLayer(Layer):
         "_component",
         "_current",
         "_halted",
-        "_left",
         "_lives",
         "_now",
+        "_others",
         "_recent",
         "_swift",
         "bindings",
@@ -156,6 +157,8 @@ class ActionLayer(Layer):
         self._beside: dict[str, _Life] = {}
         self._left: dict[str, Work] = {}
         self._replaced: list[_Life] = []
+        # Whether any was left or replaced, so that what begins next may not be alone.
+        self._others = False
         self._idle: list[Callable[[], None]] = []
         self._halted = True
         self._admits = self._barred = False
@@ -233,10 +236,12 @@ class ActionLayer(Layer):
             self._pending = None
 
     def latch(self) -> None:
-        """Start nothing more that was or is decided; what lives goes on."""
+        """Start nothing more that was or is decided; what lives goes on, but for what was replaced."""
         self._admits = False
         self._halted = True
         self._pending = None
+        for life in self._replaced:
+            self._cancel_replaced(life)
 
     def halt(self, idle: Callable[[], None]) -> None:
         """Cancel what is live, run no more, and call back when nothing lives; in a turn."""
@@ -306,7 +311,7 @@ class ActionLayer(Layer):
                 else:
                     self._begins()
                     self._begin_life("safe action", self.safe, Action(self._now(), -1, -1), secures=True)
-        elif self._current is None and self._pending is not None:
+        elif self._current is None and self._pending is not None and self._is_free_for(self._pending[1]):
             pending, self._pending = self._pending, None
             self._begin_life(*pending)
         if self._secure is None and not self._unsecured and self._pending is None and not self._living():
@@ -322,7 +327,7 @@ class ActionLayer(Layer):
             return
         index = action.index if self._component is None else self._component(action.index)
         brief = self._briefs[index]
-        if brief is None or self._current is not None or self._lives.heard or self._left:
+        if brief is None or self._current is not None or self._lives.heard or self._others:
             self._choose(self.names[index], self.bindings[index], action)
             return
         # Hot path: a plain function, while nothing lives and nobody listens to lives, needs no record of its own.
@@ -386,7 +391,13 @@ class ActionLayer(Layer):
             return
         current = self._current
         if current is None:
-            self._begin_life(name, binding, action)
+            if self._pending is not None:
+                self.skipped += 1
+            if self._is_free_for(binding):
+                self._pending = None
+                self._begin_life(name, binding, action)
+            else:
+                self._pending = (name, binding, action)
         elif current.binding is binding and current.ending is None and binding.continues():
             # A running task goes on. But where its own last step (an event that it raises on arrival) led to this
             # decision, it is about to end, and what was decided is to do it once more.
@@ -400,6 +411,10 @@ class ActionLayer(Layer):
             self._pending = (name, binding, action)
             self._cancel(current, "preempted")
 
+    def _is_free_for(self, binding: Binding) -> bool:
+        """Whether none but those of an action's own group still come to their end, having been replaced."""
+        return all(life.binding.group is binding.group for life in self._replaced)
+
     def _replace(self, life: _Life, name: str, binding: Binding, action: Action) -> None:
         """Begin an action, and then cancel the running one of its group, so that what they drive need not stop."""
         assert life.work is not None
@@ -409,12 +424,24 @@ class ActionLayer(Layer):
         life.ending = "preempted"
         self._current = None
         self._replaced.append(life)
+        self._others = True
         if life.deadline is not None:
             life.deadline.cancel()
         self._end_life(life, "preempted")
-        self._begin_life(name, binding, action)
-        asyncio.get_running_loop().call_soon(life.work.cancel)  # behind the first step of what has just begun
         life.grace = self.after(life.binding.grace, lambda: self._abandon(life))
+        self._begin_life(name, binding, action)
+        if life.work.begun and not self._halted:
+            # Behind the first step of what has just begun, unless nothing may begin any more by then.
+            life.put_off = asyncio.get_running_loop().call_soon(self._cancel_replaced, life)
+        else:
+            life.work.cancel()
+
+    def _cancel_replaced(self, life: _Life) -> None:
+        """Carry out the cancellation of a replaced life that was put off, now."""
+        put_off, life.put_off = life.put_off, None
+        if put_off is not None and life.work is not None:
+            put_off.cancel()
+            life.work.cancel()
 
     # -- Lives ---------------------------------------------------------------------------------------------------
 
@@ -476,11 +503,13 @@ class ActionLayer(Layer):
     def _leave(self, name: str, work: Work) -> None:
         self.abandon(work)
         self._left[name] = work
+        self._others = True
 
     def _tell_left(self, name: str) -> None:
         """Tell the action that begins next what it runs beside."""
         running = [repr(left) for left, work in self._left.items() if not work.done]
         self._left.clear()
+        self._others = bool(self._replaced)
         if running:
             self.report("action", f"action {name!r} begins while {' and '.join(running)}, abandoned, still runs")
 
@@ -523,6 +552,7 @@ class ActionLayer(Layer):
     def _finish_replaced(self, life: _Life, status: ActionStatus, detail: str) -> None:
         """Take the end of what another action has replaced; that its life has ended is told already."""
         self._replaced.remove(life)
+        self._others = bool(self._replaced or self._left)
         if life.grace is not None:
             life.grace.cancel()
         if status in _FAILED:

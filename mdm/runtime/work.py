@@ -91,6 +91,11 @@ class Work:
             self._ended(self)
 
     @property
+    def begun(self) -> bool:
+        """Whether its first step has been taken."""
+        return self._begun
+
+    @property
     def is_calling(self) -> bool:
         """Whether the caller runs within this work's own task."""
         return asyncio.current_task() is self.task

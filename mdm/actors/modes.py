@@ -105,6 +105,11 @@ class Modes:
         return not _FOR_GOOD.isdisjoint(self.causes)
 
     @property
+    def leaving(self) -> bool:
+        """Whether it is safe, and stopped when that is over."""
+        return self._leaving
+
+    @property
     def held(self) -> tuple[Cause, ...]:
         """The causes that nothing but a release, or a user's own word, takes away."""
         return tuple(cause for kind, cause in self.causes.items() if WAYS_BACK.get(kind, "release") == "release")

@@ -147,6 +147,11 @@ class Safety:
         """Whether the control layer may decide."""
         return self.modes.mode == "deciding" and not self._latched
 
+    @property
+    def returning(self) -> bool:
+        """Whether the ensemble is safe, and decides again when that is over."""
+        return self.modes.mode == "safe" and not self.modes.leaving
+
     def start(self, time: int) -> None:
         """Decide, unless an ensemble above is safe or ends this one: until that is over, nothing below it decides."""
         ensemble = self._ensemble
@@ -155,11 +160,12 @@ class Safety:
             ensemble.report("control", text, time=time)
             return
         above = ensemble.safe_above()
-        if above is not None and self.modes.mode == "stopped":
+        if above is not None:
             if not ensemble.awaited:
                 text = f"was not started: ensemble {above.path!r} above it is safe or ends"
                 ensemble.report("control", text, time=time)
-            ensemble.action.when_idle(ensemble.became_idle)
+            if self.modes.mode == "stopped":  # else those who wait for it hear of it when its safe mode is over
+                ensemble.action.when_idle(ensemble.became_idle)
         elif not self._ending and not ensemble.runtime.ending:
             self._obey(self.modes.start(time), time)
 

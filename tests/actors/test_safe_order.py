@@ -53,6 +53,63 @@ def test_below_an_ensemble_that_is_safe_nothing_is_started_by_hand():
     run_virtual(main)
 
 
+@pytest.mark.parametrize("by_action", [False, True])
+@pytest.mark.parametrize("command", ["start", "resume"])
+def test_one_in_a_safe_mode_of_its_own_is_not_started_below_one_that_is_safe(command, by_action):
+    log = Log()
+
+    async def main(runtime):
+        below = robot(log, "below", safe_action=log.slow("BELOW", 3.0))
+        actions = {"Below": below, "Rest": log.plain("Rest")}
+        top = Ensemble("top", policy=[0, 1], actions=actions, safe_action=log.slow("TOP", 20.0))
+        faults = probe(runtime.faults)
+        await runtime.start(top)
+        top.publish_state(0 if by_action else 1)
+        below.start()
+        below.publish_state(0)
+        below.safety.endanger("mine", "", 0)
+        await asyncio.sleep(1)
+        top.safety.endanger("mine", "", 0)
+        await asyncio.sleep(1)
+        assert (below.mode, top.mode) == ("safe", "safe")
+        below.start(resume=command == "resume")
+        fault = faults[-1]
+        assert (fault.source, fault.kind) == ("top/below", "control")
+        assert "was not started: " in fault.detail
+        below.release()
+        await asyncio.sleep(5)
+        below.publish_state(1)
+        await asyncio.sleep(5)
+        assert (below.mode, top.mode) == ("stopped", "safe")
+        assert not {"A", "B"}.intersection(log[log.index("BELOW begins") :])
+
+    run_virtual(main)
+
+
+def test_ticks_of_one_that_was_not_started_below_one_that_is_safe_decide_nothing():
+    log = Log()
+
+    async def main(runtime):
+        below = robot(log, "below", safe_action=log.slow("BELOW", 3.0), drive=10.0)
+        top = Ensemble(
+            "top", policy=[0, 1], actions={"Below": below, "Rest": log.plain("Rest")}, safe_action=log.slow("TOP", 5.0)
+        )
+        await runtime.start(top)
+        top.publish_state(1)
+        below.publish_state(0)
+        below.start()
+        await asyncio.sleep(1)
+        below.safety.endanger("mine", "", 0)
+        top.safety.endanger("mine", "", 0)
+        log.clear()
+        below.start()
+        await asyncio.sleep(10)
+        assert log == ["BELOW begins", "TOP begins", "BELOW ends", "TOP ends"]
+        assert below.control._ticker is None
+
+    run_virtual(main)
+
+
 @pytest.mark.parametrize("work", ["plain", "async"])
 def test_what_is_below_is_latched_with_what_is_above(work):
     log = Log()

@@ -47,6 +47,10 @@ class Guard(Protocol):
     def deciding(self) -> bool:
         """Whether the layer may decide."""
 
+    @property
+    def returning(self) -> bool:
+        """Whether it may not now, and may when a safe mode is over."""
+
     def alarm(self, fault: Fault) -> bool:
         """Report a fault; return whether nothing that was or is decided may start."""
 
@@ -279,7 +283,8 @@ class ControlLayer(Layer):
     @property
     def _may_begin(self) -> bool:
         """Whether an episode may begin; that of a team does, whatever the mode of this agent."""
-        return self.guard is None or self.guard.deciding or self._held or self.lead is not None
+        guard = self.guard
+        return guard is None or guard.deciding or guard.returning or self.lead is not None
 
     def _begin(self, time: int, command: str) -> None:
         """Decide on a command, where that is possible now."""

@@ -465,7 +465,8 @@ class Ensemble(Layer):
 
     def on_ending(self) -> None:
         """Go safe with the runtime, not only when those that stop before have come to their ends."""
-        if not isinstance(self.parent, Ensemble):
+        above = self.parent
+        if not (isinstance(above, Ensemble) and above.life == "running"):  # else that one ends this one
             self.safety.end("end", "the runtime ends", lambda: None)
 
     async def on_stopping(self) -> None:
@@ -481,6 +482,7 @@ class Ensemble(Layer):
         """Forget the state: what was known before an end is not decided on after it."""
         if not self._starts_anew:
             self._asked = None
+        self.safety.close()
         self.safety.waiting.end()
         self.channel("state", State, retain=True).forget()
         if self.predicates is not None and self.runtime.sharing.users(self.predicates) != (self,):

@@ -57,6 +57,7 @@ class Safety:
         self._base = 0
         self._safe_at = 0
         self._lost: set[str] = set()
+        self._lives = False
         self._latched = False
         self._ending = False
         self._owed = False
@@ -101,9 +102,10 @@ class Safety:
     def open(self) -> None:
         """Begin a life of the ensemble: stopped, with nothing from the one before but what a restart does not mend."""
         ensemble = self._ensemble
+        now = ensemble.runtime.clock.now()
         held = self.modes.held if "failure" in self.modes.causes else ()
-        self.modes = Modes(ensemble.runtime.clock.now(), held)
-        self._told = ("stopped", ())
+        self.modes = Modes(now, held)
+        self._lives = True
         self._latched = self._ending = self._owed = self._last = self._over = False
         self._ended_below = None
         self._ended.clear()
@@ -113,6 +115,12 @@ class Safety:
         ensemble.action.alarm = self._on_failed_action
         if ensemble.predicates is not None:
             self._watch(ensemble.predicates)
+        if self._told[0] != "stopped":
+            self._tell(now)
+
+    def close(self) -> None:
+        """End a life of the ensemble: nothing of it is left that could be made safe."""
+        self._lives = False
 
     def _watch(self, manager: PredicateManager) -> None:
         """Notice sensors that become too old, and those of observations that turn unknown: no state tells of these."""
@@ -342,7 +350,7 @@ class Safety:
             detail: In words.
             ended: Called when it is done.
         """
-        if self._over:
+        if self._over or not self._lives:  # or it has not begun to start, where what is above ends in its own start
             ended()
             return
         self._ended.append(ended)
@@ -398,8 +406,13 @@ class Safety:
 
     @property
     def unsafe(self) -> bool:
-        """Whether an action has begun since the safe action last ran, or has ended below since that began."""
-        return self._has_safe_action and (self._ensemble.action.started > self._safe_at or self._outlived)
+        """Whether an action has begun since the safe action last ran, or has ended below since that began.
+
+        Not in the middle of a start, while no action could run.
+        """
+        action = self._ensemble.action
+        unsafe = action.started > self._safe_at or self._outlived
+        return unsafe and self._has_safe_action and action.life == "running"
 
     @property
     def was_left(self) -> bool:

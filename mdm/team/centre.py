@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Centre"]
 
+_NOT_READY = "the configurations of the agents that are there were not compared yet, or most of them differ"
+
 
 class Centre(TeamLayer):
     """The layer at the agent that decides: it collects what all have seen.
@@ -55,7 +57,11 @@ class Centre(TeamLayer):
         self._bars: dict[str, tuple[int, int, int]] = {}
         self._void: dict[str, str] = {}
         self._timer: Timer | None = None
-        self._serves = False
+        self._met: dict[str, tuple[int, bool]] = {}
+        """The life of each agent whose configuration was compared, and whether it is this agent's."""
+        self._asking: dict[str, int] = {}
+        self._ready = self._waited = self._outvoted = False
+        self._patient = True
         self._saying: Subscription[Decided] = Subscription(None, self, self._spread)
         self._seeing = tuple(agent for agent in team.names if self.parts.of[agent])
 
@@ -65,21 +71,65 @@ class Centre(TeamLayer):
         super().on_start()
         self.ensemble.control.output.relay(self._publish)
         self.hear(join(self.team.name, "*", self.ensemble.name, "part"), self._on_said)
-        if not self._serves:
-            self._serves = True
-            facts = encode(self.copy.facts)
-            self.link.serve(self.link.key(self.ensemble.name, "configuration"), lambda _: facts)
+        self.show_configuration()
+        self._waited = False
+        self._asking.clear()
         self.every(4 / self.team.lease, lambda _: self._put())
 
     def on_running(self) -> None:
-        """Begin to decide, or begin anew after a failure; a team that was stopped stays so."""
-        self._command("stop" if self._stopped else "start" if self.copy.begun else BEGIN)
+        """Begin anew after a failure; a team that was stopped stays so. At first configurations are compared."""
+        if self._ready:
+            self._command("stop" if self._stopped else "start" if self.copy.begun else BEGIN)
 
-    def take_live(self, _link: Link) -> None:
+    def take_live(self, link: Link) -> None:
         """Take note of who is live: who has just come is told what is decided; nobody waits for who is gone."""
+        for agent, life in link.live.items():
+            if agent != self.agent and self._asking.get(agent) != life and self._met.get(agent, (0, True))[0] != life:
+                self._asking[agent] = life
+                self.spawn(self._meet(agent, life), name=f"compare with {agent}")
+        if not self._waited:
+            self._waited = True
+            self.call_later(self.team.lease / 2, self._wait_no_more)
+        self._begin()
         self._put()
         self._close(late=False)
         self.assess(self.runtime.clock.now())
+
+    async def _meet(self, agent: str, life: int) -> None:
+        """Compare an agent's configuration with this one's; what it says counts only where they are the same."""
+        try:
+            differing = await self.difference(agent, lambda: self.link.live.get(agent) == life)
+        except LookupError:
+            self._asking.pop(agent, None)
+            return
+        self._met[agent] = (life, differing is None)
+        if differing is not None:
+            self.report("refused", f"{agent} cannot take part in the team: {differing}")
+        self._begin()
+        self._close(late=False)
+
+    def _counts(self, agent: str) -> bool:
+        """Return whether what an agent says counts: its configuration was compared, and is this agent's."""
+        return agent == self.agent or self._met.get(agent) == (self.link.live.get(agent), True)
+
+    def _wait_no_more(self) -> None:
+        """Wait no longer for agents that are not there."""
+        self._patient = False
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin to decide, once the configurations of all who are there were compared, and most are the same."""
+        live = [agent for agent in self.link.live if agent != self.agent]
+        met = [self._met.get(agent, (0, False)) for agent in live]
+        compared = [same for agent, (life, same) in zip(live, met, strict=True) if life == self.link.live[agent]]
+        if self._ready or self.refusal is not None or len(compared) < len(live):
+            return
+        if self._patient and len(live) + 1 < len(self.team.names):
+            return
+        self._outvoted = compared.count(False) > compared.count(True)
+        if not self._outvoted:
+            self._ready = True
+            self._command(STOP if self._stopped else BEGIN)
 
     def retire(self, reason: str) -> None:
         """Decide nothing more."""
@@ -93,11 +143,13 @@ class Centre(TeamLayer):
 
     def ask_for(self, command: str, token: str) -> None:
         """Do what was asked for, at all agents."""
-        if self.refusal is None:
+        if self.refusal is not None:
+            self.tell_void(token, f"{self.agent} takes no part in the team")
+        elif not self._ready and command not in BARS:
+            self.tell_void(token, _NOT_READY)
+        else:
             self._asked = True
             self._command(command, token)
-        else:
-            self.tell_void(token, f"{self.agent} takes no part in the team")
 
     @property
     def still(self) -> bool:
@@ -130,6 +182,8 @@ class Centre(TeamLayer):
         except (msgspec.MsgspecError, ValueError):
             self.malformed += 1
             return
+        if not self._counts(sample.owner):
+            return
         if said.number == 0:
             self._collect(sample.owner, said.tick, said.part)
             return
@@ -148,7 +202,7 @@ class Centre(TeamLayer):
         agent = sample.owner
         if command not in BARS:
             known = said.step if said.life == self.link.transport.incarnation else -1
-            if known < self._barred:
+            if known < self._barred or not self._ready:
                 self._void[agent] = said.token
                 self._put()
             else:
@@ -175,7 +229,8 @@ class Centre(TeamLayer):
         if self._open is None:
             return
         said = self._ticks.get(self._open, {})
-        if not late and any(self.parts.of[agent] and agent not in said for agent in self.link.live):
+        waited_for = (agent for agent in self._seeing if agent in self.link.live and self._counts(agent))
+        if not late and any(agent not in said for agent in waited_for):
             return
         self._closed, self._open = self._open, None
         self._ticks = {tick: parts for tick, parts in self._ticks.items() if tick > self._closed}
@@ -190,7 +245,8 @@ class Centre(TeamLayer):
     def _decide(self, inputs: dict[str, bytes], missing: tuple[str, ...] | None = None) -> None:
         if missing is None:
             live = self.link.live
-            missing = tuple([agent for agent in self._seeing if agent not in live and agent not in inputs])
+            silent = [agent for agent in self._seeing if agent not in live or not self._counts(agent)]
+            missing = tuple([agent for agent in silent if agent not in inputs])
         self._on = (inputs, missing, None, "")
         known, before = not self.ensemble.control.blind, self._last.step
         self.copy.step(inputs, missing, self.runtime.clock.now())
@@ -265,11 +321,17 @@ class Centre(TeamLayer):
         told = msgspec.structs.replace(decided, taken=taken, bars=self._bars, void=self._void)
         self.link.put(self._key, encode(told), priority="step")
 
+    @property
+    def _role(self) -> str:
+        if self.refusal is not None or self._outvoted:
+            return "refused"
+        return "leading" if self._ready else "joining"
+
     def statistics(self) -> CentralisedStatistics:
         """Return where it stands."""
         return CentralisedStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role="leading" if self.refusal is None else "refused",
+            role=self._role,
             leader=self.agent,
             step=self._last.step,
             digest=self._last.digest,

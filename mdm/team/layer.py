@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError
 from mdm.messages import Observation, State
+from mdm.team import centralised
 from mdm.team.commands import DONE, PENDING, Commands
 from mdm.team.commits import Committed
 from mdm.team.copy import Copy
 from mdm.team.ownership import Parts, acting
+from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -28,6 +33,9 @@ __all__ = ["TeamLayer"]
 
 _FAREWELL = 10.0
 """Seconds within which the agents of a team that ends have all said so."""
+
+_AGAIN = 0.05
+"""Seconds after which an agent that did not answer is asked again."""
 
 _TEAMMATE = frozenset({"lost_teammate"})
 
@@ -77,7 +85,7 @@ class TeamLayer(Layer):
         self._places = self.parts.of[self.agent]
         self._own: tuple[int | None, ...] = (None,) * len(self._places)
         self._seen: list[int | None] = [None] * len(self._places)
-        self._held = False
+        self._held = self._shows = False
         self._hears: list[Subscription[Any]] = []
 
     # -- Life ----------------------------------------------------------------------------------------------------
@@ -161,6 +169,30 @@ class TeamLayer(Layer):
     def knows(self) -> object:
         """What is the same at agents that know of the same commands; plain values."""
         raise NotImplementedError
+
+    def show_configuration(self) -> None:
+        """Tell whoever asks what must be the same at all agents."""
+        if not self._shows:
+            self._shows = True
+            facts = centralised.encode(self.copy.facts)
+            self.link.serve(self.link.key(self.ensemble.name, "configuration"), lambda _: facts)
+
+    async def difference(self, agent: str, lasts: Callable[[], bool]) -> str | None:
+        """Ask another agent for its configuration; return in words the first difference, or None.
+
+        Args:
+            agent: The agent.
+            lasts: Whether to ask on where it does not answer.
+
+        Raises:
+            LookupError: Where it did not answer as long as it was asked.
+        """
+        while lasts():
+            answers = await self.link.ask(join(self.team.name, agent, self.ensemble.name, "configuration"))
+            with suppress(KeyError, msgspec.MsgspecError, ValueError):
+                return self.copy.difference(centralised.facts(answers[agent]), agent)
+            await self.runtime.clock.sleep(_AGAIN)
+        raise LookupError(agent)
 
     def take_live(self, link: Link) -> None:
         """Take note of who is live."""

@@ -61,6 +61,8 @@ class Outpost(TeamLayer):
         self._since = 0
         """The step of the controller after which a start ends the stop that was taken here."""
         self._checked: int | None = None
+        self._differs: str | None = None
+        """What is another in the controller's configuration, as long as it is."""
         self._unsaid = 0
 
     def on_start(self) -> None:
@@ -69,6 +71,7 @@ class Outpost(TeamLayer):
         self._last = None
         super().on_start()
         self.hear(join(self.team.name, self._controller, self.ensemble.name, "decision"), self._on_decided)
+        self.show_configuration()
         self.call_later(_PATIENCE, self._on_patience)
 
     # -- What this agent says ------------------------------------------------------------------------------------
@@ -150,6 +153,7 @@ class Outpost(TeamLayer):
         if sample.incarnation != self._life:
             self._life = sample.incarnation
             self._last = None
+            self._differs = None
             self._leave_term()
             if self._still:
                 self._waits = 0  # it knows of no stop that a life of the controller before it decided
@@ -161,7 +165,7 @@ class Outpost(TeamLayer):
             self._say()
         if (void := decided.void.get(self.agent)) and self.commands.outcomes.get(void) == PENDING:
             self.tell_void(void, "a stop came before it")
-        if self._checked == sample.incarnation and self.refusal is None:
+        if self._checked == sample.incarnation and self._differs is None and self.refusal is None:
             self._obey(decided)
 
     def _obey(self, decided: Decided) -> None:
@@ -218,21 +222,17 @@ class Outpost(TeamLayer):
             self._still = False
 
     async def _compare(self, life: int) -> None:
-        """Compare the controller's configuration with this agent's; carry out nothing before."""
-        key = join(self.team.name, self._controller, self.ensemble.name, "configuration")
-        while self._life == life:
-            answers = await self.link.ask(key)
-            try:
-                theirs = centralised.facts(answers[self._controller])
-            except (KeyError, msgspec.MsgspecError, ValueError):
-                await self.runtime.clock.sleep(_RETRY)
-                continue
-            differing = self.copy.difference(theirs, self._controller)
-            self._checked = life
-            if differing is not None and self.refusal is None:
-                self.report("refused", f"{self.agent} cannot take part in the team: {differing}")
-                self.link.refuse(differing)
+        """Compare the controller's configuration with this agent's; carry out nothing before, nor where they differ."""
+        try:
+            differing = await self.difference(self._controller, lambda: self._life == life)
+        except LookupError:
             return
+        if self._life != life:
+            return
+        self._checked, self._differs = life, differing
+        if differing is not None and self.refusal is None:
+            self.report("refused", f"{self.agent} cannot take part in the team: {differing}")
+            self.assess(self.runtime.clock.now())
 
     # -- Who is there --------------------------------------------------------------------------------------------
 
@@ -265,8 +265,9 @@ class Outpost(TeamLayer):
 
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there; the way back from a lost controller is its next decision."""
-        if not self._here and self.refusal is None:
-            self.ensemble.safety.endanger("lost_controller", f"agent {self._controller!r} is not there", now)
+        if self.refusal is None and (not self._here or self._differs is not None):
+            what = "is not there" if not self._here else f"has another configuration: {self._differs}"
+            self.ensemble.safety.endanger("lost_controller", f"agent {self._controller!r} {what}", now)
         super().assess(now)
 
     def _on_patience(self) -> None:
@@ -276,9 +277,10 @@ class Outpost(TeamLayer):
     def statistics(self) -> CentralisedStatistics:
         """Return where it stands."""
         role = "following" if self._last is not None else "joining"
+        refused = self.refusal is not None or self._differs is not None
         return CentralisedStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role="refused" if self.refusal is not None else role if self._here else "waiting",
+            role="refused" if refused else role if self._here else "waiting",
             leader=self._controller,
             step=0 if self._last is None else self._last.step,
             digest="" if self._last is None else self._last.digest,

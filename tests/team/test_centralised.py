@@ -6,7 +6,7 @@ import asyncio
 
 import numpy as np
 import pytest
-from team_robots import Robot, over_beliefs, over_states, started
+from team_robots import Robot, over_beliefs, over_states, started, three
 
 import mdm
 from mdm import problems
@@ -267,5 +267,80 @@ def test_each_agent_tells_of_the_decisions_that_it_carries_out():
         assert {one.cause for one in of["right"]} == {"team"}
         ends = [[(one.epoch, one.action_name) for one in of[name]][-3:] for name in ("left", "right")]
         assert ends[0] == ends[1]
+
+    run_virtual(main)
+
+
+def test_a_controller_of_an_older_policy_decides_nothing_and_the_others_follow_the_corrected_one():
+    model = three()
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="fire", lease=0.5)
+        team = Team("fire", ["one", "two", "three"], mode="centralised", period=0.25, lease=0.5)
+
+        def build(robot, agent):
+            return over_beliefs(model)(robot, agent, safe_action=robot.act("SAFE"))
+
+        def older(robot, agent):
+            return over_beliefs(model, horizon=5)(robot, agent, safe_action=robot.act("SAFE"))
+
+        one, two, third = await started(runtime, team, network, build)
+        await asyncio.sleep(3.0)
+        network.crash("one")
+        await runtime.stop(one.member)
+        await asyncio.sleep(3.0)
+        before = [len(robot.did) for robot in (two, third)]
+        wrong = await Robot(team, "one", network, older).start(runtime)
+        await asyncio.sleep(5.0)
+        assert wrong.did == []
+        assert [robot.role for robot in (wrong, two, third)] == ["refused"] * 3
+        assert [len(robot.did) for robot in (two, third)] == before
+        assert [robot.ensemble.mode for robot in (two, third)] == ["safe", "safe"]
+        assert "horizon is None at two and 5 at one" in two.faults[-1].detail
+        network.crash("one")
+        await runtime.stop(wrong.member)
+        corrected = await Robot(team, "one", network, build).start(runtime)
+        await asyncio.sleep(5.0)
+        assert [robot.role for robot in (corrected, two, third)] == ["leading", "following", "following"]
+        assert [robot.ensemble.mode for robot in (corrected, two, third)] == ["deciding"] * 3
+        assert all(len(robot.did) > 5 for robot in (corrected, two, third))
+
+    run_virtual(main)
+
+
+def test_what_an_agent_of_another_configuration_says_counts_for_nothing():
+    model = three()
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="fire", lease=0.5)
+        team = Team("fire", ["one", "two", "three"], mode="centralised", lease=0.5)
+        one, two = await started(runtime, team, network, over_beliefs(model), names=["one", "two"])
+        await asyncio.sleep(2.0)
+        [last] = await started(runtime, team, network, over_beliefs(model, horizon=5), names=["three"])
+        await asyncio.sleep(2.0)
+        before = len(one.commits)
+        last.observe(None, None, "flames")
+        last.ensemble.reset()
+        await asyncio.sleep(2.0)
+        assert len(one.commits) == before
+        assert last.did == []
+        two.observe(None, "flames", None)
+        await asyncio.sleep(1.0)
+        assert one.commits[-1].input == {"two": "flames"}
+        assert one.commits[-1].missing == ("three",)
+
+    run_virtual(main)
+
+
+def test_nothing_is_asked_of_a_controller_before_it_has_compared():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        left, _right = await started(runtime, tigers(), network, over_beliefs(problems.dec_tiger()))
+        left.ensemble.reset()
+        left.ensemble.stop()
+        await asyncio.sleep(2.0)
+        assert [fault.detail.partition(",")[0] for fault in left.faults if fault.kind == "void_command"] == ["reset"]
+        assert left.ensemble.mode == "stopped"
+        assert left.did == []
 
     run_virtual(main)

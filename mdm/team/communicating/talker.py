@@ -101,7 +101,6 @@ class Talker(TeamLayer):
         self._problem: str | None = None
         self._symbol = self.parts.idle[ensemble.agent]
         self._sent = self._held_back = self._before = 0
-        self._serves = False
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
@@ -111,10 +110,7 @@ class Talker(TeamLayer):
         self._asked = False
         super().on_start()
         self.hear(join(self.team.name, "*", self.ensemble.name, "word"), self._on_word)
-        if not self._serves:
-            self._serves = True
-            facts = centralised.encode(self.copy.facts)
-            self.link.serve(self.link.key(self.ensemble.name, "configuration"), lambda _: facts)
+        self.show_configuration()
         self.every(1 / self.team.lease, lambda _: self._say())
         self.call_later(self.team.lease, self._begin)  # by when this agent has heard of an episode that there is
 

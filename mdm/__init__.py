@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         StateFactor,
         StateLayer,
         bind,
+        run_subprocess,
     )
     from mdm.beliefs import BeliefTracker
     from mdm.config import System, load_system
@@ -130,6 +131,7 @@ __all__ = [
     "policies",
     "problems",
     "run",
+    "run_subprocess",
     "runtime",
     "save_model",
     "save_policy",
@@ -149,7 +151,7 @@ _HOMES = {
     "actors": (
         *("ActionLayer", "Binding", "ControlLayer", "Drive", "Ensemble", "EventSource", "FixedRate"),
         *("ObservationFactor", "ObservationLayer", "OnEvent", "PredicateManager", "Sensor"),
-        *("StateFactor", "StateLayer", "bind"),
+        *("StateFactor", "StateLayer", "bind", "run_subprocess"),
     ),
     "beliefs": ("BeliefTracker",),
     "controller": ("Controller", "Step"),

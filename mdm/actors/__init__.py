@@ -13,6 +13,7 @@ from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.predicates.sensor import EventSource, Sensor
 from mdm.actors.state_factor import StateFactor
 from mdm.actors.state_layer import StateLayer
+from mdm.actors.subprocesses import run_subprocess
 
 __all__ = [
     "ActionLayer",
@@ -37,4 +38,5 @@ __all__ = [
     "StateFactor",
     "StateLayer",
     "bind",
+    "run_subprocess",
 ]

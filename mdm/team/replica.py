@@ -38,6 +38,8 @@ _MAJORITY = frozenset({"lost_majority"})
 _STEADY = frozenset({"leading", "following"})
 _OFFERS = (Command, Component)
 """Messages that say besides that their sender has applied the step before."""
+_AWAITED = (Component, Applied)
+"""Messages for which a leader waits, and that change nothing but what it waits for until the last of them has come."""
 _BEHIND = (Entries, Snapshot)
 """Messages that tell of steps which others took before."""
 
@@ -227,7 +229,11 @@ class Replica(TeamLayer):
         if isinstance(message, _BEHIND) and not self._behind:
             self._behind = True
             self.ensemble.control.catch_up(now, over=False)
-        self._send(self.agreement.receive(sample.owner, sample.incarnation, message, now))
+        sends = self.agreement.receive(sample.owner, sample.incarnation, message, now)
+        if sends or not isinstance(message, _AWAITED) or message.term != self.agreement.term:
+            self._send(sends)
+        else:
+            self._set_timer(now)
 
     def take_live(self, link: Link) -> None:
         """Take note of who is live."""

@@ -12,6 +12,7 @@ from mdm.messages import Message
 from mdm.runtime import Actor, ActorStatistics
 from mdm.team.centralised import CentralisedStatistics, controlling
 from mdm.team.centre import Centre
+from mdm.team.clocks import Clocks
 from mdm.team.commits import Committed
 from mdm.team.communicating.talker import Talker
 from mdm.team.decisions import Decisions
@@ -94,6 +95,7 @@ class Member(Actor):
     Attributes:
         link: What connects it with the others.
         layers: What a team adds to each of its ensembles, by name.
+        clocks: How far those of the others are ahead.
         decisions: What writes them to a file; None where nothing does.
     """
 
@@ -134,6 +136,7 @@ class Member(Actor):
         self.exports = Exports(self.link, typed(exports, "exports"))
         self.imports = Imports(self.link, typed(imports, "imports"))
         told = Told(self.link, self.managers)
+        self.clocks = Clocks(self.link)
         self._followed = _followed(team, self.link, self.managers, told)
         self.decisions = None if decisions is None else Decisions(decisions)
         if self.decisions is not None:
@@ -148,7 +151,8 @@ class Member(Actor):
             *self._followed,
             self.exports,
             self.imports,
-            Answers(self.link, self.ensembles, self.layers),
+            self.clocks,
+            Answers(self.link, self.ensembles, self.layers, self.clocks),
         ):
             self.add(actor)
         if given:

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 
 __all__ = ["add_parser", "run"]
 
-_COLUMNS = ("agent", "ensemble", "mode", "role", "term", "step", "digest", "late (ms)", "dropped", "sees", "action")
+_COLUMNS = (
+    *("agent", "ensemble", "mode", "role", "term", "step", "digest"),
+    *("late (ms)", "clock (ms)", "dropped", "sees", "action"),
+)
 
 
 def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
@@ -25,8 +28,8 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
         help="how every agent is",
         description=(
             "Ask every agent of a running team for its mode, where it stands in the agreement, how late messages reach "
-            "it (the median, and the worst), how many it dropped, and whom it sees. The exit status is 1 if an agent "
-            "does not answer."
+            "it (the median, and the worst), by how much the clock that is most off is ahead of its own, how many "
+            "messages it dropped, and whom it sees. The exit status is 1 if an agent does not answer."
         ),
         epilog="example: mdm team status examples/team/meeting.toml",
     )
@@ -112,10 +115,18 @@ def _row(agent: str, name: str, status: dict[str, Any]) -> list[str]:
         *(_text(status.get(key)) for key in ("role", "term", "step")),
         _text(status.get("digest"))[:8],
         "-" if late is None else f"{1e3 * late['median']:.1f}, {1e3 * late['worst']:.1f}",
+        _worst(status.get("clocks", {})),
         str(sum(status.get("dropped", {}).values())),
         ", ".join(other for other in status["live"] if other != agent) or "-",
         _text(status.get("action")),
     ]
+
+
+def _worst(clocks: dict[str, dict[str, float]]) -> str:
+    """Return the offset of the clock that is most off."""
+    if not clocks:
+        return "-"
+    return f"{1e3 * max((clock['seconds'] for clock in clocks.values()), key=abs):+.1f}"
 
 
 def _text(value: object) -> str:

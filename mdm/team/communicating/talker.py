@@ -374,7 +374,6 @@ class Talker(TeamLayer):
                 self.spawn(self._compare(agent), name="compare")
             return
         self._refusals.pop(agent, None)
-        self._compare_clocks(sample)
         if self._refused:
             return
         self._hear_stops(word)
@@ -417,17 +416,6 @@ class Talker(TeamLayer):
     def _on_heard(self, _: None) -> None:
         self._share()
         self._close()
-
-    def _compare_clocks(self, sample: Sample) -> None:
-        ahead = (sample.time - self.runtime.clock.now()) / 1e9
-        assert self.team.period is not None
-        if ahead > self.team.period / 2:
-            self._report_once(
-                "clock",
-                sample.owner,
-                f"the clock of {sample.owner} is at least {ahead:.3f} s ahead of that of {self.agent}, so that their "
-                "steps are not the same: synchronise the clocks",
-            )
 
     async def _compare(self, agent: str) -> None:
         """Tell in which fact another agent's configuration differs."""

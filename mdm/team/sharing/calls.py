@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from typing import Literal
 
     from mdm.actors import Ensemble
+    from mdm.team.clocks import Clocks
     from mdm.team.layer import TeamLayer
     from mdm.team.link import Link
     from mdm.team.team import Team
@@ -48,15 +49,23 @@ class Answers(Actor):
         link: What connects this agent with the others.
         ensembles: The ensembles by name.
         layers: What a team adds to each of them.
+        clocks: How far the clocks of others are ahead.
     """
 
     def __init__(
-        self, link: Link, ensembles: Mapping[str, Ensemble], layers: Mapping[str, TeamLayer], *, name: str = "calls"
+        self,
+        link: Link,
+        ensembles: Mapping[str, Ensemble],
+        layers: Mapping[str, TeamLayer],
+        clocks: Clocks,
+        *,
+        name: str = "calls",
     ) -> None:
         super().__init__(name)
         self._link = link
         self._ensembles = dict(ensembles)
         self._layers = dict(layers)
+        self._clocks = clocks
         self._serves = False
 
     def on_start(self) -> None:
@@ -107,6 +116,7 @@ class Answers(Actor):
             else ensemble.controller.symbols.action_name(acted),
             "epoch": ensemble.controller.epoch,
             "live": list(self._link.live),
+            "clocks": msgspec.to_builtins(self._clocks.offsets),
             "held": layer.still,
             "knows": layer.knows,
             "commands": layer.commands.outcomes,

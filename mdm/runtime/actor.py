@@ -33,7 +33,7 @@ from mdm.runtime.work import hide
 from mdm.runtime.workload import Workload
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Iterable
+    from collections.abc import Awaitable, Callable, Coroutine, Iterable
 
     from anyio.abc import TaskGroup
 
@@ -48,6 +48,7 @@ T = TypeVar("T")
 Request = Literal["none", "stop", "restart", "fail"]
 _PLAIN_HOOKS = ("on_start", "on_running", "on_failing", "on_ending", "on_stop")
 _OVERRIDABLE = frozenset({*_PLAIN_HOOKS, "on_stopping", "patience", "statistics"})
+_LATE = 1.0
 Life = Literal["created", "starting", "running", "restarting", "stopping", "stopped", "failed"]
 
 
@@ -130,7 +131,10 @@ class Actor:
         """Begin: this actor and its children have started. Called in a turn, unless it has failed or ended by then."""
 
     async def on_stopping(self) -> None:
-        """End what must end in good order while children still live; called before they are stopped."""
+        """End what must end in good order while children still live; called before they are stopped.
+
+        A fault `stopping` names an actor for which this takes a second longer than its `patience`.
+        """
 
     def on_failing(self, error: BaseException) -> None:
         """Do what cannot wait when it, or a child that it answers for, has failed. Called at once, before it stops."""
@@ -528,13 +532,29 @@ class Actor:
         if self.__request != "restart":
             self.__change("stopping")
         try:
-            await self.on_stopping()
+            await self.__watched(self.on_stopping())
         except BaseException as error:
             if was_cancelled(error):
                 raise
             self.__trouble(error)
         for child in reversed(self.children):
             await child.__stop()  # noqa: SLF001 - the tree is actors' own affair
+
+    async def __watched(self, stopping: Coroutine[Any, Any, None]) -> None:
+        """Await `on_stopping`, and report that it has not ended a second after it should have."""
+        limit = self.patience + _LATE
+
+        def tell() -> None:
+            frame = getattr(stopping, "cr_frame", None)
+            place = "" if frame is None else f": it waits at {frame.f_code.co_filename}:{frame.f_lineno}"
+            self.report("stopping", f"`on_stopping` has not ended within {limit:g} s{place}")
+
+        clock = self.runtime.clock
+        timer = clock.call_at(clock.now() + round(limit * 1e9), tell)
+        try:
+            await stopping
+        finally:
+            timer.cancel()
 
     async def __let_go(self) -> None:
         """Let go of everything; when cancelled, at once."""

@@ -11,7 +11,7 @@ from recorded import Recorded, tell
 
 from mdm import Actor, ActorFailure, Error, Restart, Runtime, VirtualClock, run
 from mdm.messages import State
-from mdm.testing import crash, run_virtual
+from mdm.testing import crash, probe, run_virtual
 
 
 def tree(log, shape, name="root"):
@@ -255,3 +255,52 @@ def test_what_is_no_supervision_is_refused(supervision):
 def test_grace_is_a_number_of_seconds(grace):
     with pytest.raises(Error, match="grace is a number of seconds above 0"):
         Actor("a", grace=grace)
+
+
+class Slow(Actor):
+    """Ends after some seconds."""
+
+    def __init__(self, seconds, patience=0.0, **options):
+        super().__init__("slow", **options)
+        self.seconds, self.limit = seconds, patience
+
+    @property
+    def patience(self):
+        return self.limit
+
+    async def on_stopping(self):
+        await asyncio.sleep(self.seconds)  # here it waits
+
+
+@pytest.mark.parametrize(
+    ("seconds", "patience", "told"),
+    [(0.0, 0.0, []), (0.99, 0.0, []), (5.0, 0.0, [1.0]), (3.9, 3.0, []), (30.0, 3.0, [4.0])],
+)
+def test_an_actor_that_takes_long_to_end_is_named(seconds, patience, told):
+    async def main(runtime):
+        faults, slow = probe(runtime.faults), Slow(seconds, patience)
+        parent = Actor("parent")
+        parent.add(slow)
+        await runtime.start(parent)
+        await runtime.stop(parent)
+        assert runtime.clock.now() == seconds * 1e9
+        assert [fault.time / 1e9 for fault in faults] == told
+        line = Slow.on_stopping.__code__.co_firstlineno + 1
+        for fault in faults:
+            assert (fault.source, fault.kind) == ("parent/slow", "stopping")
+            assert fault.detail == (f"`on_stopping` has not ended within {told[0]:g} s: it waits at {__file__}:{line}")
+
+    run_virtual(main)
+
+
+def test_an_actor_that_takes_long_to_start_anew_is_named():
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        slow = Slow(5.0, supervision=Restart())
+        await runtime.start(slow)
+        slow.fail(ValueError("broken"))
+        await asyncio.sleep(10)
+        assert [fault.kind for fault in faults] == ["exception", "stopping"]
+        assert slow.life == "running"
+
+    run_virtual(main)

@@ -485,3 +485,29 @@ def test_a_forked_child_dies_of_its_signal():
     with python("-c", FORK) as process:
         output, status, errors = ended(process)
     assert (output, status) == ("-15\n", 0), errors
+
+
+STUCK = """
+import asyncio
+import mdm
+
+class Gripper(mdm.Actor):
+    def on_running(self):
+        print("running", flush=True)
+
+    async def on_stopping(self):
+        await asyncio.Event().wait()
+
+mdm.run(Gripper("gripper"))
+"""
+
+
+def test_an_actor_that_never_ends_is_named_in_the_log():
+    with python("-c", STUCK) as process:
+        assert process.stdout.readline() == "running\n"
+        process.send_signal(signal.SIGTERM)
+        lines = iter(process.stderr.readline, "")
+        told = next(line for line in lines if "has not ended within 1 s" in line)
+        assert "gripper" in told
+        assert "<string>:10" in told
+        assert process.poll() is None  # it is still held

@@ -6,15 +6,20 @@ import difflib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
-__all__ = ["foreign"]
+__all__ = ["begins_foreign", "foreign"]
 
 _DIALECTS = {
     "E": "'E:' names end states in a dialect of ZMDP and others, which is not read: take the line out, and let these "
     "states lead to themselves",
-    "atom": "'atom' is of a dialect that is not read: write its content as statements T, O and R",
+    "atom": "'atom' names the observations or states of an atomic proposition, for temporal logic, in a dialect that "
+    "is not read: take the line out, and say what is wanted by rewards (R)",
+    "prio": "'prio' gives states a priority, for parity objectives, in a dialect that is not read: take the line out, "
+    "and say what is wanted by rewards (R)",
 }
+_NUMBERED = {"atom", "prio"}
+"""Words that a number follows, before the colon."""
 
 
 def foreign(word: str, sections: Iterable[str] = ()) -> str | None:
@@ -28,3 +33,9 @@ def foreign(word: str, sections: Iterable[str] = ()) -> str | None:
         return _DIALECTS[word]
     close = difflib.get_close_matches(word, list(sections), n=1)
     return f"there is no section {word!r}; did you mean {close[0]!r}?" if close and word not in close else None
+
+
+def begins_foreign(words: Sequence[str], at: int) -> bool:
+    """Whether a line of another dialect or a misspelt section may begin at a word: a colon ends its head."""
+    numbered = words[at] in _NUMBERED and words[at + 1 : at + 2] != [":"]
+    return words[at + 1 + numbered : at + 2 + numbered] == [":"]

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError, ModelWarning
-from mdm.formats.cassandra.dialects import foreign
+from mdm.formats.cassandra.dialects import begins_foreign, foreign
 from mdm.formats.cassandra.statements import Field, Statements
 from mdm.formats.cassandra.writer import StatementWriter, Symbols
 from mdm.formats.source import Source, Words, number, suffixes
@@ -105,7 +105,7 @@ class _Reader:
                 self._words.fail(at, foreign(key, _KEYS) or expected)
             at = begin
             while at < len(words) and not self._begins(at):
-                wrong = foreign(words[at], _KEYS) if words[at + 1 : at + 2] == [":"] else None
+                wrong = foreign(words[at], _KEYS) if begins_foreign(words, at) else None
                 if wrong is not None:
                     self._words.fail(at, wrong)
                 at += 1

@@ -17,7 +17,11 @@ TEAM = "agents: 2\ndiscount: 1\nvalues: reward\nstates: a b\nstart:\nuniform\nac
         (HEAD + "E: a\nobservations: p\nT: x\nidentity\n", 5, "'E:' names end states in a dialect of ZMDP"),
         (HEAD + "observations: p\nT: x\nidentity\nE: a\nO: x\nuniform\n", 8, "'E:' names end states"),
         (HEAD + "start: uniform\nE: b\nT: x\nidentity\n", 6, "'E:' names end states"),
-        (HEAD + "atom: 3\nobservations: p\n", 5, "'atom' is of a dialect that is not read"),
+        (HEAD + "atom: 3\nobservations: p\n", 5, "'atom' names the observations or states of an atomic proposition"),
+        (HEAD + "observations: p\natom 0 : p\n\nT: x\nidentity\n", 6, "'atom' names the observations or states"),
+        (HEAD + "observations: p q\natom 0: p\natom 1: q\nT: x\nidentity\n", 6, "take the line out"),
+        (HEAD + "observations: p\nT: x\nidentity\natom 0 : p\nO: x\nuniform\n", 8, "'atom' names"),
+        (HEAD + "observations: p\nprio 1 : b\nstart: uniform\n", 6, "'prio' gives states a priority"),
         (HEAD + "obersvations: p q\n", 5, "there is no section 'obersvations'; did you mean 'observations'?"),
         (HEAD + "strat: a\n", 5, "there is no section 'strat'; did you mean 'start'?"),
     ],
@@ -36,5 +40,5 @@ def test_a_misspelt_section_of_a_team(tmp_path):
 
 
 def test_names_may_be_words_of_dialects(tmp_path):
-    text = HEAD.replace("a b", "E atom") + "T: x\nidentity\nR: x : E : * 1\n"
-    assert load(written(tmp_path, text, "x.mdp")).state_space.names == ("E", "atom")
+    text = HEAD.replace("a b", "E atom prio 3") + "T: x\nidentity\nR: x : atom : prio 1\n"
+    assert load(written(tmp_path, text, "x.mdp")).state_space.names == ("E", "atom", "prio", "3")

@@ -1,8 +1,13 @@
 """A strict reader of ProbModelXML, as MADP reads it.
 
-No variable's name begins with that of another; a name may end with its slice, as `` [1]``. No observation is linked to
-another, and no initial value. The first variable of a table changes fastest. A utility has variables; where one of them
-is at slice 1, so are its parents that are there among them.
+No variable's name begins with that of another; a name may end with its slice, as `` [1]``, which is cut wherever a name
+ends with a bracket, two characters before it: none else does. Names of variables stand within quotes of both kinds, and
+have none; an observation with a slice has two letters at least, for a blank after one letter stays. The first start of
+a variable that begins with a factor's name, without its slice, is the factor's, and no label is within another.
+
+No observation is linked to another, and no initial value; there is one where it is of events. The first variable of a
+table changes fastest. A utility has variables; where one of them is at slice 1, so are its parents that are there among
+them.
 """
 
 from __future__ import annotations
@@ -33,6 +38,11 @@ def key(element) -> Key:
     return element.get("name"), int(element.get("timeSlice"))
 
 
+def plain(name: str) -> str:
+    """Return a variable's name without its slice."""
+    return re.sub(r" \[[01]\]$", "", name)
+
+
 class _Reader:
     def __init__(self, root) -> None:
         need(root.tag == "ProbModelXML" and [part.tag for part in root] == ["ProbNet"], "the root")
@@ -49,6 +59,8 @@ class _Reader:
             need(place not in self.variables, f"{place} is declared twice")
             names = [state.get("name") for state in variable.findall("States/State")]
             need(len(set(names)) == len(names), f"the states of {place}")
+            need(not any(name.endswith("]") for name in (*names, plain(place[0]))), f"{place} or a state ends with ']'")
+            need(not {'"', "'"} & set(place[0]), f"a quote in {place}")
             self.variables[place], self.roles[place] = names, variable.get("role")
             need(self.roles[place] in {"chance", "decision", "utility"}, "a role")
             need((self.roles[place] == "utility") == (not names), f"the states of {place}")
@@ -88,6 +100,11 @@ class _Reader:
             need(len(parents) == 1, f"the observation of {decision}")
             seen += parents
         need(len(set(seen)) == len(seen) and not set(seen) & set(later), "an observation of its own each")
+        need(len(seen) <= 1 or not self.events, "several observations of events")
+        need(all(len(name) != 5 or name == plain(name) for name, _ in seen), "a blank after one letter")
+        for name, _ in states:
+            first = next(other for other in self.potentials if other in states and other[0].startswith(plain(name)))
+            need(first[0] == name, f"the start of {first} is taken for that of {name!r}")
         for alike in (seen, states):
             need(not any({parent, child} <= set(alike) for parent, child in self.links), f"a link among {alike}")
         size, count, width = (self.size(each) for each in (states, actions, seen))
@@ -148,6 +165,8 @@ class _Reader:
             if branch.find("Label") is not None:
                 need(branch.find("Label").text not in labels, "two branches have one label")
                 labels[branch.find("Label").text] = branch
+        for one, other in itertools.permutations(labels, 2):
+            need(one not in other, f"the label {one!r} is within {other!r}")
         array = self.values(potential, scope, labels)
         letters = dict(zip(axes, string.ascii_letters, strict=False))
         kept = [place for place in axes if place in scope]

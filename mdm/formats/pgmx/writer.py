@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections import Counter
-from itertools import pairwise
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from mdm.errors import ModelError, ModelWarning
 from mdm.formats.distributions import initial, utilities
 from mdm.formats.markup import quoted
-from mdm.formats.spelling import Speller
+from mdm.formats.pgmx.names import Names
 from mdm.formats.target import write_text
 from mdm.models.factored.factoring import as_network
 from mdm.models.factored.links import unlinked
@@ -28,9 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["write"]
 
-_FOREIGN = re.compile("^\\s+|\\s+$|[\x00-\x1f\ud800-\udfff\ufffe\uffff]")
-_SLICE = re.compile(r"\s*\[[01]\]")
-"""What readers take for a time slice in a name."""
 _DEEPEST = 20
 _SLICES: dict[Role, int] = {"state": 0, "action": 0, "next_state": 1, "observation": 1}
 
@@ -62,12 +58,15 @@ def write(model: MDP, path: str | Path) -> None:
         else:
             network = free
     agents, seen = len(network.actions.factors), len(network.observation)
-    if seen > agents or (0 < seen < agents and not network.event_observations):
+    if seen > 1 and network.event_observations:
+        text = f"MADP reads one observation where it is of events, but there are {seen}"
+        warnings.warn(text, ModelWarning, stacklevel=3)
+    elif seen > agents or (0 < seen < agents and not network.event_observations):
         text = f"MADP reads one observation of each agent, but there are {seen} for {agents}"
         warnings.warn(text, ModelWarning, stacklevel=3)
     document = _Document(network)
     write_text(path, "\n".join(document.lines(model.discount)) + "\n")
-    document.speller.warn("ProbModelXML")
+    document.names.warn()
     if network.observations is not None and any(network.fully_observed):
         text = "ProbModelXML cannot mark fully observed factors: the marks were left out"
         warnings.warn(text, ModelWarning, stacklevel=2)
@@ -76,33 +75,25 @@ def write(model: MDP, path: str | Path) -> None:
 class _Document:
     def __init__(self, network: TwoSliceNetwork) -> None:
         self._network = network
-        self.speller = Speller(_FOREIGN)
-        self._titles = Speller(re.compile(f"{_FOREIGN.pattern}|{_SLICE.pattern}"))
-        self._taken: set[str] = set()
-        self._variables: dict[Node, str] = {}
-        self._values: dict[Node, list[str]] = {}
         roles: tuple[Role, ...] = ("state", "action", "observation")
-        for role in roles:
-            for place, factor in enumerate(network.factors(role)):
-                node = Node(role, place)
-                self._variables[node] = self._title(factor.name)
-                self._values[node] = self.speller.spell(factor.names, numbered=False)
+        nodes = [Node(role, place) for role in roles for place in range(len(network.factors(role)))]
+        # A link to a decision at slice 1 marks an observation; those beyond the agents' get decisions of their own.
+        agents, seen = len(network.actions.factors), len(network.factors("observation"))
+        informed = [f"informed{place}" for place in range(agents, seen)]
+        given = utilities(network)
+        factors = [network.factors(node.role)[node.place] for node in nodes]
+        rewards = [f"reward{index}" for index in range(len(given))]
+        observed = range(len(nodes) - seen, len(nodes))
+        self.names = Names([*(factor.name for factor in factors), *informed, *rewards], observed)
+        titles = iter(self.names.variables)
+        self._variables: dict[Node, str] = dict(zip(nodes, titles, strict=False))
+        self._values = {node: self.names.values(factor.names) for node, factor in zip(nodes, factors, strict=True)}
         for place in range(len(network.states.factors)):
             before, after = Node("state", place), Node("next_state", place)
             self._variables[after], self._values[after] = self._variables[before], self._values[before]
-        # A link to a decision at slice 1 marks an observation.
-        agents = len(network.actions.factors)
-        self._informed = [
-            self._variables[Node("action", place)] if place < agents else self._title(f"informed{place}")
-            for place in range(len(network.factors("observation")))
-        ]
-        self._rewards = {
-            self._title(f"reward{index}"): self._with_parents(utility)
-            for index, utility in enumerate(utilities(network))
-        }
-        # MADP takes the first variable whose name begins with the wanted one; a slice in each name ends them.
-        names = sorted(self._taken)
-        self._with_slices = any(after.startswith(name) for name, after in pairwise(names))
+        decisions = [self._variables[Node("action", place)] for place in range(agents)]
+        self._informed = [*decisions[:seen], *islice(titles, len(informed))]
+        self._rewards = {title: self._with_parents(utility) for title, utility in zip(titles, given, strict=True)}
 
     def _with_parents(self, utility: Potential) -> Potential:
         """Return a utility over a variable at least, and with each at slice 1 over its parents there.
@@ -121,11 +112,6 @@ class _Document:
         values = table.values.reshape(*table.values.shape, *(1 for _ in added))
         sizes = [len(self._values[node]) for node in added]
         return Table([*table.scope, *added], np.broadcast_to(values, (*table.values.shape, *sizes)))
-
-    def _title(self, name: str) -> str:
-        title = self._titles.spell([name], self._taken, numbered=False)[0]
-        self._taken.add(title)
-        return title
 
     def lines(self, discount: float) -> list[str]:
         network = self._network
@@ -146,9 +132,10 @@ class _Document:
             "next_state": network.transitions,
             "observation": network.observation,
         }
-        for role, each in potentials.items():
-            for place, potential in enumerate(each):
-                lines += _Writer(self._reference, self._values, Node(role, place)).lines(potential)
+        nodes = {Node(role, place): one for role, each in potentials.items() for place, one in enumerate(each)}
+        # MADP takes the first start of a variable whose name begins with that of the wanted one: it is its own.
+        for node in sorted(nodes, key=lambda node: self._variables[node] if node.role == "state" else ""):
+            lines += _Writer(self._reference, self._values, node).lines(nodes[node])
         for name, utility in self._rewards.items():
             lines += _Writer(self._reference, self._values, None, self._key(name, 0)).lines(utility)
         return [*lines, "</Potentials>", "</ProbNet>", "</ProbModelXML>"]
@@ -198,7 +185,7 @@ class _Document:
 
     def _key(self, name: str, time: int) -> str:
         """Return the attributes that identify a variable."""
-        return f'name={quoted(f"{name} [{time}]" if self._with_slices else name)} timeSlice="{time}"'
+        return f'name={quoted(self.names.of(name, time))} timeSlice="{time}"'
 
 
 class _Writer:
@@ -257,6 +244,6 @@ class _Writer:
         if key in self._labels:
             return [f"{begin}<Reference>{self._labels[key]}</Reference></Branch>"]
         if self._uses[key] > 1:
-            self._labels[key] = f"branch{len(self._labels)}"
+            self._labels[key] = f"branch{len(self._labels)}."  # MADP takes a label that has another within for both
             begin += f"<Label>{self._labels[key]}</Label>"
         return [begin, *self._write(branch, depth + 1), "</Branch>"]

@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-PARTITIONS, LOSSES, DUPLICATES, IMPATIENCE, CRASHES = range(5)
-"""Faults, by place in ``bits``."""
+PARTITIONS, LOSSES, DUPLICATES, IMPATIENCE, CRASHES, MOST = range(6)
+"""Faults, by place in ``bits``; the last is how many commands may be asked for."""
 
 PROPOSE, RETRY, INVITE, CLOSE, PATIENCE, CALL = range(6)
 EVENTS = ("propose", "retry", "invite", "close", "patience", "call")
-VIEWS = 8  # the first event that is a view
+COMMANDS = 8  # the first event that is a command: of each place in the order of asking, a start and a stop
+VIEWS = 16  # the first event that is a view
 MESSAGES = 4096  # the first event that is a message
 
 LOST, CRASH, RETURN, CUT, HEAL = range(-5, 0)
@@ -55,6 +56,7 @@ class Tables(NamedTuple):
     sees: np.ndarray  # by agent: the view
     place: np.ndarray  # by agent: where its copy stands
     hearing: np.ndarray  # by agent: the class of agents that drop the same messages
+    asked: np.ndarray  # by ledger: how many commands were asked for
     first: np.ndarray  # by line: its first message
     rest: np.ndarray  # by line: the others
     sight: np.ndarray  # by lives, cut and agent: what it would see
@@ -160,6 +162,11 @@ def possible(tables, agents, bits, state, events):
                 elif left & bits[IMPATIENCE]:
                     events[count] = event, index, 0, bits[IMPATIENCE]
                     count += 1
+        asked = tables.asked[state[agents * agents]]
+        if asked < bits[MOST]:
+            for verb in range(2):
+                events[count] = COMMANDS + 2 * asked + verb, index, 0, 0
+                count += 1
         if bits[CRASHES] and not crashed:
             events[count] = CRASH, index, 0, 0
             count += 1

@@ -162,7 +162,7 @@ class Search:
             if len(machine.ballot.joined) < self.majority:
                 raise Violation(f"{machine.agent} begins {machine.term} without a majority")
         applied = tuple(self.entry(machine, *each) for each in witness.applied)
-        commands = tuple(commit for commit, *_ in witness.applied if commit.command is not None)
+        commands = tuple((one.command, one.token, one.term) for one, *_ in witness.applied if one.command is not None)
         sent = tuple(
             (self.names.index(target), self.messages((machine.agent, machine.incarnation, encode(send.message))))
             for send in sends
@@ -216,21 +216,38 @@ class Search:
 
     def check_commands(self, state, index, event, commands):
         """Return the state with what an agent was asked for, or took, in an event after which it stands there."""
-        asked, stopped = state.asked, state.stopped[index]
         machine = self.machines.things[state.agents[index]]
+        acts = machine.replica.started if machine.replica.running and not machine.hold.still else ""
+        asked, stopped = self.check_order(state.asked, state.stopped, index, event, machine.term, commands, acts)
+        return state._replace(asked=asked, stopped=stopped)
+
+    def check_order(self, asked, stops, index, event, term, commands, acts):
+        """Return what was asked for, and who was stopped by what, after an event at one agent.
+
+        Args:
+            asked: The terms in which commands were asked for.
+            stops: Of each agent the last stop that it has taken.
+            index: The agent.
+            event: Of a command the word, and which.
+            term: The agent's, in which that was asked for.
+            commands: The commands that it applied.
+            acts: The start on which it acts afterwards, if it does.
+        """
+        stopped = stops[index]
         if event[0] == "command":
-            asked += (machine.term,)
+            asked += (term,)
             stopped = len(asked) if event[1] == "stop" else stopped
-        for commit in commands:
-            if commit.command == "stop":
-                stopped = max(stopped, int(commit.token))
-            if commit.command != "hold" and asked[int(commit.token) - 1] != commit.term:
-                raise Violation(f"what was asked for in {asked[int(commit.token) - 1]} is a step of {commit.term}")
-        if machine.replica.running and not machine.hold.still:
-            if int(machine.replica.started) < stopped:
-                raise Violation(f"{machine.agent} was stopped, and acts on a start that was asked for before")
+        for command, token, within in commands:
+            number = int(token)
+            if command == "stop":
+                stopped = max(stopped, number)
+            if command != "hold" and asked[number - 1] != within:
+                raise Violation(f"what was asked for in {asked[number - 1]} is a step of {within}")
+        if acts:
+            if int(acts) < stopped:
+                raise Violation(f"{self.names[index]} was stopped, and acts on a start that was asked for before")
             stopped = 0
-        return state._replace(asked=asked, stopped=(*state.stopped[:index], stopped, *state.stopped[index + 1 :]))
+        return asked, (*stops[:index], stopped, *stops[index + 1 :])
 
     def place(self, number):
         """Return where an agent's copy stands, and whether it was restarted; None where it has crashed."""

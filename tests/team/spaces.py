@@ -45,6 +45,7 @@ SPACES = {
     "one-step-lost": Space(3, "majority", False, steps=1, losses=1, duplicates=1),
     "one-step-restart": Space(3, "majority", False, steps=1, crashes=1, restarts=1),
     "commands-cut": Space(3, "majority", False, steps=0, partitions=1, commands=2, settled=True),
+    "commands-crash": Space(3, "majority", False, steps=0, crashes=1, commands=2, settled=True),
     "commands-crash-cut": Space(3, "majority", False, steps=0, crashes=1, partitions=1, commands=2, settled=True),
     "three-commands-cut": Space(3, "majority", False, steps=0, partitions=1, commands=3, settled=True),
     "commands-continue": Space(2, "continue", False, steps=0, partitions=2, commands=3, settled=True),

@@ -35,6 +35,7 @@ import numpy as np
 from team.rows import (
     AGAIN,
     ASKED,
+    COMMANDS,
     CRASHED,
     CUT_OFF,
     EVENTS,
@@ -95,7 +96,8 @@ class Sweep(Search):
         count, self.width = space.agents, space.agents**2 + 2
         self.faults = [fault for fault in FAULTS if getattr(space, fault)]
         bits = [1 << self.faults.index(fault) if fault in self.faults else 0 for fault in FAULTS]
-        self.bits = np.array([*bits, space.crashes], np.int64)
+        self.bits = np.array([*bits, space.crashes, space.commands], np.int64)
+        assert not (space.commands and space.restarts)  # who has taken which stop is not forgotten with a life here
         sets = range(1 << len(self.faults))
         subsets = [sum(1 << one for one in sets if one == of or (reduced and one & of == one)) for of in sets]
         self.kind_of_sets = np.uint8 if len(self.faults) <= 3 else np.uint16
@@ -203,8 +205,11 @@ class Sweep(Search):
         return self.answer_ledger(key >> 18, key & 0x3FFFF, [self.places.things[place] for place in places])
 
     def answer_event(self, agent, event):
-        if event < VIEWS:
+        if event < COMMANDS:
             what = (EVENTS[event],)
+        elif event < VIEWS:
+            place, verb = divmod(event - COMMANDS, 2)
+            what = ("command", ("start", "stop")[verb], str(place + 1))
         elif event < MESSAGES:
             what = ("members", self.sights.things[event - VIEWS])
         else:
@@ -212,12 +217,16 @@ class Sweep(Search):
         found = self.event(agent - 1, *what)
         if found is None:
             return CUT_OFF
-        number, sent, applied, began, _ = found
+        number, sent, applied, began, commands = found
         index = self.names.index(self.machines.things[number].agent)
         bursts = [()] * len(self.names)
         for target, message in sent:
             bursts[target] += (message,)
-        effect = (index, applied, began) if applied or began is not None else ()
+        before, after = self.acting(agent - 1), self.acting(number)
+        effect = ()
+        if applied or began is not None or what[0] == "command" or (after and after != before):
+            term = self.machines.things[number].term
+            effect = (index, applied, began, (what[0], what[1] if what[0] == "command" else "", term), commands, after)
         outcome = self.outcomes((number, tuple(map(self.bursts, bursts)), self.effects(effect)))
         self.describe_agents()
         for name in ("agent", "sent", "effect"):
@@ -228,10 +237,26 @@ class Sweep(Search):
         tables.effect[outcome] = self.outcomes.things[outcome][2]
         return outcome
 
+    def acting(self, number):
+        """Return the start on which an agent acts; empty where it does not."""
+        machine = self.machines.things[number]
+        return machine.replica.started if machine.replica.running and not machine.hold.still else ""
+
     def answer_ledger(self, ledger, effect, places):
-        entries, bases = self.ledgers.things[ledger]
-        index, applied, began = self.effects.things[effect]
-        return self.ledgers(self.check(entries, bases, index, applied, began, places))
+        entries, bases, asked, stopped = self.ledgers.things[ledger]
+        index, applied, began, event, commands, acts = self.effects.things[effect]
+        entries, bases = self.check(entries, bases, index, applied, began, places)
+        name, command, term = event
+        asked, stopped = self.check_order(asked, stopped, index, (name, command), term, commands, acts)
+        return self.ledger((entries, bases, asked, stopped))
+
+    def ledger(self, ledger):
+        """Return the number of a ledger."""
+        number = self.ledgers(ledger)
+        assert number < 1 << 45 - 8 * len(self.names)  # it fits into keys
+        self.widen("asked", number)
+        self.tables.asked[number] = len(ledger[2])
+        return number
 
     # -- Dead messages -------------------------------------------------------------------------------------------
 
@@ -289,7 +314,8 @@ class Sweep(Search):
                     self.tables.sight[cut * 3**count + number, index] = self.sights(self.view(seen, index))
         row = np.zeros((1, self.width), np.uint32)
         row[0, :count] = [number + 1 for number in state.agents]
-        row[0, -2] = self.ledgers((state.entries, state.bases))
+        assert not any(state.line)
+        row[0, -2] = self.ledger((state.entries, state.bases, state.asked, state.stopped))
         row[0, -1] = (1 << len(self.faults)) - 1 << 3
         return row
 

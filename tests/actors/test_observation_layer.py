@@ -8,6 +8,7 @@ from hypothesis import given, strategies as st
 
 from mdm import (
     ConfigError,
+    Ensemble,
     ObservationFactor,
     ObservationLayer,
     PredicateManager,
@@ -110,3 +111,16 @@ def test_a_layer_that_covers_some_factors_observes_these_alone(declared):
         assert [(each.index, each.values, each.mask) for each in part] == [(None, (1, None), (True, False))]
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("factor", "key"),
+    [(ObservationFactor("d", ["Up", "Dawn"]), ".d"), (ObservationFactor("d", ["Up", "Down"]), "")],
+)
+def test_an_error_names_its_place_in_the_configuration(factor, key, declared):
+    """Of a factor, or of all of them."""
+    space = Space([Factor("agent0", 2), Factor("agent1", 3)])
+    robot = Ensemble("robot", policy=[0], actions={"Go": lambda: None}, predicates=declared)
+    layer = ObservationLayer([factor], declared, space=space)
+    robot.add(layer)
+    assert f"ensembles.robot.observations{key}" in {problem.key for problem in layer.problems()}

@@ -181,3 +181,20 @@ def test_digits_are_indices_where_there_is_no_model(folder, wires, first):
     assert layer.factors[0].predicates[0] == first
     with pytest.raises(ConfigError, match=r"ensembles.robot.states.place: .*indices 0 to 1"):
         load_system(written(folder, text.replace('1 = "A"', '7 = "A"'), "seven.toml"), callbacks=False)
+
+
+@pytest.mark.parametrize("callbacks", [True, False])
+def test_a_safe_action_by_a_function_is_there_whether_or_not_functions_are_called(folder, callbacks):
+    text = """
+        [ensembles.robot]
+        policy = [0]
+        safe_action = "robot_code:rest"
+        on_failed_action = "safe"
+        actions = { 0 = "robot_code:rest" }
+    """
+    system = load_system(written(folder, text, "safe.toml"), callbacks=callbacks)
+    safe = system.ensembles["robot"].action.safe
+    assert safe is not None
+    assert safe.function.__name__ == ("rest" if callbacks else "nothing")
+    if not callbacks:
+        load_system(written(folder, text.replace("robot_code:rest", "no_module:brake"), "n.toml"), callbacks=False)

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 import mdm
-from mdm.team.link import Link
+from mdm.team.link import Beat, Link
 from mdm.team.team import Team
 from mdm.team.transport.keys import join
 from mdm.team.transport.network import Network
@@ -133,5 +133,36 @@ def test_what_is_too_large_is_told_and_harms_nothing():
         assert link.put(link.key("news"), b"short")
         assert [fault.kind for fault in faults] == ["oversize"]
         assert link.life == "running"
+
+    run_virtual(main)
+
+
+def test_a_live_agent_that_turns_to_another_configuration_is_gone_at_once_for_who_watches():
+    """It was taken for live, says another thing in the same life, and is not told to go by anything that it says."""
+
+    async def main(runtime):
+        network = Network(runtime.clock, lease=60.0)
+        a = Link(TEAM, network.transport("a"), {"model": "rooms"}, name="a")
+        await runtime.start(a)
+        a.connect()
+        await asyncio.sleep(0.1)
+        seen, user = [], mdm.Actor("user")
+        await runtime.start(user)
+        a.watch(lambda link: seen.append(tuple(link.live)), user)
+        b = network.transport("b")
+        await b.open()
+        lives = {"a": a.transport.incarnation, "b": b.incarnation}
+
+        def beat(model):
+            said = Beat(TEAM.names, lives, {"model": model}, settled=False, company=1)
+            b.put(join("team", "b", "beat"), msgspec.msgpack.encode(said), priority="step")
+
+        beat("rooms")
+        await asyncio.sleep(0.05)
+        assert seen[-1] == ("a", "b")
+        beat("doors")
+        await asyncio.sleep(0.05)
+        assert seen[-1] == ("a",)
+        assert tuple(a.live) == ("a",)
 
     run_virtual(main)

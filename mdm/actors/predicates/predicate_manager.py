@@ -335,7 +335,6 @@ class PredicateManager(Actor):
         self.action_ends = frozenset(name for name in ends if name not in declared or self.declared.raises(name))
         self._raised |= self.action_ends
         self._counter = self._event_counter = 0
-        self._hold_timers.clear()
         self._age_timers.clear()
         self._first_events = EventUpdate(now, 0, first.events) if first.events else None
         self.map.retain_by(lambda: PredicateMap(self.runtime.clock.now(), self._counter, self.values()))

@@ -412,3 +412,28 @@ def test_truth_values_of_numpy_ground_a_predicate():
         return predicates.value("Near")
 
     assert run_virtual(main) is True
+
+
+@pytest.mark.parametrize("again", ["while it waits to start anew", "when it has started anew", "never"])
+def test_how_long_a_condition_has_held_is_counted_anew_after_a_restart(again):
+    async def main(runtime):
+        manager = PredicateManager(supervision=Restart(backoff=0.5))
+        waiting = manager.sensor("Waiting", initial=False)
+        manager.define("WaitedLong", "Waiting", held_for=2.0)
+        await runtime.start(manager)
+        seen = updates_of(runtime)
+        waiting.set(True)
+        await asyncio.sleep(1.0)
+        crash(manager)
+        if again == "while it waits to start anew":
+            await asyncio.sleep(0.25)
+            waiting.set(True)
+        await asyncio.sleep(0.75)
+        if again == "when it has started anew":
+            waiting.set(True)
+        since = {"while it waits to start anew": 1.5, "when it has started anew": 1.75}.get(again)
+        await asyncio.sleep(5.0)
+        risen = [update.time / 1e9 for update in seen if "WaitedLong" in update.rising]
+        assert risen == ([] if since is None else [since + 2.0])
+
+    run_virtual(main)

@@ -180,3 +180,16 @@ def test_mutated_files_make_a_model_or_an_error(seed, tmp_path_factory):
     path.write_text(text)
     with contextlib.suppress(FormatError):
         load(path)
+
+
+REWARD = DIAGRAM[DIAGRAM.index("<Func>") : DIAGRAM.index("</Func>") + len("</Func>")]
+
+
+@pytest.mark.parametrize("section", ["InitialStateBelief", "StateTransitionFunction", "ObsFunction", None])
+def test_a_function_of_rewards_is_refused_elsewhere(tmp_path, section):
+    """Also where the section of rewards has one of its own."""
+    place = f"</{section}>" if section else "<InitialStateBelief>"
+    assert DIAGRAM.count(place) == 1
+    (tmp_path / "d.pomdpx").write_text(DIAGRAM.replace(place, f"{REWARD}{place}"))
+    with pytest.raises(FormatError, match=rf"d\.pomdpx:\d+:\d+: <Func> is not allowed in <{section or 'pomdpx'}>"):
+        load_model(tmp_path / "d.pomdpx")

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
 
+import msgspec
 import pytest
 from team_robots import over_beliefs
 
 import mdm
 from mdm import P, problems
+from mdm.messages import EventUpdate, PredicateUpdate
+from mdm.team.link import Link
+from mdm.team.sharing.predicates import Change, Followed, Reply, Request, Told
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 from mdm.testing import probe, run_virtual
@@ -203,5 +208,76 @@ def test_garbage_harms_nobody():
         await asyncio.sleep(1.5)
         assert one.manager.value("robot2/IsMoving") is True
         assert one.member.life == "running"
+
+    run_virtual(main)
+
+
+def told_of(manager, network, runtime):
+    """What tells others of a manager's predicates, which lives beside it, and what it puts on its link."""
+    put = []
+    transport = network.transport("robot1")
+    link = Link(walkers(), transport, name="link")
+    link.put = lambda key, body, **_: put.append(body) or True
+    return Told(link, [manager]), put
+
+
+def test_what_has_stopped_tells_no_more_of_a_manager_that_goes_on():
+    async def main(runtime):
+        manager = mdm.PredicateManager()
+        moving, arrived = manager.sensor("IsMoving", initial=False), manager.event("Arrived")
+        await runtime.start(manager)
+        told, put = told_of(manager, Network(runtime.clock, team="walk"), runtime)
+        await runtime.start(told)
+        told.reply(Request(("IsMoving",), ("Arrived",)))
+        moving.set(True)
+        arrived.fire()
+        assert len(put) == 2
+        heard = [runtime.channel(f"{manager.path}/{name}", kind) for name, kind in CHANNELS]
+        assert [channel.statistics().subscribers for channel in heard] == [1, 1]
+        await runtime.stop(told)
+        moving.set(False)
+        arrived.fire()
+        assert len(put) == 2
+        assert [channel.statistics().subscribers for channel in heard] == [0, 0]
+
+    run_virtual(main)
+
+
+CHANNELS = [("updates", PredicateUpdate), ("events", EventUpdate)]
+
+
+@pytest.mark.parametrize(
+    ("number", "known"),
+    [
+        (4, None),  # what has changed since came before it
+        (5, True),  # of the same change, and yet it tells of what nobody had asked for by then
+        (6, True),
+    ],
+)
+def test_a_reply_counts_unless_it_is_older_than_what_was_heard_meanwhile(number, known):
+    async def main(runtime):
+        manager = mdm.PredicateManager()
+        manager.define("Goes", P("robot2/IsMoving"))
+        names = Request(("IsMoving",), ())
+        link = Link(walkers(), Network(runtime.clock, team="walk").transport("robot1"), name="link")
+        await runtime.start(link)
+        asked = asyncio.get_running_loop().create_future()
+        link.ask_one = lambda *_: asked
+        heard = {}
+        link.listen = lambda _, handler, __: heard.setdefault("sample", handler)
+        link.watch = lambda handler, _: heard.setdefault("live", handler)
+        link.drop = lambda _: None
+        followed = Followed(link, "robot2", manager, names, Told(link, []), name="followed")
+        followed.prepare(runtime)
+        await runtime.start(manager)
+        await runtime.start(followed)
+        link.live = {"robot2": 7}
+        heard["live"](link)
+        await asyncio.sleep(0)  # it has asked
+        change = msgspec.msgpack.encode(Change(5, 0, {"Other": False}))
+        heard["sample"](SimpleNamespace(body=change, incarnation=7))
+        asked.set_result(Reply(number, {"IsMoving": True}, {}))
+        await asyncio.sleep(0.1)
+        assert manager.value("robot2/IsMoving") is known
 
     run_virtual(main)

@@ -51,6 +51,8 @@ ACROSS = {
     "config/test_mutations.py": "mutated files, all of them",
     "actors/control/test_controller_run.py": "control layers that run the nodes of a plan",
     "actors/test_failed_actions.py": "the action layer: actions that fail, or do not end",
+    "actors/test_groups.py": "safety: actions of a group",
+    "actors/test_safe_starts.py": "safety: ends and failures in the middle of a start",
     "actors/test_many.py": "many ensembles in one runtime",
     "actors/test_hierarchy.py": "ensembles above and below each other",
     "actors/test_lost_input.py": "safety: input that is lost",

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mdm.team.communicating.recollection import Experience, Recollection, RecollectionStatistics
     from mdm.team.member import Member, MemberStatistics, Teammates
     from mdm.team.placement import Placement
+    from mdm.team.sharing.commanding import Confirmation
     from mdm.team.sharing.remote import Exports, Imports
     from mdm.team.team import Agent, Team
     from mdm.team.transport.budget import TokenBucket
@@ -36,6 +37,7 @@ __all__ = [
     "Budget",
     "Committed",
     "CommunicationPolicy",
+    "Confirmation",
     "Experience",
     "Exports",
     "Imports",
@@ -64,6 +66,7 @@ _HOMES = {
     "communicating.recollection": ("Experience", "Recollection", "RecollectionStatistics"),
     "member": ("Member", "MemberStatistics", "Teammates"),
     "placement": ("Placement",),
+    "sharing.commanding": ("Confirmation",),
     "sharing.remote": ("Exports", "Imports"),
     "team": ("Agent", "Team"),
     "transport.budget": ("TokenBucket",),

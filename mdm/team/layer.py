@@ -85,7 +85,7 @@ class TeamLayer(Layer):
         self._places = self.parts.of[self.agent]
         self._own: tuple[int | None, ...] = (None,) * len(self._places)
         self._seen: list[int | None] = [None] * len(self._places)
-        self._held = self._shows = False
+        self._held = self._shows = self._held_told = False
         self._hears: list[Subscription[Any]] = []
 
     # -- Life ----------------------------------------------------------------------------------------------------
@@ -287,6 +287,17 @@ class TeamLayer(Layer):
                 self.ensemble.control.repeat(now)
 
     # -- Steps ---------------------------------------------------------------------------------------------------
+
+    def tell_held(self, *, settled: bool) -> None:
+        """Report once that this agent stays stopped while the others decide.
+
+        Args:
+            settled: Whether the team knows of the stop that it took.
+        """
+        held = settled and self.still and self.copy.running
+        if held and not self._held_told:
+            self.report("held", f"{self.agent} was stopped, and stays so while the team decides: start the team again")
+        self._held_told = held
 
     def take_command(self, command: str, token: str, now: int) -> None:
         """Do what all do; an agent that stays stopped decides as they do, and does nothing of it."""

@@ -181,6 +181,7 @@ class Outpost(TeamLayer):
             safety.reopen(_CONTROLLER, now)
             return
         control.running = decided.running
+        self.tell_held(settled=self._waits is None)
         if decided.command is not None:
             self.forget()
             self.commands.done(decided.token)

@@ -256,6 +256,7 @@ class Replica(TeamLayer):
             self._resume(now)
         if agreement.proposals.void:
             self._tell_void()
+        self.tell_held(settled=not agreement.hold.waits)
         if agreement.reports:
             reports, agreement.reports = agreement.reports, []
             self.link.note_refused(agreement.excluded)

@@ -130,6 +130,8 @@ def test_a_robot_that_holds_says_why():
             "stop, asked for at r0, is void: the term in which it was asked for has ended; this agent stays stopped "
             "until a start is asked for"
         )
+        held = [fault.detail for fault in squad.robots["r0"].faults if fault.kind == "held"]
+        assert held == ["r0 was stopped, and stays so while the team decides: start the team again"]
 
     run_virtual(main)
 

@@ -19,6 +19,7 @@ from mdm.errors import Error
 from mdm.runtime import Actor, Subscription
 from mdm.team.configuration import difference
 from mdm.team.transport.keys import join
+from mdm.team.transport.transport import LONGEST_CLOSE
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Mapping
@@ -182,6 +183,11 @@ class Link(Actor):
             self.refusal = reason
             self.say_farewell(reason)
             self._tell()
+
+    @property
+    def patience(self) -> float:
+        """Seconds within which the transport closes."""
+        return LONGEST_CLOSE
 
     async def on_stopping(self) -> None:
         """Close the transport."""

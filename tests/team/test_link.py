@@ -166,3 +166,21 @@ def test_a_live_agent_that_turns_to_another_configuration_is_gone_at_once_for_wh
         assert tuple(a.live) == ("a",)
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize(("seconds", "kinds"), [(2.9, []), (4.1, ["stopping"])])
+def test_a_transport_may_take_its_time_to_close(seconds, kinds):
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        a = await linked(runtime, Network(runtime.clock), "a")
+        close = a.transport.close
+
+        async def close_late():
+            await asyncio.sleep(seconds)
+            await close()
+
+        a.transport.close = close_late
+        await runtime.stop(a)
+        assert [fault.kind for fault in faults] == kinds
+
+    run_virtual(main)

@@ -25,6 +25,7 @@ from mdm.team.transport.keys import check_expression, check_name, join
 from mdm.team.transport.mailbox import Mailbox
 from mdm.team.transport.router import Router
 from mdm.team.transport.settings import check_endpoint, resolve, settings
+from mdm.team.transport.transport import LONGEST_CLOSE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -40,7 +41,6 @@ T = TypeVar("T")
 
 _LIVE = "@team/live"
 _WHO = "@team/who"
-_LONGEST_CLOSE = 3.0
 _FLUSH = 0.1
 
 _open: set[zenoh.Session] = set()
@@ -249,7 +249,7 @@ class Session:
         """Leave. May be called again, does not hang, and no handler is called after it."""
         ended = self._end()
         if ended is not None:
-            await asyncio.wait([asyncio.wrap_future(ended)], timeout=_LONGEST_CLOSE)
+            await asyncio.wait([asyncio.wrap_future(ended)], timeout=LONGEST_CLOSE)
 
     def _end(self) -> Future[None] | None:
         self._state = "closed"

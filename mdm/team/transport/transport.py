@@ -15,7 +15,10 @@ from mdm.runtime.statistics import Histogram
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["Priority", "Sample", "Traffic", "Transport", "TransportStatistics"]
+__all__ = ["LONGEST_CLOSE", "Priority", "Sample", "Traffic", "Transport", "TransportStatistics"]
+
+LONGEST_CLOSE = 3.0
+"""Seconds within which a transport closes."""
 
 Priority = Literal["step", "value", "bulk"]
 """How urgent a message is: one of an agreed step, a value of which the newest counts, or what can wait."""

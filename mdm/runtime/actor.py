@@ -235,8 +235,9 @@ class Actor:
     async def stop_child(self, child: Actor) -> None:
         """Stop a child, wait for its end, and forget it."""
         _demand_actor(child)
+        life = child.__ended
         await child.__stop()
-        if child.parent is self:
+        if child.parent is self and child.__ended is life:  # else another has stopped it, too, and started it anew
             self.__children.remove(child)
             self.__names.discard((child.name, child.__place))
             child.__parent = None

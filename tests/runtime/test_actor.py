@@ -304,3 +304,19 @@ def test_an_actor_that_takes_long_to_start_anew_is_named():
         assert slow.life == "running"
 
     run_virtual(main)
+
+
+def test_what_two_stop_and_one_of_them_starts_anew_lives_and_ends_with_the_runtime():
+    async def main(runtime):
+        one = Actor("one")
+        await runtime.start(one)
+
+        async def stop_and_start():
+            await runtime.stop(one)
+            await runtime.start(one)
+
+        await asyncio.gather(stop_and_start(), runtime.stop(one))
+        assert (one.life, one.parent) == ("running", runtime.root)
+        return one
+
+    assert run_virtual(main).life == "stopped"

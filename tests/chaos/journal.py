@@ -20,7 +20,7 @@ class Run:
 
     def __init__(self, robot, action, entered, time, *, safe):
         self.robot, self.action, self.entered, self.time, self.safe = robot, action, entered, time, safe
-        self.left = None
+        self.left = self.until = None
 
 
 class Ending:
@@ -33,11 +33,13 @@ class Ending:
         began: When it began.
         active: Who was deciding or safe then.
         over: When it was over.
+        time: When it was asked for, in nanoseconds.
+        until: When it was over, in nanoseconds.
     """
 
-    def __init__(self, names, asked, deciding):
-        self.names, self.asked, self.deciding = names, asked, deciding
-        self.began, self.active, self.over = None, set(), None
+    def __init__(self, names, asked, deciding, time):
+        self.names, self.asked, self.deciding, self.time = names, asked, deciding, time
+        self.began, self.active, self.over, self.until = None, set(), None, None
 
 
 class Journal:
@@ -51,6 +53,8 @@ class Journal:
         overlaps: Those that began while another of the same agent was live, as is right where that was abandoned.
         limits: How many seconds an action may take, where it heeds its cancellation.
         beside: The actions that run beside others.
+        groups: The group of each action that is of one: what such a one replaces may still live.
+        inside: Does something in the name of a robot's action, or None.
         raised: The texts of what was raised, each of which must be told.
         exits: The texts of those that end the program.
         answers: What was raised to callers, who are thereby told.
@@ -72,6 +76,7 @@ class Journal:
         self.raised, self.exits, self.answers, self.endings, self.wrong = [], [], [], [], []
         self.lives, self.faults, self.modes, self.decisions = [], [], [], []
         self.blind, self.cautious, self.due, self.sent = {}, set(), {}, {}
+        self.groups, self.inside, self._told = {}, None, {}
         self.order = 0
 
     def now(self):
@@ -105,9 +110,15 @@ class Journal:
                 decided = now or self.due.get(robot) == action
             if robot in self.blind and not decided:
                 self.wrong.append(f"{robot} knows no state, but {action} starts")
+            if self.robots[robot].mode == "stopped":
+                self.wrong.append(f"{robot} is stopped, but its {action} starts")
             for above in self.above(robot):
                 if self.robots[above].mode == "safe":
                     self.wrong.append(f"{above} is safe, but {action} of {robot} starts")
+                if self.robots[above].safety.ending:
+                    self.wrong.append(f"{above} ends, but {action} of {robot} starts")
+        elif self.robots[robot].action.life != "running":
+            self.wrong.append(f"the safe action of {robot} starts, but its layer is {self.robots[robot].action.life}")
         for other in self.runs:
             if other.robot == robot and other.left is None and not self._side_by_side(other, run):
                 self.overlaps.append((other, run))
@@ -115,12 +126,20 @@ class Journal:
         return run
 
     def _side_by_side(self, one, other):
-        return not (one.safe or other.safe) and not self.beside.isdisjoint({one.action, other.action})
+        group = self.groups.get(one.action)
+        grouped = group is not None and group == self.groups.get(other.action)
+        beside = grouped or not self.beside.isdisjoint({one.action, other.action})
+        return not (one.safe or other.safe) and beside
+
+    def meddle(self, robot):
+        """Let an action do something to the system now and then."""
+        if self.inside is not None and self._random.random() < 0.08:
+            self.inside(robot)
 
     def leave(self, run):
         """Note the end of an action."""
         self.order += 1
-        run.left = self.order
+        run.left, run.until = self.order, self.now()
         limit = None if run.safe else self.limits.get(run.action)
         if limit is not None and self.now() - run.time > (limit + 0.5) * 1e9:
             self.wrong.append(f"{run.action} of {run.robot} lasts longer than {limit} s")
@@ -161,7 +180,7 @@ class Journal:
         """Note that ensembles are about to end, and return that."""
         self.order += 1
         names = set(names)
-        ending = Ending(names, self.order, {name for name in names if self.robots[name].mode == "deciding"})
+        ending = Ending(names, self.order, {name for name in names if self.robots[name].mode == "deciding"}, self.now())
         self.endings.append(ending)
         return ending
 
@@ -171,6 +190,36 @@ class Journal:
             self.order += 1
             ending.began = self.order
             ending.active = {name for name in ending.names if self.robots[name].active}
+
+    def ended(self, ending):
+        """Note that an end is over."""
+        ending.over, ending.until = self.order, self.now()
+
+    # -- What is told --------------------------------------------------------------------------------------------
+
+    def hear_mode(self, mode):
+        """Hear the mode of an ensemble."""
+        self.modes.append(mode)
+        self._told[mode.ensemble] = mode.mode
+
+    def check_modes(self):
+        """Hold each mode against what was last told of it; between turns."""
+        for name, robot in self.robots.items():
+            told = self._told.get(self.path(name), "stopped")
+            if robot.life == "running" and robot.mode != told:
+                self.wrong.append(f"{name} is {robot.mode}, but {told} was told")
+
+    def hear_fault(self, fault):
+        """Hear a fault: what it says to live must do so."""
+        name = fault.source.removesuffix("/action").rpartition("/")[2]
+        if "come to its end within" in fault.detail and not self._live(name, below=True):
+            self.wrong.append(f"nothing lives in {name}, but it was told: {fault.detail}")
+        if fault.detail.endswith("still runs") and not self._live(name):
+            self.wrong.append(f"nothing of {name} still runs, but it was told: {fault.detail}")
+
+    def _live(self, name, *, below=False):
+        runs = [run for run in self.runs if run.left is None]
+        return any(name in (self.above(run.robot) if below else (run.robot,)) for run in runs)
 
     def hear(self, change):
         """Hear what becomes of an actor."""

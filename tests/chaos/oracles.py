@@ -27,6 +27,7 @@ class Oracles:
         if not self._broken_off:
             yield from self._all_told()
             yield from self._ends_in_time()
+            yield from self._ends_at_once()
             yield from self._safe_in_the_end()
             yield from self._outermost_last()
 
@@ -43,7 +44,10 @@ class Oracles:
 
     def _abandoned(self):
         """Return the ensembles an action of which was abandoned, and may still live."""
-        return {life.ensemble.rpartition("/")[2] for life in self._lives() if life.status == "abandoned"}
+        paths = {life.ensemble for life in self._lives() if life.status == "abandoned"}
+        replaced = [fault.source for fault in self._journal.faults if "which was replaced, abandoned" in fault.detail]
+        paths.update(source.removesuffix("/action") for source in replaced)
+        return {path.rpartition("/")[2] for path in paths}
 
     def _ends_in_time(self):
         """Hold that what is decided anew ends what lives, within the time that it has for it."""
@@ -66,6 +70,18 @@ class Oracles:
                         continue
                     if begun[life.life] < time <= latest:
                         yield f"{life.action} of {name} lived on after {chosen} was decided"
+
+    def _ends_at_once(self):
+        """Hold that an end is over when nothing lives any more."""
+        for ending in self._journal.endings:
+            runs = [
+                run for run in self._journal.runs if run.robot in ending.names and run.entered <= (ending.over or 0)
+            ]
+            if ending.until is None or any(run.left is None or run.left > ending.over for run in runs):
+                continue
+            took = (ending.until - max([ending.time, *(run.until for run in runs)])) / 1e9
+            if took > SLACK:
+                yield f"the end of {sorted(ending.names)} took {took:.1f} s more when nothing lived there"
 
     def _one_at_a_time(self):
         abandoned = self._abandoned()

@@ -48,13 +48,17 @@ class Pool(ThreadPoolExecutor):
 
     Attributes:
         last: The job that was handed in last.
+        refusal: What the next call raises, once: as in Python's own, the job is queued by then.
     """
 
     def __init__(self):
         super().__init__(1)
-        self.last = None
+        self.last = self.refusal = None
 
     def submit(self, function, /, *args):
         """Take a job, which waits."""
         self.last = Job(function, args)
+        if self.refusal is not None:
+            text, self.refusal = self.refusal, None
+            raise RuntimeError(text)
         return self.last.future

@@ -77,6 +77,9 @@ class Scenario:
         for task in self.afterwards:
             await task
         await asyncio.sleep(END)
+        for task in self.script.tasks:
+            if task.done():
+                task.result()
         others = asyncio.all_tasks() - {asyncio.current_task()}
         if others:
             self.journal.wrong.append(f"tasks are left: {others}")
@@ -96,12 +99,14 @@ class Scenario:
             except BaseException as caught:
                 error = caught
             began = journal.now()
+            ending = journal.ends(journal.robots)
             if elsewhere:
                 leaving = asyncio.create_task(_leave(runtime, error))
                 await asyncio.wait([leaving])
                 raised = leaving.result()
             else:
                 raised = await _leave(runtime, error)
+            journal.ended(ending)
             if raised is not None:
                 raise raised
         except BaseException as error:
@@ -114,7 +119,8 @@ class Scenario:
     async def _happen(self, runtime):
         journal, draw = self.journal, self.random
         journal.faults = probe(runtime.faults)
-        runtime.modes.subscribe(journal.modes.append)
+        runtime.faults.subscribe(journal.hear_fault)
+        runtime.modes.subscribe(journal.hear_mode)
         runtime.decisions.subscribe(lambda decision: journal.decisions.append((journal.now(), decision)))
         runtime.lives.subscribe(journal.hear)
         self.script.open()
@@ -123,8 +129,11 @@ class Scenario:
             journal.lives.append(probe(runtime.channel(f"{path}/lives", mdm.messages.ActionLife)))
         await runtime.start(Witness(journal))
         for top in self.system.tops:
-            await runtime.start(top)
-        await self.script.go(draw.randint(8, 25), COMMANDS, draw.choice([0.0, 0.0, 0.15]))
+            if draw.random() < 0.2:
+                await self.script.start(top, broken_off=True)
+            else:
+                await runtime.start(top)
+        await self.script.go(draw.randint(8, 25), COMMANDS, draw.choice([0.0, 0.15, 0.25]))
         if draw.random() < 0.4:
             await self.script.hurry()
 

@@ -15,8 +15,20 @@ STIMULI = ["set"] * 8 + ["unknown", "reset", "release", "late", "thread"]
 COMMANDS = [*STIMULI, "stop", "start", "crash", "endanger"]
 """What may happen before, in a turn."""
 
-HOST = ["stop it", "stop it", "start it", "start it", "break off its start", "exit"]
+ENTANGLED = ["set"] * 4 + ["start"] * 3 + ["endanger"] * 2 + ["release", "stop", "unknown", "reset"]
+"""What happens to one ensemble and those above and below it within one step of the loop."""
+
+INSIDE = ["set"] * 4 + ["start", "stop", "reset", "release", "endanger", "unknown", "exit"]
+"""What an action may do."""
+
+ALWAYS = {"start", "stop", "reset", "release"}
+"""What may be asked of an ensemble that starts, or is about to start anew."""
+
+HOST = ["stop it", "stop it", "start it", "start it", "break off its start", "break off its start", "bounce it", "exit"]
 """What the program may do, between turns."""
+
+BREAKS = ["cancel", "cancel", "stop", "crash", "exit"]
+"""What may break a start off."""
 
 PAUSES = [0.0, 0.01, 0.2, 0.7, 2.0, 4.0]
 """Seconds between two steps."""
@@ -33,10 +45,12 @@ class Script:
 
     def __init__(self, random, system, journal):
         self._random, self._system, self._journal = random, system, journal
+        self.tasks = []
 
     def open(self):
         """Take the runtime that has begun."""
         runtime = self._journal.runtime
+        self._journal.inside = self._meddle
         self._turn = runtime.channel("turn", list)
         self._turn.subscribe(self._disturb_in_a_turn)
 
@@ -51,8 +65,15 @@ class Script:
         draw = self._random
         for _ in range(steps):
             await asyncio.sleep(draw.choice(PAUSES))
+            self._journal.check_modes()
             if draw.random() < host:
-                await self._act(draw.choice(HOST), draw.choice(self._system.tops))
+                act = asyncio.create_task(self._act(draw.choice(HOST), draw.choice(self._system.tops)))
+                self.tasks.append(act)
+                if draw.random() < 0.6:  # else what comes next comes meanwhile
+                    await asyncio.wait([act])
+                continue
+            if stimuli is COMMANDS and draw.random() < 0.2:
+                self._entangle()
                 continue
             name = draw.choice(list(self._journal.robots))
             if self._journal.robots[name].life == "running":
@@ -73,26 +94,100 @@ class Script:
                 self._turn.publish([(name, stimulus)])
             await asyncio.sleep(draw.choice(PAUSES[:3]))
 
+    def _entangle(self):
+        """Do several things to an ensemble and to those above and below it, all in this step of the loop."""
+        draw, journal = self._random, self._journal
+        name = draw.choice(list(journal.robots))
+        match draw.choice(["any", "any", "change", "nest"]):
+            case "any":
+                names = self._related(name)
+                chosen = [(draw.choice([name, *names]), draw.choice(ENTANGLED)) for _ in range(draw.randint(2, 6))]
+            case "change":  # of mind, more than once, and then no more
+                last = draw.choice(["endanger", "stop", "set"])
+                chosen = [(name, "set") for _ in range(draw.randint(2, 4))] + [(name, last)]
+            case "nest":  # one that is safe below one that is safe
+                above = draw.choice(journal.above(name))
+                chosen = [(name, "start"), (name, "set"), (name, "endanger"), (above, "endanger"), (name, "start")]
+                chosen += [(name, "release"), (name, "set")]
+                chosen = [each for each in chosen if draw.random() < 0.9]
+        if draw.random() < 0.3:
+            self._turn.publish(chosen)
+        else:
+            self._disturb_in_a_turn(chosen)
+
+    def _meddle(self, name):
+        """Do what an action does to its ensemble, or to one above or below it."""
+        draw = self._random
+        stimulus = draw.choice(INSIDE)
+        if stimulus != "exit":
+            self._disturb(draw.choice([name, *self._related(name)]), stimulus)
+        elif draw.random() < 0.3:
+            self._exit()
+
+    def _related(self, name):
+        """Return the names of an ensemble, and of those above and below it."""
+        journal = self._journal
+        return [other for other in journal.robots if other in journal.above(name) or name in journal.above(other)]
+
     # -- What the program does -----------------------------------------------------------------------------------
 
     async def _act(self, what, top):
         runtime = self._journal.runtime
         if what == "exit":
             if self._random.random() < 0.3:
-                text = self._journal.text(leaving=True)
-                crash(self._random.choice(list(self._journal.robots.values())), SystemExit(text))
+                self._exit()
         elif what == "stop it":
-            if top.life == "running" and not runtime.ending:
-                ending = self._journal.ends(self._names(top.name))
-                await runtime.stop(top)
-                ending.over = self._journal.order
-        elif top.parent is None and top.life in {"stopped", "failed"}:
-            start = asyncio.create_task(self._start(top))
-            if what != "start it":
-                for _ in range(self._random.randint(0, 12)):
-                    await asyncio.sleep(0)
-                start.cancel()
+            if top.parent is not None and not runtime.ending:
+                await self._stop(top)
+        elif what == "bounce it":
+            await self._act("stop it", top)
+            await self._act("break off its start", top)
+        elif top.parent is None and top.life in {"created", "stopped", "failed"}:
+            await self.start(top, broken_off=what != "start it")
+
+    def _exit(self):
+        known = [robot for robot in self._journal.robots.values() if robot.life != "created"]
+        if known:
+            crash(self._random.choice(known), SystemExit(self._journal.text(leaving=True)))
+
+    async def _stop(self, top):
+        ending = self._journal.ends(self._names(top.name))
+        try:
+            await self._journal.runtime.stop(top)
+        finally:
+            self._journal.ended(ending)
+
+    async def start(self, top, *, broken_off):
+        """Start an ensemble at the top; break that off at any step."""
+        draw, names = self._random, self._names(top.name)
+        start = asyncio.create_task(self._start(top))
+        if broken_off:
+            for _ in range(draw.randint(0, draw.choice([6, 10, 40, 120]))):
+                await asyncio.sleep(0)
+                if draw.random() < 0.05:
+                    self._disturb(draw.choice(names), draw.choice(["start", "set", "set"]))
+            await self._break_off(draw.choice(BREAKS), start, top, names)
+        await asyncio.wait([start])
+
+    async def _break_off(self, what, start, top, names):
+        journal, robots = self._journal, self._journal.robots
+        if start.done():
+            return
+        if what == "cancel":
+            ending = journal.ends(names)
+            start.cancel()
             await asyncio.wait([start])
+            journal.ended(ending)
+        elif what == "stop":
+            if top.parent is not None and not journal.runtime.ending:
+                await self._stop(top)
+        else:
+            robot = robots[self._random.choice(names)]
+            alive = [actor for actor in (robot, *robot.children) if actor.life in {"starting", "running"}]
+            if alive and what == "crash":
+                crash(self._random.choice(alive), mdm.Error(journal.text()))
+            elif alive:
+                crash(self._random.choice(alive), SystemExit(journal.text(leaving=True)))
 
     async def _start(self, top):
         try:
@@ -111,7 +206,8 @@ class Script:
 
     def _disturb(self, name, stimulus):
         robot = self._journal.robots[name]
-        if robot.life != "running":
+        asked = stimulus in ALWAYS and robot.life in {"starting", "restarting"}
+        if robot.life != "running" and not asked:
             return
         match stimulus:
             case "set":

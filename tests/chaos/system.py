@@ -6,7 +6,7 @@ import asyncio
 from functools import cache
 
 import numpy as np
-from chaos.actions import HEEDING, KINDS, SAFE_KINDS
+from chaos.actions import ASYNC, HEEDING, KINDS, SAFE_KINDS
 from chaos.journal import Panic
 
 import mdm
@@ -152,9 +152,10 @@ class System:
         return Predicates(name, self._journal, self._random.choice(["escalate", "escalate", restart]))
 
     def _robot(self, name, levels, manager):
-        draw, count = self._random, self._random.randint(2, 3)
+        draw, count = self._random, self._random.randint(2, 4)
         self.managers[name] = manager
         by_observations = draw.random() < 0.2
+        grouped = draw.choice([0.0, 0.0, 0.9])
         options = self._observing(name, manager, count) if by_observations else self._seeing(name, manager, count)
         actions = {}
         for index in range(count):
@@ -164,13 +165,14 @@ class System:
                 self._journal.parents[below.name] = name
                 actions[action] = mdm.bind(below, resume=draw.random() < 0.3)
             else:
-                actions[action] = self._bound(name, action)
+                actions[action] = self._bound(name, action, grouped)
         safe = f"{name}_go{count - 1}" if draw.random() < 0.25 else None
         if safe is not None:
             function = self._actions.make(draw.choice(SAFE_KINDS), name, safe, both=True)
             actions[safe] = mdm.bind(function, grace=draw.choice([0.5, 2.0]))
             self._journal.limits.pop(safe, None)
             self._journal.beside.discard(safe)
+            self._journal.groups.pop(safe, None)
         else:
             safe = self._actions.make(draw.choice(SAFE_KINDS), name, "safe", safe=True)
         robot = Robot(
@@ -197,20 +199,24 @@ class System:
         self._journal.robots[name] = robot
         return robot
 
-    def _bound(self, name, action):
+    def _bound(self, name, action, grouped):
         draw, kind = self._random, self._random.choice(KINDS)
         limit = draw.choice([None, None, 5.0])
         concurrent = draw.random() < 0.1
         if kind in HEEDING:
             self._journal.limits[action] = limit
+        of_group = kind in ASYNC and not concurrent and draw.random() < grouped
         if concurrent:
             self._journal.beside.add(action)
+        if of_group:
+            self._journal.groups[action] = name
         return mdm.bind(
             self._actions.make(kind, name, action),
             grace=draw.choice([0.5, 2.0]),
             timeout=limit,
             concurrent=concurrent,
             on_repeat=draw.choice(["continue", "continue", "restart"]),
+            group=name if of_group else None,
         )
 
     def _seeing(self, name, manager, actions):

@@ -58,18 +58,23 @@ async def main():
         lease=team.lease,
     )
 
+    ended = asyncio.Event()
+
     def order():
         line = sys.stdin.readline()
         if line:
             session.cut = json.loads(line)["cut"]
             tell(cut=session.cut)
+        else:  # whoever started it is gone
+            asyncio.get_running_loop().remove_reader(sys.stdin.fileno())
+            ended.set()
 
     async with mdm.Runtime(log=None) as runtime:
         asyncio.get_running_loop().add_reader(sys.stdin.fileno(), order)
         ensemble = over_beliefs(random_team(7, agents=len(agents)))(Robot(), place)
         await runtime.start(team.member(agent, ensemble, transport=session))
         tell(running=agent)
-        await asyncio.Event().wait()
+        await ended.wait()
 
 
 mdm.run(main)

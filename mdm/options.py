@@ -33,6 +33,9 @@ class ControllerOptions(TypedDict, total=False):
         initial_belief: The initial belief: S numbers, or the name or index of a certain state; by default the model's.
         tracker: An information state of your own; see `mdm.beliefs.Information`.
         false_negative: The observation, by name or index, of an undetected event; see `POMDP.with_false_negatives`.
+        memory: The most megabytes that the model may take here, as matrices or as its beliefs need them; one that would
+            take more is refused before they are made. Memory then counts for more than microseconds: a factored model
+            stays factored (`MDP.sparingly`). By default all that the machine has free, and speed counts.
         seed: The seed of a stochastic policy: equal seeds give equal decisions.
     """
 
@@ -42,6 +45,7 @@ class ControllerOptions(TypedDict, total=False):
     initial_belief: Any
     tracker: Information | None
     false_negative: Symbol | None
+    memory: float | None
     seed: int | None
 
 

@@ -9,12 +9,14 @@ import msgspec
 from mdm.actors import Binding, Ensemble, ObservationFactor, SafetyOptions, StateFactor
 from mdm.actors.control.drive import drive_of
 from mdm.actors.ensemble import MOST_LEVELS
+from mdm.beliefs.footprint import check_memory
 from mdm.config.functions import nothing
 from mdm.config.share import Seat
 from mdm.config.tables import ActionTable, EnsembleTable, ObservationTable, RestartTable, SearchTable, StateTable
 from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
 from mdm.logic import similar
+from mdm.models.compilation import sparing
 from mdm.policies import DeterministicPolicy
 from mdm.runtime import Restart, Supervision
 from mdm.solvers.online import TreeSearch
@@ -37,7 +39,7 @@ __all__ = ["Ensembles"]
 _OPTIONS = [
     option
     for option in SafetyOptions.__annotations__
-    if option in EnsembleTable.__struct_fields__ and option not in {"drive", "rewards", "seed"}
+    if option in EnsembleTable.__struct_fields__ and option not in {"drive", "rewards", "seed", "memory"}
 ]
 """Options of a control layer that pass from an ensemble's table unchanged."""
 T = TypeVar("T")
@@ -175,9 +177,11 @@ class Ensembles:
         model = self._model(table, key)
         if table.model is not None and model is None:
             return None
-        policy = self._policy(table, model, key)
+        memory = self._memory(table)
+        with sparing(wanted=memory is not None):
+            policy = self._policy(table, model, key)
         if table.search is not None and policy is not None:
-            policy = self._search(table, model, policy, f"{key}.search")
+            policy = self._search(table, model, policy, f"{key}.search", memory)
         self._wired[name] = states or [], observations or []
         seat = self._seat(name, table, model)
         if given is None:
@@ -197,7 +201,8 @@ class Ensembles:
         self._refuse_owners(seat, (*parts["states"], *parts["observations"]), key)
         if seat.placement is not None:
             self.joint[name] = seat.placement
-        return {**parts, "model": model, "rewards": rewards, "safe_action": safe, "agent": seat.agent}
+        own = {"rewards": rewards, "safe_action": safe, "agent": seat.agent, "memory": memory}
+        return {**parts, "model": model, **own}
 
     # -- A team's --------------------------------------------------------------------------------------------------
 
@@ -273,7 +278,15 @@ class Ensembles:
             return safe
         return (self._functions.find(safe, key) if seat.acts else None) or nothing
 
-    def _search(self, table: EnsembleTable, model: MDP | POMDP | None, policy: Any, key: str) -> TreeSearch | None:
+    def _memory(self, table: EnsembleTable) -> float | None:
+        """Return how many megabytes an ensemble's model may take; None where nothing limits it but the machine."""
+        if table.memory is not None or self._share is None:
+            return table.memory
+        return self._share.team.memory
+
+    def _search(
+        self, table: EnsembleTable, model: MDP | POMDP | None, policy: Any, key: str, memory: float | None
+    ) -> TreeSearch | None:
         given: SearchTable | None = self._problems.convert(table.search, SearchTable, key)
         if given is None:
             return None
@@ -282,6 +295,7 @@ class Ensembles:
                 raise ConfigError("a search needs a model")
             if table.false_negative is not None:
                 model = model.with_false_negatives(table.false_negative)
+            check_memory(model, memory, beliefs=True, matrices="a search")
             return TreeSearch(
                 model,
                 seconds=given.seconds,

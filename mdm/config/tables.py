@@ -115,6 +115,7 @@ class EnsembleTable(_Table, frozen=True):
     on_impossible: Literal["predict", "keep", "reset", "safe_action"] = "predict"
     on_no_observation: str = "predict"
     false_negative: str | int | None = None
+    memory: Annotated[float, Meta(gt=0)] | None = None
     deadline: Seconds | None = None
     agent: int | str | None = None
     agents: list[str] | None = None
@@ -178,6 +179,7 @@ class TeamTable(_Table, frozen=True):
     controller: str | None = None
     lease: Seconds = 1.0
     max_age: Seconds = 1.0
+    memory: Annotated[float, Meta(gt=0)] = 1000.0
     communication: Any = None
     access: str | None = None
     allowance: Any = None

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mdm.beliefs.footprint import check_memory
 from mdm.errors import ConfigError, ModelError
 from mdm.models import POMDP, FactoredMDP, FactoredPOMDP
 from mdm.models.factored.reward_rows import RewardRow, RewardRows
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from mdm.policies import Policy
     from mdm.symbols import Symbols
 
-__all__ = ["expectation", "horizon_of", "informed", "reward_rows", "seeded", "with_false_negatives"]
+__all__ = ["expectation", "horizon_of", "informed", "reward_rows", "seeded", "with_false_negatives", "within"]
 
 
 def informed(policy: Policy, model: MDP | None, tracker: Information | None) -> Information:
@@ -102,6 +103,24 @@ def with_false_negatives(model: MDP | None, symbol: Symbol) -> POMDP:
         return model.with_false_negatives(symbol)
     except ModelError as error:
         raise ConfigError(str(error), key="false_negative") from None
+
+
+def within(memory: float | None, model: MDP | None, policy: Policy, *, tracked: bool) -> MDP | None:
+    """Return a model that takes no more memory than it may; refuse one that would, before anything of it is made.
+
+    Args:
+        memory: The most megabytes; None for what the machine has free.
+        model: The model, if there is one.
+        policy: The policy.
+        tracked: Whether the controller tracks the belief, if the policy is over beliefs.
+    """
+    kind = getattr(policy, "input", "belief")
+    if model is None or kind == "observation":  # a plan, which needs nothing of the model but names
+        return model
+    spared = model if memory is None else model.sparingly()
+    search = "a search" if getattr(policy, "deliberates", False) else None
+    check_memory(spared, memory, beliefs=tracked and kind == "belief", matrices=search)
+    return spared
 
 
 def seeded(policy: Policy, seed: int) -> Policy:

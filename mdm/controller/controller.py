@@ -15,12 +15,21 @@ import numpy as np
 from mdm.beliefs import KnownState
 from mdm.beliefs.information import restore, snapshot
 from mdm.choice import check_choice
-from mdm.controller.construction import expectation, horizon_of, informed, reward_rows, seeded, with_false_negatives
+from mdm.controller.construction import (
+    expectation,
+    horizon_of,
+    informed,
+    reward_rows,
+    seeded,
+    with_false_negatives,
+    within,
+)
 from mdm.controller.foreign_belief import checked_belief, copied
 from mdm.controller.step import Step
 from mdm.errors import ConfigError, ModelError
 from mdm.loading import model_of, policy_of
 from mdm.models import POMDP
+from mdm.models.compilation import sparing
 from mdm.models.digest import digest, of_parts
 from mdm.options import ControllerOptions, OnImpossible, check_options
 from mdm.policies import mismatch
@@ -94,7 +103,8 @@ class Controller:
         false_negative = options.get("false_negative")
         if false_negative is not None:
             self.model = with_false_negatives(self.model, false_negative)
-        whole = policy_of(policy, self.model)
+        with sparing(wanted=options.get("memory") is not None):
+            whole = policy_of(policy, self.model)
         wrong = None if self.model is None else mismatch(whole, self.model)
         if wrong is not None:
             raise ConfigError(wrong, key="policy")
@@ -104,6 +114,7 @@ class Controller:
             self.policy = seeded(self.policy, seed)
         # What a plan knows at its start it takes from the team's model; an agent's own part knows nothing of it.
         tracker = options.get("tracker")
+        self.model = within(options.get("memory"), self.model, self.policy, tracked=tracker is None)
         self.information = informed(self.policy, None if agent is not None else self.model, tracker)
         self._tracks = getattr(self.policy, "input", "belief") == "belief" and tracker is None
         if false_negative is not None and not self._tracks:
@@ -123,7 +134,7 @@ class Controller:
         self._rewards: Sequence[Vector] | RewardRows | None = None
         if self._expected is not None:
             self._rewards = reward_rows(options.get("rewards"), self.model, self.symbols)
-        self._given_rewards = self._rewards if isinstance(self._rewards, list) and "rewards" in options else []
+        self._own_rewards = options.get("rewards") is not None
         self._initial: Vector | None = None
         self.epoch = 0
         self.impossible = 0
@@ -402,9 +413,8 @@ class Controller:
             policy = [type(self.policy).__name__, self._num_actions, *getattr(self.policy, "parameters", list)()]
             model = None if self.model is None else digest(self.model)
             tracked = type(self.information).__name__
-            self._configuration = of_parts(
-                [model, *policy, tracked, self.horizon, self.on_impossible, *self._given_rewards]
-            )
+            rewards: Any = self._rewards if self._own_rewards else []  # the model's are in its digest
+            self._configuration = of_parts([model, *policy, tracked, self.horizon, self.on_impossible, *rewards])
         return self._configuration
 
     _configuration: str | None = None

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import os
 import warnings
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from importlib.util import find_spec, module_from_spec
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -17,10 +19,10 @@ from mdm.compile_time import COMPILE_TIME
 from mdm.errors import ModelWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from types import ModuleType
 
-__all__ = ["can_compile", "compiled", "direct", "may_compile", "plain"]
+__all__ = ["can_compile", "compiled", "direct", "is_sparing", "may_compile", "plain", "sparing"]
 
 _Function = TypeVar("_Function", bound="Callable[..., Any]")
 
@@ -30,6 +32,25 @@ _COMPILATION, _PASS = "numba:compile", "numba:run_pass"
 
 _uncompiled: list[str] = []
 """The modules that are being imported as plain Python."""
+
+
+_sparing: ContextVar[bool] = ContextVar("sparing", default=False)
+"""Whether what is made now is for a process whose memory counts for more than microseconds."""
+
+
+@contextmanager
+def sparing(*, wanted: bool = True) -> Iterator[None]:
+    """Have what has a counterpart in numpy use that, if it is wanted: the compiler takes more than 100 MB."""
+    before = _sparing.set(wanted)
+    try:
+        yield
+    finally:
+        _sparing.reset(before)
+
+
+def is_sparing() -> bool:
+    """Whether what is made now should use numpy where it can, see `sparing`."""
+    return _sparing.get()
 
 
 @cache

@@ -13,7 +13,7 @@ from mdm.models.compressed import csr, is_compressed
 from mdm.models.validation import is_collecting, report
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from mdm.models.space import Space
 
@@ -25,6 +25,7 @@ __all__ = [
     "RowError",
     "Vector",
     "distribution",
+    "held_bytes",
     "is_large_and_sparse",
     "numbers",
     "read_only",
@@ -228,6 +229,15 @@ def distribution(given: npt.ArrayLike, *, what: str, size: int) -> Vector:
         vector /= total
     vector.flags.writeable = False
     return vector
+
+
+def held_bytes(matrices: Iterable[Matrix]) -> int:
+    """Return how many bytes matrices hold; one that several actions share counts once."""
+    once = {id(matrix): matrix for matrix in matrices}.values()
+    return sum(
+        matrix.data.nbytes + matrix.indices.nbytes + matrix.indptr.nbytes if is_compressed(matrix) else matrix.nbytes
+        for matrix in once
+    )
 
 
 def read_only(matrix: Any) -> Any:

@@ -15,7 +15,7 @@ from mdm.beliefs import Support
 from mdm.beliefs.batch import product
 from mdm.errors import ModelError
 from mdm.models import POMDP
-from mdm.models.compilation import can_compile
+from mdm.models.compilation import can_compile, is_sparing
 from mdm.models.matrices import numbers
 from mdm.policies.batch import BeliefBatch
 from mdm.policies.policy import BeliefPolicy, listed, whole
@@ -86,7 +86,7 @@ class AlphaVectors(BeliefPolicy):
         self.vectors = self._by_state.T
         self._is_large = matrix.size >= _LARGE
         self._at_belief, self._at_support = _at_belief, _at_support
-        if self._is_large and can_compile():
+        if self._is_large and not is_sparing() and can_compile():
             from mdm.policies.alpha_kernels import at_belief, at_support  # noqa: PLC0415 - numba is slow to import
 
             self._at_belief, self._at_support = at_belief, at_support

@@ -66,6 +66,7 @@ def facts(team: Team, ensemble: Ensemble, parts: Parts, start: bytes) -> dict[st
         "deadline": "none" if ensemble.control.deadline is None else f"{ensemble.control.deadline:g} s",
         "safe_action": ANY if ensemble.action.idle else _safe_action(ensemble),
         "on_lost_teammate": ensemble.safety.on_lost_teammate or "continue",
+        "memory": "limited" if getattr(controller.model, "is_sparing", False) else "not limited",
         "initial belief": _belief(controller),
         "hash of the model": "none" if controller.model is None else digest(controller.model)[:_HASH],
         "hash of the policy": of_parts(getattr(controller.policy, "parameters", list)())[:_HASH],

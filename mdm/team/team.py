@@ -70,6 +70,8 @@ class Team:
         lease: Seconds after which an agent that says nothing is taken as lost.
         max_age: Seconds for which the last word of an agent counts that is lost, or late: its state factors, its
             predicates.
+        memory: The most megabytes that a model may take at an agent. Ensembles of a file have it unless they say
+            something else; those of a program take it as their option of that name.
         ceilings: What Zenoh lets through at most, by key.
 
     Raises:
@@ -95,6 +97,7 @@ class Team:
         controller: str | None = None,
         lease: float = 1.0,
         max_age: float = 1.0,
+        memory: float = 1000.0,
         ceilings: Iterable[Ceiling] = (),
         communication: CommunicationPolicy | None = None,
     ) -> None:
@@ -138,6 +141,9 @@ class Team:
         self.controller = self.names[0] if controller is None else self.check_agent(controller, key="team.controller")
         self.lease = float(lease)
         self.max_age = float(max_age)
+        if isinstance(memory, bool) or not isinstance(memory, int | float) or not memory > 0:
+            raise ConfigError(f"memory is a number of megabytes, more than 0, not {memory!r}", key="team.memory")
+        self.memory = float(memory)
         self.ceilings = tuple(ceilings)
         ceiling_settings(self.ceilings)  # which refuses what is none
 

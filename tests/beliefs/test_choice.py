@@ -42,7 +42,7 @@ def dense_model(size, filled):
     ],
 )
 def test_the_filter_suits_the_model(size, filled, folded, plain, compiled, monkeypatch):
-    monkeypatch.setattr(belief_choice, "_FOLDED", folded)
+    monkeypatch.setattr(belief_choice, "FOLDED", folded)
     model = dense_model(size, filled)
     assert type(chosen_filter(model, fast=False)) is plain
     if can_compile():

@@ -194,7 +194,7 @@ def test_what_was_handed_out_never_changes(name, make):
 @pytest.mark.parametrize("folded", [4_000_000, 0])
 @pytest.mark.parametrize("fast", [False, pytest.param(True, marks=needs_numba)])
 def test_agrees_with_every_sequence_of_madp(fast, folded, monkeypatch):
-    monkeypatch.setattr(belief_choice, "_FOLDED", folded)
+    monkeypatch.setattr(belief_choice, "FOLDED", folded)
     compared = 0
     for problem in figures.COMPUTED:
         found = figures.model(problem)
@@ -214,7 +214,7 @@ def test_agrees_with_every_sequence_of_madp(fast, folded, monkeypatch):
 @pytest.mark.parametrize("fast", [False, pytest.param(True, marks=needs_numba)])
 def test_false_negatives_of_a_real_model_are_solved_for(fast, folded, monkeypatch):
     """Along MADP's own episodes, against numpy's solver; MADP itself truncates the series."""
-    monkeypatch.setattr(belief_choice, "_FOLDED", folded)
+    monkeypatch.setattr(belief_choice, "FOLDED", folded)
     found = figures.model("patrol").with_false_negatives(0)
     joint = joint_array(found)
     filter_ = chosen_filter(found, fast=fast)

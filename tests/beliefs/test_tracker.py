@@ -348,7 +348,7 @@ def test_something_is_observed_unless_the_model_leaves_it_open(folded, model, da
     else:
         expected = 1
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mdm.beliefs.choice._FOLDED", folded)
+        patch.setattr("mdm.beliefs.choice.FOLDED", folded)
         tracker = BeliefTracker(model)
 
     def probability(observation):
@@ -400,7 +400,7 @@ def test_steps_without_a_detection_are_what_the_equations_say(folded, model, dat
     inner = [[steps[s, t] if s in leads else 0.0 for t in range(size)] for s in range(size)]
     reached = np.array(solved(inner, model.initial_belief))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mdm.beliefs.choice._FOLDED", folded)
+        patch.setattr("mdm.beliefs.choice.FOLDED", folded)
         tracker = BeliefTracker((model.step_by_step() if tells_all else model).with_false_negatives(missed))
     total = 0.0
     for o in detected:

@@ -43,9 +43,22 @@ def test_limits_are_those_of_the_file(tmp_path):
     assert allowance is not described.options("b")["allowance"]
 
 
+def test_the_memory_of_a_team_is_that_of_its_ensembles(tmp_path):
+    path = write(tmp_path)
+    assert load_team_file(path).team.memory == 1000
+    assert load_system(path, agent="a").ensembles["joint"].controller.model.is_sparing
+    path = write(tmp_path, ("port = 7600", "port = 7600\nmemory = 0.0001"))
+    assert load_team_file(path).team.memory == 0.0001
+    with pytest.raises(ConfigError, match=r"(?s)ensembles.joint.*states.*at most 0.1 kB are allowed \(memory\)"):
+        load_system(path, agent="a")
+    with_own = ('model = "rooms.npz"', 'model = "rooms.npz"\nmemory = 200')
+    load_system(write(tmp_path, ("port = 7600", "port = 7600\nmemory = 0.0001"), with_own), agent="a")
+
+
 @pytest.mark.parametrize(
     ("given", "key", "words"),
     [
+        ({"memory": 0}, "team.memory", "`float` > 0"),
         ({"allowance": {"message": 1}}, "team.allowance.message", "did you mean 'messages'"),
         ({"ceilings": [{"keys": "mdm/*/x"}]}, "team", "a rate, a size or a priority"),
         ({"ceilings": [{"rate": 1}]}, "team.ceilings.0", "'keys' is missing"),

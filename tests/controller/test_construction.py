@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -52,3 +54,88 @@ def test_false_negatives_are_the_model_s():
     for wrong in (None, mdm.models.MDP([[[1.0]]], [[0.0]], discount=0.9)):
         with pytest.raises(mdm.ConfigError, match="false negatives need a POMDP"):
             with_false_negatives(wrong, "hear-left")
+
+
+def fires(team=2):
+    return mdm.problems.fire_fighting(houses=3, team=team, discount=0.9)
+
+
+def vectors(model, seed=0):
+    """Return a policy that chooses among many actions by beliefs."""
+    random = np.random.default_rng(seed)
+    actions = random.permutation(len(model.action_space))[:9]
+    return mdm.policies.AlphaVectors(
+        random.normal(size=(len(actions), len(model.state_space))), actions.tolist(), len(model.action_space)
+    )
+
+
+def test_a_controller_with_little_memory_decides_as_one_of_matrices(monkeypatch):
+    """Beliefs, probabilities, rewards and actions are the same, also where agents have seen nothing."""
+    monkeypatch.setattr("mdm.models.factored.model._SMALL", 0)
+    model, policy = fires(3), vectors(fires(3))
+    spare, plain = Controller(policy, model, memory=100), Controller(policy, fires(3).flatten())
+    assert spare.model.stays_factored
+    random = np.random.default_rng(1)
+    steps = [controller.start() for controller in (spare, plain)]
+    for _ in range(30):
+        one, other = steps
+        assert one.action == other.action
+        assert one.reward == pytest.approx(other.reward, abs=1e-12)
+        assert one.probability == pytest.approx(other.probability, abs=1e-12)
+        np.testing.assert_allclose(spare.belief, plain.belief, atol=1e-12)
+        seen = [None if random.random() < 0.3 else int(random.integers(2)) for _ in range(3)]
+        steps = [controller.observe(seen) for controller in (spare, plain)]
+    assert not model.is_flattened
+
+
+def test_six_fire_fighters_decide_without_matrices():
+    """As matrices they would take gigabytes; the whole takes less than a hundred megabytes."""
+    model = fires(6)
+    assert model.matrix_size.total > 2e9
+    policy = mdm.policies.ConstantPolicy(5, len(model.action_space), len(model.state_space))
+    tracemalloc.start()
+    controller = Controller(policy, model, memory=1000)
+    step = controller.start()
+    for seen in ([0, 1, 0, 1, 0, 1], [1, None, 0, None, 1, 1], None):
+        step = controller.observe(seen)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 100e6
+    assert not controller.model.is_flattened
+    assert not model.is_flattened
+    assert -6 < step.reward < 0
+    assert controller.belief.sum() == pytest.approx(1)
+
+
+def test_policies_over_states_earn_what_the_matrices_say(monkeypatch):
+    monkeypatch.setattr("mdm.models.factored.model._SMALL", 0)
+    network = fires().network
+    mdp = mdm.models.FactoredMDP(
+        mdm.models.TwoSliceNetwork(
+            network.states,
+            network.actions,
+            initial=network.initial,
+            transitions=network.transitions,
+            utilities=network.utilities,
+        ),
+        discount=0.9,
+    )
+    policy = mdm.policies.ConstantPolicy(4, 9, len(mdp.state_space), input="state")
+    spare, plain = Controller(policy, mdp, memory=100), Controller(policy, mdp)
+    for state in (0, 17, 431):
+        assert spare.see(state).reward == pytest.approx(plain.see(state).reward, abs=1e-12)
+    assert spare.model.stays_factored
+
+
+def test_rewards_of_the_model_are_part_of_its_digest_and_others_count():
+    policy = RandomPolicy(3, 2, seed=1)
+    plain, own = Controller(policy, tiger()), Controller(policy, tiger(), rewards=tiger().rewards * 2)
+    assert plain.configuration != own.configuration
+    assert Controller(policy, tiger()).configuration == plain.configuration
+
+
+def test_a_plan_needs_no_matrices_and_is_never_refused():
+    plan = mdm.policies.FiniteStateController([0], [[0] * 64], 729)
+    controller = Controller(plan, fires(6), memory=1)
+    assert controller.start().action == 0
+    assert not controller.model.is_flattened

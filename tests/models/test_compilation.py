@@ -142,3 +142,13 @@ def test_a_direct_call_is_the_same_call():
 
 def test_a_direct_call_of_what_is_not_compiled_is_the_function():
     assert compilation.direct(max, 1, 2) is max
+
+
+def test_sparing_holds_within_a_block_and_only_where_it_is_wanted():
+    assert not compilation.is_sparing()
+    with compilation.sparing():
+        assert compilation.is_sparing()
+        with compilation.sparing(wanted=False):
+            assert not compilation.is_sparing()
+        assert compilation.is_sparing()
+    assert not compilation.is_sparing()

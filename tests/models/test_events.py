@@ -90,7 +90,7 @@ def test_beliefs_are_what_bayes_rule_says(folded, described, data):
     if tells_all:
         model = model.step_by_step()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mdm.beliefs.choice._FOLDED", folded)
+        patch.setattr("mdm.beliefs.choice.FOLDED", folded)
         tracker = BeliefTracker(model.with_false_negatives(missed))
     belief = model.initial_belief
     shape = model.observation_space.shape
@@ -277,7 +277,7 @@ def simulated(model, transitions, told, actions, episodes, random):
 @pytest.mark.parametrize("seed", range(8))
 def test_beliefs_are_the_shares_of_hidden_states(seed, folded, monkeypatch):
     """Of all simulated episodes in which the same was observed; how many steps went unseen nobody knows."""
-    monkeypatch.setattr("mdm.beliefs.choice._FOLDED", folded)
+    monkeypatch.setattr("mdm.beliefs.choice.FOLDED", folded)
     random = np.random.default_rng(seed)
     size, count, width, episodes = 3, 2, 2, 100_000
     transitions = distributions(random, count, size, size)

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from mdm.beliefs import Support
 from mdm.errors import ModelError
-from mdm.models.compilation import can_compile
+from mdm.models.compilation import can_compile, sparing
 from mdm.policies import AlphaVectors
 
 TABLES = [("broadcast_channel", 0.9), ("dec_tiger", 0.9), ("dec_tiger", 0.95), ("grid_small", 0.9)]
@@ -121,3 +121,19 @@ def test_a_belief_over_other_states_is_refused():
     for method in (large.action, large.value, large.q_values):
         with pytest.raises(ModelError, match=r"beliefs of 2 numbers, not of shape \(3,\)"):
             method(np.full(3, 1 / 3))
+
+
+def test_many_vectors_are_not_compiled_where_memory_is_short():
+    """The choice is the same, by arrays and by supports."""
+    random = np.random.default_rng(0)
+    vectors, actions = random.normal(size=(50, 500)), random.integers(4, size=50).tolist()
+    with sparing():
+        spare = AlphaVectors(vectors, actions, 4)
+    plain = AlphaVectors(vectors, actions, 4)
+    assert spare._at_belief.__module__ == "mdm.policies.alpha_vectors"
+    for _ in range(20):
+        belief = random.dirichlet(np.ones(500)) * (random.random(500) < 0.2)
+        belief /= belief.sum()
+        (states,) = belief.nonzero()
+        assert spare.action(belief) == plain.action(belief) == spare.action(Support(states, belief[states]))
+        assert spare.value(belief) == pytest.approx(plain.value(belief), abs=1e-12)

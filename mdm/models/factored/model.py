@@ -60,6 +60,11 @@ class _Factored(MDP):
         return matrix_size(self.network, sparse=self._sparse)
 
     @property
+    def is_flattened(self) -> bool:
+        """Whether its matrices have been made."""
+        return "_flat" in vars(self)
+
+    @property
     def stays_factored(self) -> bool:  # type: ignore[override]
         """Whether beliefs and rewards are computed on the network, since its matrices would be large.
 

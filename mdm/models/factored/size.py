@@ -38,11 +38,17 @@ class MatrixSize(NamedTuple):
         transitions: Those of T.
         observations: Those of O; 0 of an MDP.
         rewards: Those of R(s, a).
+        kinds: How many different matrices there are of T; actions of equal effect share one.
+        entries: How many entries such a matrix has that are not zero.
+        seen: How many a matrix of O has; of events, of an action.
     """
 
     transitions: int
     observations: int
     rewards: int
+    kinds: int
+    entries: int
+    seen: int
 
     @property
     def total(self) -> int:
@@ -59,23 +65,24 @@ def matrix_size(network: TwoSliceNetwork, *, sparse: bool | None = None) -> Matr
     """
     states, actions = len(network.states), len(network.actions)
     observations = 0 if network.observations is None else len(network.observations)
-    entries, seen = _entries(network)
+    after, seen = _entries(network)
     matrices = _distinct(network, network.transitions)
-    compressed = is_large_and_sparse(actions, states, states, entries * actions) if sparse is None else sparse
-    transitions = matrices * _bytes(states, states, entries, compressed=compressed)
+    compressed = is_large_and_sparse(actions, states, states, after * actions) if sparse is None else sparse
+    transitions = matrices * _bytes(states, states, after, compressed=compressed)
     if network.event_observations:
         told = actions * (
-            _bytes(round(entries), observations, entries * seen, compressed=True)
+            _bytes(round(after), observations, after * seen, compressed=True)
             if compressed
             else states * states * observations * _NUMBER
         )
     elif observations:
-        entries = seen * states
-        narrow = is_large_and_sparse(actions, states, observations, entries * actions) if sparse is None else sparse
-        told = _distinct(network, network.observation) * _bytes(states, observations, entries, compressed=narrow)
+        likely = is_large_and_sparse(actions, states, observations, seen * states * actions)
+        narrow = likely if sparse is None else sparse
+        told = _distinct(network, network.observation) * _bytes(states, observations, seen * states, compressed=narrow)
     else:
         told = 0
-    return MatrixSize(transitions, told, states * actions * _NUMBER)
+    told_entries = seen * (after if network.event_observations else states)
+    return MatrixSize(transitions, told, states * actions * _NUMBER, matrices, round(after), round(told_entries))
 
 
 def _entries(network: TwoSliceNetwork) -> tuple[float, float]:
@@ -89,6 +96,8 @@ def _entries(network: TwoSliceNetwork) -> tuple[float, float]:
         before, taken = random.integers(states, size=_WALKS), random.integers(actions, size=_WALKS)
     digits = _digits("state", before, network.states.shape) | _digits("action", taken, network.actions.shape)
     branches = _walk(network, "next_state", digits, random)
+    if not network.event_observations:  # O has a row for each state, whether it is reached or not
+        digits |= _digits("next_state", before, network.states.shape)
     told = _walk(network, "observation", digits, random)
     # Of events each entry of T has a row: a walk stands for as many as it has branches.
     weights = branches if network.event_observations else np.ones(len(branches))

@@ -55,14 +55,14 @@ def test_sizes_are_known_before(model):
     assert size.transitions == pytest.approx(transitions, rel=0.05)
     assert size.observations == pytest.approx(observations, rel=0.05)
     assert size.rewards == rewards
-    assert size.total == sum(size)
+    assert size.total == size.transitions + size.observations + size.rewards
 
 
 @given(factored_models())
-def test_sizes_of_small_models_are_exact_but_for_chains_of_variables(model):
+def test_sizes_of_small_models_are_close(model):
     size, (transitions, observations, rewards) = model.matrix_size, made(model)
-    assert size.transitions == pytest.approx(transitions, rel=0.1)
-    assert size.observations == pytest.approx(observations, rel=0.1)
+    assert size.transitions == pytest.approx(transitions, rel=0.3)
+    assert size.observations == pytest.approx(observations, rel=0.3)
     assert size.rewards == rewards
 
 

@@ -103,6 +103,11 @@ class Limits:
         """How many seconds it has left; below 0 where they are used up or it was interrupted."""
         return -1.0 if self._interrupted else self._time - self.seconds
 
+    @property
+    def end(self) -> float:
+        """The seconds of its run at which its time is up; infinite without a limit."""
+        return float(self._time)
+
     @contextmanager
     def uncounted(self) -> Iterator[None]:
         """Let the time that passes within count for nothing, such as that of a compiler."""

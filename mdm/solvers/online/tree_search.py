@@ -100,7 +100,7 @@ class Search:
     def prepare(self) -> None:
         """Allocate the tree, and compile, so that the first search is not slower than others."""
         if self._tree is None:
-            self.run(np.zeros(1, dtype=np.int64), np.ones(1), stopped=lambda: True)
+            self._run(np.zeros(1, dtype=np.int64), np.ones(1), stopped=lambda: True, seconds=float("inf"))
 
     def run(
         self,
@@ -118,6 +118,17 @@ class Search:
             stopped: Asked every millisecond whether to give up.
             timed: Whether its seconds count; without, its number of expansions alone ends it.
         """
+        self.prepare()  # what that takes is none of the search's time
+        return self._run(states, weights, stopped=stopped, seconds=self._seconds if timed else float("inf"))
+
+    def _run(
+        self,
+        states: npt.NDArray[np.int64],
+        weights: npt.NDArray[np.float64],
+        *,
+        stopped: Callable[[], bool],
+        seconds: float,
+    ) -> SearchResult:
         from mdm.solvers.online.kernel import grow, plant  # noqa: PLC0415 - numba takes long to import
 
         began = self._clock()
@@ -125,7 +136,6 @@ class Search:
         drawn_by = hashlib.blake2b(states.tobytes() + weights.tobytes(), digest_size=8).digest()
         generator = np.random.default_rng([self._seed, int.from_bytes(drawn_by, "big")])
         plant(self._tables, tree, states, weights, generator, self._particles)
-        seconds = self._seconds if timed else float("inf")
         done, step = 0, 1
         while self._expansions is None or done < self._expansions:
             step = step if self._expansions is None else min(step, self._expansions - done)

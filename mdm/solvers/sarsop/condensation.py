@@ -118,16 +118,17 @@ class Controller:
         layout: The model.
         vectors: The nodes, with the values that they are said to have.
         defaults: The node of each block for observations that none else was chosen for.
+        after: The node after each node and observation, -1 for the default; all of them by default.
     """
 
-    def __init__(self, layout: Layout, vectors: Vectors, defaults: Indices) -> None:
+    def __init__(self, layout: Layout, vectors: Vectors, defaults: Indices, after: Indices | None = None) -> None:
         self._layout = layout
         self.vectors = vectors
         self._defaults = defaults
         self._width = vectors.values.shape[1]
         self._steps: dict[tuple[int, int], _Steps] = {}
         symbols = int(layout.observations.columns.max()) + 1
-        self._after = np.full((len(vectors.actions), symbols), -1)
+        self._after = np.full((len(vectors.actions), symbols), -1) if after is None else after
 
     @cached_property
     def _of_block(self) -> list[Indices]:
@@ -201,6 +202,8 @@ class Controller:
                 break
             arrived = _product(steps.back, visits[group])
             for sign in steps.signs:
+                if not goes_on():
+                    break
                 weights = arrived[:, sign.arrivals] * sign.chances
                 mass = weights.sum(axis=1)
                 some = np.flatnonzero(mass > least)
@@ -254,9 +257,9 @@ class Controller:
         result._steps = self._steps
         return result
 
-    def of(self, vectors: Vectors) -> Controller:
-        """Return the controller with other values of its nodes, which nothing is chosen for yet."""
-        result = Controller(self._layout, vectors, self._defaults)
+    def of(self, vectors: Vectors, *, chosen: bool = False) -> Controller:
+        """Return the controller with other values of its nodes, with what was chosen or nothing chosen yet."""
+        result = Controller(self._layout, vectors, self._defaults, self._after.copy() if chosen else None)
         result._steps = self._steps
         return result
 
@@ -281,10 +284,10 @@ class Controller:
         def ahead(values: Vector) -> Vector:
             result = np.empty_like(begin)
             for group, steps in self._groups(np.arange(len(begin))):
-                if not goes_on():
-                    raise TimeoutError
                 told = np.zeros((len(group), steps.ahead.shape[1]))
                 for sign in steps.signs:
+                    if not goes_on():
+                        raise TimeoutError
                     told[:, sign.arrivals] += values[self._followers(group, sign)][:, sign.places] * sign.chances
                 result[group] = discount * _product(steps.ahead, told)
             return result
@@ -360,6 +363,7 @@ def condensed(
     roots: Indices,
     *,
     slack: float,
+    after: Indices | None = None,
     part: Callable[[float], Callable[[], bool]] = lambda _: lambda: True,
 ) -> Condensed | None:
     """Return the vectors of a small plan; None where there is no time to evaluate one.
@@ -374,12 +378,14 @@ def condensed(
         start: The initial belief, X x Y: a row for each block.
         roots: The best vector in each block of the initial belief.
         slack: What may be lost at a belief for a vector less.
+        after: What may follow each vector and observation, to begin with: the first plan is then made of it alone.
         part: Returns a function that tells whether there is time left of a share of what remains now.
     """
     best: Condensed | None = None
-    controller = Controller(layout, vectors, defaults)
+    controller = Controller(layout, vectors, defaults, after)
     while True:
-        _settle(controller, start, roots, slack if best is None else _FINER * slack, part(_SEARCH))
+        if best is not None or after is None:
+            _settle(controller, start, roots, slack if best is None else _FINER * slack, part(_SEARCH))
         reached = controller.reached(roots)
         found = reached.evaluated(part(1.0))
         if found is None:
@@ -390,7 +396,7 @@ def condensed(
             best = Condensed(found, lower, reached.followers())
         if gain <= slack:
             return best
-        controller = reached.of(found)
+        controller = reached.of(found, chosen=after is not None)
 
 
 def _settle(controller: Controller, start: Vector, roots: Indices, slack: float, goes_on: Callable[[], bool]) -> None:

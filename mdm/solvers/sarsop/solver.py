@@ -67,8 +67,10 @@ _LEAST_VECTORS = 200
 _LEAST_NODES = 50_000
 _CONDENSATION = 0.5, 0.3
 """The seconds, and the part of the time so far, that a policy may take to be made small: the larger of them."""
-_RESERVED = 0.2
+_RESERVED = 0.25
 """The part of the time so far that is left of a time limit for it."""
+_BEYOND = 0.3
+"""The seconds that it may take beyond a time limit."""
 _FIRST_PLAN, _LEAST_PLAN = 1.0, 0.1
 """The seconds before a plan is looked for, and that the search for one may take at least."""
 _PLANS = 0.1
@@ -116,6 +118,7 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
             lower, upper = search.bounds()
             if run.gap < upper - lower <= search.rounding:
                 run.reason = "converged"
+        search.learn_followers()
         search.forget_beliefs()
         small = None if whole else search.condensed(run, lower, upper)
         vectors, lower = (search.whole(), lower) if small is None else small
@@ -176,6 +179,7 @@ class _Search:
         self._budget = 16
         self._next_plan = _FIRST_PLAN
         self._fewer = 0
+        self._after: npt.NDArray[np.intp] | None = None
         self._start(blind)
         self._kept_vectors = self.size
         self._kept_points = 0
@@ -299,6 +303,20 @@ class _Search:
         prune_vectors(self._graph, self._layout, needed_vectors(self._graph, self._layout, self._roots, slack))
         self._kept_vectors = self.size
 
+    def learn_followers(self) -> None:
+        """Learn what follows each vector after each observation at the first belief that it is the best at."""
+        graph = self._graph
+        count = int(graph.counts[NODES])
+        nodes = np.flatnonzero((graph.first_edge[:count] >= 0) & (graph.best[:count] >= 0))
+        vectors, first = np.unique(graph.best[nodes], return_index=True)
+        edges = graph.first_edge[nodes[first]] + graph.vector_action[vectors]
+        symbols = int(self._layout.observations.columns.max()) + 1
+        after = np.full((int(graph.counts[VECTORS]), symbols), -1)
+        for vector, edge in zip(vectors.tolist(), edges.tolist(), strict=True):
+            outcomes = slice(graph.first_outcome[edge], graph.first_outcome[edge] + max(graph.num_outcomes[edge], 0))
+            after[vector, graph.symbol[outcomes]] = graph.best[graph.child[outcomes]]
+        self._after = after
+
     def forget_beliefs(self) -> None:
         """Let go of all that only the search for more vectors needs: there are no bounds and no trials after that."""
         self._graph = without_beliefs(self._graph)
@@ -326,7 +344,8 @@ class _Search:
             return
         lower, upper = self.bounds()
         slack = _FEWER[self._fewer] * (upper - lower)
-        found = self._plan(limits, slack, began + 2 * max(_LEAST_PLAN, _PLANS * began))
+        end = min(began + 2 * max(_LEAST_PLAN, _PLANS * began), max(limits.end / (1 + _RESERVED), began + _LEAST_PLAN))
+        found = self._plan(limits, slack, end)
         gains = found is not None and found.lower > lower + _GAIN * (upper - lower)
         if found is not None and gains:
             self._add(found)
@@ -347,10 +366,10 @@ class _Search:
     def condensed(self, limits: Limits, lower: float, upper: float) -> tuple[Vectors, float] | None:
         """Return few vectors and their lower bound; None where they would not keep the bound that was found."""
         least, part = _CONDENSATION
-        end = limits.seconds + max(least, part * limits.seconds)
+        end = min(limits.seconds + max(least, part * limits.seconds), max(limits.end, limits.seconds) + _BEYOND)
         enough = min(lower, upper - limits.gap) if limits.reason == "gap" else lower - self.rounding
         for share in _FEWER:
-            found = self._plan(limits, share * max(upper - lower, 0.0), (limits.seconds + end) / 2 if share else end)
+            found = self._plan(limits, share * max(upper - lower, 0.0), end)
             if found is not None and found.lower >= enough:
                 return found.vectors, found.lower
             if limits.seconds >= end:
@@ -358,6 +377,7 @@ class _Search:
         return None
 
     def _plan(self, limits: Limits, slack: float, end: float) -> Condensed | None:
+        """Return a plan; where it is known what follows each vector, one that begins with that."""
         graph = self._graph
         chosen = graph.is_active[: graph.counts[VECTORS]] > 0
         chosen[graph.default_vector] = True
@@ -369,6 +389,11 @@ class _Search:
         if 16 * vectors.values.nbytes >= limits.room:
             return None
         start = self._model.initial_belief[self._order].reshape(-1, vectors.values.shape[1])
+        after = None
+        if self._after is not None:
+            place = np.full(len(chosen) + 1, -1)  # what is not chosen among, and no vector, is the default
+            place[some] = np.arange(len(some))
+            after = place[self._after[some]]
         return condensed(
             self._layout,
             vectors,
@@ -376,6 +401,7 @@ class _Search:
             start,
             np.searchsorted(some, graph.best[self._roots]),
             slack=slack,
+            after=after,
             part=lambda share: limits.until(limits.seconds + share * (end - limits.seconds)),
         )
 

@@ -13,6 +13,8 @@ from places import EXAMPLES
 from random_models import dense, distributions, flat_models
 
 import mdm
+from mdm.solvers.online import kernel
+from mdm.solvers.online.kernel import search_tree
 from mdm.solvers.online.tables import search_tables
 from mdm.solvers.online.tree_search import Search
 
@@ -202,6 +204,27 @@ def test_time_is_kept(tiger):
     result = search.run(np.array([0, 1]), np.array([0.5, 0.5]))
     assert result.seconds == pytest.approx(0.11)
     assert 0 < result.expansions < 100
+
+
+def test_what_the_first_search_waits_for_is_none_of_its_time(tiger, monkeypatch):
+    """To import, to compile and to allocate."""
+    now = [0.0]
+
+    def slow(*arguments):
+        now[0] += 2.0
+        return search_tree(*arguments)
+
+    def clock():
+        now[0] += 0.001
+        return now[0]
+
+    monkeypatch.setattr(kernel, "search_tree", slow)
+    tables = search_tables(tiger, upper=None, lower=None)
+    search = Search(tables, seconds=0.05, expansions=None, particles=10, memory=10**7, seed=1, clock=clock)
+    result = search.run(np.array([0, 1]), np.array([0.5, 0.5]))
+    assert now[0] > 2
+    assert result.seconds == pytest.approx(0.052, abs=0.002)
+    assert result.expansions > 10
 
 
 def test_it_gives_up_when_told(tiger):

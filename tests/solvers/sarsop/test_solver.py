@@ -21,6 +21,7 @@ from mdm.models import POMDP, MixedPOMDP
 from mdm.models.compilation import plain
 from mdm.solvers import Limits, solve
 from mdm.solvers.sarsop import condensation, sarsop, solver
+from mdm.solvers.sarsop.graph import VECTORS
 
 TIGER = EXAMPLES / "tiger.pomdp"
 
@@ -215,6 +216,46 @@ def test_memory_and_time_end_it():
     assert sarsop(model, limits=Limits(gap=0, memory=1)).reason == "memory"
     times = iter(np.arange(0, 1000, 0.25))
     assert sarsop(model, limits=Limits(gap=0, time=5, clock=lambda: next(times))).reason == "time"
+
+
+def test_plans_end_with_the_time(monkeypatch):
+    """Those of the search leave time for the last ones, which end a part of a second after the limit."""
+    ends = []
+
+    def plan(_search, limits, _slack, end):
+        ends.append((limits.reason, end))
+
+    monkeypatch.setattr(solver._Search, "_plan", plan)
+    times = itertools.count(0, 0.02)
+    limits = Limits(gap=0, time=10, clock=lambda: next(times))
+    found = sarsop(load_model(TIGER).with_discount(0.999), limits=limits)
+    assert found.reason == "time"
+    assert {reason for reason, _ in ends} == {None, "time"}
+    assert max(end for reason, end in ends if reason is None) <= 8.5
+    assert 9 < max(end for _, end in ends) <= 10.5
+    assert found.history[-1].seconds <= 11
+
+
+def test_followers_are_the_best_after_the_beliefs_that_vectors_were_found_at():
+    model = load_model(TIGER).with_discount(0.95)
+    limits = Limits(gap=0, clock=ticks())
+    search = solver._Search(model, limits)
+    while search.backups < 120:
+        search.run(limits)
+    search.bounds()
+    search.learn_followers()
+    graph = search._graph
+    (root,) = search._roots
+    vector = int(graph.best[root])
+    action = int(graph.vector_action[vector])
+    values = np.array([search._part(v) for v in range(int(graph.counts[VECTORS]))])
+    active = graph.is_active[: len(values)] > 0
+    for o in range(len(model.observation_space)):
+        after = (
+            model.initial_belief[search._order] @ dense(model.joint_matrix(action, o))[search._order][:, search._order]
+        )
+        scores = values @ (after / after.sum())
+        assert scores[search._after[vector, o]] == pytest.approx(scores[active].max(), abs=1e-3)
 
 
 def test_a_gap_of_nothing_ends_where_numbers_end():

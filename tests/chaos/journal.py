@@ -15,6 +15,10 @@ ANYTHING = (ValueError, asyncio.CancelledError, Panic, SystemExit)
 """What may be raised where a failure is expected."""
 
 
+LIVING = {"running", "stopping"}
+"""Where an ensemble stands when its mode is that of this life."""
+
+
 class Run:
     """One run of an action: whose, when it entered and left, in the order of all events, and when in nanoseconds."""
 
@@ -189,7 +193,9 @@ class Journal:
         if ending.began is None:
             self.order += 1
             ending.began = self.order
-            ending.active = {name for name in ending.names if self.robots[name].active}
+            robots = {name: self.robots[name] for name in ending.names}
+            # The mode of one that does not live is that of the life before.
+            ending.active = {name for name, robot in robots.items() if robot.active and robot.life in LIVING}
 
     def ended(self, ending):
         """Note that an end is over."""

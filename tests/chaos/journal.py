@@ -193,6 +193,8 @@ class Journal:
         if ending.began is None:
             self.order += 1
             ending.began = self.order
+            # Of those that were deciding when it was asked for, some may have been stopped by hand meanwhile.
+            ending.deciding = {name for name in ending.deciding if self.robots[name].mode != "stopped"}
             robots = {name: self.robots[name] for name in ending.names}
             # The mode of one that does not live is that of the life before.
             ending.active = {name for name, robot in robots.items() if robot.active and robot.life in LIVING}

@@ -110,7 +110,7 @@ def _check_ports(team: Team) -> None:
         if protocol == "unixsock-stream" or not port.isdigit():
             continue
         resolve(agent.endpoint or "")
-        kind = socket.SOCK_DGRAM if protocol in {"udp", "quic"} else socket.SOCK_STREAM
+        kind = socket.SOCK_DGRAM if protocol == "quic" else socket.SOCK_STREAM
         family, _, _, _, place = socket.getaddrinfo(host.strip("[]"), int(port), type=kind)[0]
         with socket.socket(family, kind) as one:
             if kind == socket.SOCK_STREAM:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PROTOCOLS", "check_endpoint", "resolve", "settings"]
 
-PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream")
+PROTOCOLS = ("tcp", "tls", "quic", "ws", "unixsock-stream")
 
 _ADDRESS = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[^\[\]:/\s]+):(?P<port>[0-9]{1,5})")
 
@@ -28,6 +28,12 @@ def check_endpoint(endpoint: object, *, key: str | None = None) -> str:
     if not isinstance(endpoint, str):
         raise ConfigError(f"{form}, not {endpoint!r}", key=key)
     protocol, slash, rest = endpoint.partition("/")
+    if slash and protocol == "udp":
+        raise ConfigError(
+            f"the endpoint {endpoint!r} would lose messages that nobody sends again, so that agents share no steps "
+            f"where a few in a hundred are lost: write tcp/{rest}, or tls/ with access",
+            key=key,
+        )
     if not slash or protocol not in PROTOCOLS:
         raise ConfigError(f"{form}, where the protocol is one of {', '.join(PROTOCOLS)}, not {endpoint!r}", key=key)
     address = re.split(r"[?#]", rest, maxsplit=1)[0]

@@ -112,7 +112,7 @@ def test_a_port_that_somebody_has_is_told_in_a_sentence(mdm, team):
     ("endpoint", "words"),
     [
         ("tcp/192.0.2.7:7447", "run it on the machine that has this address: mdm team run FILE --agent a"),
-        ("udp/192.0.2.7:7447", "run it on the machine that has this address: mdm team run FILE --agent a"),
+        ("quic/192.0.2.7:7447", "run it on the machine that has this address: mdm team run FILE --agent a"),
         ("tcp/robot.invalid:7447", "no host 'robot.invalid' is known"),
     ],
 )

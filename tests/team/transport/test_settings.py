@@ -12,7 +12,7 @@ from mdm.team.transport.settings import check_endpoint, resolve, settings
 
 @pytest.mark.parametrize(
     "endpoint",
-    ["tcp/127.0.0.1:7447", "tcp/[::1]:7447", "tls/robot1.local:1", "udp/10.0.0.1:65535", "tcp/[fe80::1%eth0]:7447",
+    ["tcp/127.0.0.1:7447", "tcp/[::1]:7447", "tls/robot1.local:1", "quic/10.0.0.1:65535", "tcp/[fe80::1%eth0]:7447",
      "tcp/0.0.0.0:7447#iface=eth0", "tcp/127.0.0.1:7447?prio=6-7", "unixsock-stream//tmp/robot1.sock"],
 )  # fmt: skip
 def test_endpoints_are_taken(endpoint):
@@ -28,6 +28,13 @@ def test_endpoints_are_taken(endpoint):
 def test_what_is_no_endpoint_is_refused_with_its_place(endpoint):
     with pytest.raises(ConfigError, match=r"^team\.agents: (an endpoint is|the endpoint)"):
         check_endpoint(endpoint, key="team.agents")
+
+
+def test_datagrams_are_refused_with_what_to_write_instead():
+    with pytest.raises(
+        ConfigError, match=r"^team\.agents: the endpoint 'udp/10\.0\.0\.1:7447' .*: write tcp/10\.0\.0\.1:7447"
+    ):
+        check_endpoint("udp/10.0.0.1:7447", key="team.agents")
 
 
 @given(st.text())

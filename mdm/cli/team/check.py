@@ -57,7 +57,9 @@ def examine(file: str, team: Team, *, imports: bool) -> Findings:
     """
     from mdm.cli.policies.inputs import load_ensembles  # noqa: PLC0415
     from mdm.cli.team.file import check_zenoh, systems_of  # noqa: PLC0415
+    from mdm.config import load_team_file  # noqa: PLC0415
     from mdm.errors import Error  # noqa: PLC0415
+    from mdm.team.transport.settings import exposed  # noqa: PLC0415
 
     systems, problems = systems_of(team, lambda agent: load_ensembles(file, agent, imports=imports))
     notes = dict.fromkeys(
@@ -75,4 +77,8 @@ def examine(file: str, team: Team, *, imports: bool) -> Findings:
             f"{', '.join(here)} can be reached from {'its' if len(here) == 1 else 'their'} own machine alone, and the "
             "other agents have endpoints elsewhere"
         )
+    described = load_team_file(file)
+    if described is not None and described.access(team.names[0]) is None:
+        risk = exposed(ends.values())
+        told += [] if risk is None else [risk]
     return f"team {team.name!r} of {len(team.names)} agents ({', '.join(team.names)})", problems, told

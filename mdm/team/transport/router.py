@@ -227,6 +227,11 @@ class Router:
     def _renumbered(self, key: str) -> None:
         self.drop("renumbered", f"the last number under {key} was far ahead of its owner's: what comes counts again")
 
+    def tell(self, kind: str, reason: str) -> None:
+        """Report what is no message that was dropped."""
+        if self._report is not None:
+            self._report(kind, reason)
+
     def drop(self, kind: str, reason: str, count: int = 1) -> None:
         """Count what is dropped, and report it: at once, but once a second at most."""
         self._dropped[kind] = self._dropped.get(kind, 0) + count

@@ -24,7 +24,7 @@ from mdm.team.transport.envelope import LARGEST, Packer, check_size, is_step
 from mdm.team.transport.keys import check_expression, check_name, join
 from mdm.team.transport.mailbox import Mailbox
 from mdm.team.transport.router import Router
-from mdm.team.transport.settings import check_endpoint, resolve, settings
+from mdm.team.transport.settings import check_endpoint, exposed, resolve, settings
 from mdm.team.transport.transport import LONGEST_CLOSE
 
 if TYPE_CHECKING:
@@ -182,6 +182,9 @@ class Session:
             self._end()
             raise
         self._state = "open"
+        risk = None if "access_control" in self._settings else exposed(self._listen)
+        if risk is not None:
+            self._router.tell("unprotected", risk)
         self._look()
 
     def _begin(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import re
 import socket
 from typing import TYPE_CHECKING, Any
@@ -9,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from mdm.errors import ConfigError, Error
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
-__all__ = ["PROTOCOLS", "check_endpoint", "resolve", "settings"]
+__all__ = ["PROTOCOLS", "check_endpoint", "exposed", "resolve", "settings"]
 
 PROTOCOLS = ("tcp", "tls", "quic", "ws", "unixsock-stream")
 
@@ -45,6 +46,34 @@ def check_endpoint(endpoint: object, *, key: str | None = None) -> str:
     if found is None or not 0 < int(found["port"]) < 65536:
         raise ConfigError(f"{form} from 1 to 65535, not {endpoint!r}", key=key)
     return endpoint
+
+
+def exposed(endpoints: Iterable[str]) -> str | None:
+    """Return in words what a team without certificates risks at its endpoints; None where it is its own machine's.
+
+    Args:
+        endpoints: Where agents listen.
+    """
+    found = [endpoint for endpoint in endpoints if not _is_local(endpoint)]
+    if not found:
+        return None
+    return (
+        f"whoever reaches {', '.join(found)} can speak as any agent of the team, and move its robots: give the team "
+        "certificates (`access`), or let nobody else into the network"
+    )
+
+
+def _is_local(endpoint: str) -> bool:
+    """Return whether an endpoint is reached from its own machine alone."""
+    protocol, _, rest = endpoint.partition("/")
+    found = _ADDRESS.match(rest)
+    if protocol == "unixsock-stream" or found is None:
+        return True
+    host = found["host"].strip("[]").partition("%")[0]
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def resolve(endpoint: str) -> None:

@@ -60,3 +60,4 @@ def test_one_that_others_cannot_reach_is_noted(mdm, free):
     status, output, _ = mdm("team", "check", team)
     assert status == 0
     assert any("b can be reached from its own machine alone" in line for line in output)
+    assert any("whoever reaches tcp/192.168.0.7:7447 can speak as any agent of the team" in line for line in output)

@@ -104,6 +104,17 @@ def test_without_a_certificate_nobody_is_let_in(guarded):
     guarded(main)
 
 
+def test_with_certificates_an_endpoint_that_everybody_reaches_is_no_risk(guarded):
+    async def main(net):
+        reports = []
+        session = net.transport("a", listen=f"tls/0.0.0.0:{free_port()}")
+        session.supervise(pytest.fail, lambda kind, reason: reports.append((kind, reason)))
+        await session.open()
+        assert reports == []
+
+    guarded(main)
+
+
 def test_files_that_are_missing_are_named(tmp_path):
     there = tmp_path / "there.pem"
     there.write_text("")

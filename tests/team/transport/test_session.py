@@ -445,3 +445,17 @@ def test_opening_that_is_cancelled_leaves_nothing_open():
         await again.close()
 
     asyncio.run(main())
+
+
+@pytest.mark.parametrize(("host", "told"), [("127.0.0.1", 0), ("0.0.0.0", 1)])
+def test_an_endpoint_that_everybody_reaches_is_told_once(host, told):
+    async def main(net):
+        reports = []
+        session = net.transport("a", listen=f"tcp/{host}:{free_port()}")
+        session.supervise(pytest.fail, lambda kind, reason: reports.append((kind, reason)))
+        await session.open()
+        assert [kind for kind, _ in reports] == ["unprotected"] * told
+        assert all("can speak as any agent of the team" in reason for _, reason in reports)
+        assert session.statistics().dropped == {}
+
+    LOOPBACK(main)

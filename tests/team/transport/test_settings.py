@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm.errors import ConfigError, Error
-from mdm.team.transport.settings import check_endpoint, resolve, settings
+from mdm.team.transport.settings import check_endpoint, exposed, resolve, settings
 
 
 @pytest.mark.parametrize(
@@ -49,6 +49,28 @@ def test_hosts_are_looked_up():
     resolve("unixsock-stream//tmp/robot1.sock")
     with pytest.raises(Error, match="no host 'robot.invalid' is known, of the endpoint tcp/robot.invalid:7447"):
         resolve("tcp/robot.invalid:7447")
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "others"),
+    [
+        ("tcp/127.0.0.1:7447", False),
+        ("tcp/127.8.8.8:7447", False),
+        ("tcp/localhost:7447", False),
+        ("tcp/[::1]:7447", False),
+        ("unixsock-stream//tmp/robot1.sock", False),
+        ("tcp/0.0.0.0:7447", True),
+        ("tls/[::]:7447", True),
+        ("tcp/192.168.0.7:7447#iface=eth0", True),
+        ("tcp/[fe80::1%eth0]:7447", True),
+        ("quic/robot1.local:7447", True),
+    ],
+)
+def test_endpoints_that_others_reach_are_named(endpoint, others):
+    told = exposed(["tcp/127.0.0.1:1", endpoint])
+    assert (told is not None) == others
+    if told is not None:
+        assert told.startswith(f"whoever reaches {endpoint} can speak as any agent")
 
 
 def test_nobody_else_is_looked_for_or_let_in():

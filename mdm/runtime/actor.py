@@ -475,8 +475,9 @@ class Actor:
                 except (Exception, *LEAVING) as error:
                     failed = error
                 if failed is None:
-                    self.__change("running")
-                    self.runtime.dispatcher.deliver(Subscription(None, self, self.__run_on), None)
+                    if not self.__asked("stop"):  # else some of its children may not have been started
+                        self.__change("running")
+                        self.runtime.dispatcher.deliver(Subscription(None, self, self.__run_on), None)
                     if start is not None:
                         start.done()
                     if self.__requested is not None:

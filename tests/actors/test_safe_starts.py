@@ -10,6 +10,7 @@ import pytest
 from safe_robots import Log, forever, robot
 
 from mdm import Ensemble, Error, PredicateManager, Restart, Runtime, run
+from mdm.messages import Control
 from mdm.testing import crash, probe, run_virtual
 
 STEPS = 45
@@ -65,6 +66,35 @@ def test_an_end_at_any_step_of_a_start_takes_no_time_and_tells_nothing_untrue(ho
 
     for steps in range(STEPS):
         run(partial(main, steps), virtual=True)
+
+
+@pytest.mark.parametrize("command", ["start", "stop", "reset", "release", "message"])
+def test_what_is_asked_at_any_step_of_a_start_that_is_broken_off_raises_nothing_and_starts_nothing(command):
+    async def main(runtime, steps, further):
+        one, layers = robot(Log(), predicates=PredicateManager()), set()
+        runtime.modes.subscribe(
+            lambda told: told.mode != "stopped" and layers.update(each.life for each in one.children)
+        )
+        faults = probe(runtime.faults)
+        start = asyncio.create_task(runtime.start(one))
+        for _ in range(steps):
+            await asyncio.sleep(0)
+        start.cancel()
+        for _ in range(further):
+            await asyncio.sleep(0)
+        if one.life in {"starting", "running"}:
+            if command == "message":
+                runtime.channel("robot/control", Control).publish(Control(runtime.clock.now(), "start"))
+            elif one.life == "running" or command in {"start", "stop"}:
+                getattr(one, command)()
+        await asyncio.wait([start])
+        assert (one.life, one.mode) != ("stopped", "deciding")
+        assert layers <= {"running"}  # nothing but what runs changes its mode
+        assert faults == []
+
+    for steps in range(STEPS // 3):
+        for further in range(STEPS // 3):
+            run_virtual(partial(main, steps=steps, further=further))
 
 
 @pytest.mark.parametrize("future", [False, True])

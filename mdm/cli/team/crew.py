@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
@@ -25,6 +26,9 @@ _FIRST_WAIT = 0.5
 _LONGEST_WAIT = 10.0
 _RESTARTS, _WITHIN = 5, 60.0
 _LAST_WORDS = 1.0
+_SILENCE, _AGAIN = 2.0, 10.0
+"""Seconds after which it is said who has not ended, for the first time and then again."""
+
 _LONGEST_LINE = 1 << 16
 
 
@@ -61,12 +65,29 @@ class Crew:
                 async with asyncio.timeout(seconds):
                     await self._ended(lives)
             self.end()
-            _, late = await asyncio.wait(lives, timeout=self._patience)
-            if late:
-                self.kill()
+            await self._wait_for_end(lives)
+            self.kill()
             await asyncio.gather(*lives)
         finally:
             self.kill()
+
+    async def _wait_for_end(self, lives: Sequence[asyncio.Task[None]]) -> None:
+        """Wait until all have ended, as long as they may take; say whom it waits for."""
+        clock, late = asyncio.get_running_loop(), set(lives)
+        until, told = clock.time() + self._patience, clock.time() + _SILENCE
+        while late and (left := until - clock.time()) > 0:
+            _, late = await asyncio.wait(late, timeout=max(min(left, told - clock.time()), 0))
+            if late and told <= clock.time() < until:
+                told += _AGAIN
+                self._tell_late(until - clock.time())
+
+    def _tell_late(self, left: float) -> None:
+        for agent, process in self._processes.items():
+            if process.returncode is None:
+                way = ""
+                if _is_stopped(process.pid):
+                    way = f": its process is stopped, and goes on with `kill -CONT {process.pid}`"
+                self._console.tell(agent, "ending", f"has not ended yet, and is killed in {left:.0f} s{way}")
 
     async def _ended(self, lives: Sequence[asyncio.Task[None]]) -> None:
         """Wait until all have ended, or are to end."""
@@ -171,6 +192,14 @@ def _record(line: bytes) -> dict[str, object] | None:
     except (msgspec.MsgspecError, ValueError):
         return None
     return found if isinstance(found, dict) else None
+
+
+def _is_stopped(process: int) -> bool:
+    """Return whether a process is stopped by a signal; where the system does not say so, it is not."""
+    try:
+        return Path(f"/proc/{process}/stat").read_bytes().rpartition(b")")[2].split()[0] in {b"T", b"t"}
+    except (OSError, IndexError):
+        return False
 
 
 def _how(status: int) -> str:

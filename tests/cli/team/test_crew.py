@@ -99,6 +99,36 @@ def test_a_stopped_process_is_killed_too():
     run(main)
 
 
+def test_what_does_not_end_is_named_while_it_is_waited_for(monkeypatch):
+    monkeypatch.setattr(module, "_SILENCE", 0.01)
+    monkeypatch.setattr(module, "_AGAIN", 0.01)
+
+    async def main():
+        told = Told()
+        crew = Crew({"a": OBEDIENT, "b": STUBBORN, "c": OBEDIENT}, told, 50.0)
+        running = asyncio.create_task(crew.run())
+        await told.until(lambda: len(told.lines) == 3)
+        stopped = crew._processes["c"]
+        stopped.send_signal(signal.SIGSTOP)
+        crew.end()
+        for agent, words in (
+            ("b", "has not ended yet, and is killed in 50 s"),
+            ("c", f": its process is stopped, and goes on with `kill -CONT {stopped.pid}`"),
+        ):
+            await told.until(
+                lambda agent=agent, words=words: any(
+                    (one, event) == (agent, "ending") and words in text for one, event, text in told.events
+                )
+            )
+        stopped.send_signal(signal.SIGCONT)
+        await told.until(lambda: stopped.returncode is not None)
+        assert stopped.returncode == 0
+        crew.kill()
+        await running
+
+    run(main)
+
+
 def test_failures_are_waited_for_longer_and_longer(monkeypatch):
     monkeypatch.setattr(module, "_FIRST_WAIT", 0.01)
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from mdm.config.team_file import TeamFile
     from mdm.maps import Navigation, Places
+    from mdm.models import MDP
     from mdm.team import Team
     from mdm.team.transport.transport import Transport
 
@@ -38,6 +39,7 @@ def load_system(
     callbacks: bool = True,
     transport: Transport | None = None,
     decisions: str | Path | None = None,
+    models: dict[Path, MDP] | None = None,
 ) -> System:
     """Build the system that a TOML file describes; of a team's file, that of one agent.
 
@@ -52,24 +54,28 @@ def load_system(
         callbacks: Import and bind the functions; otherwise actions do nothing and tasks are left out.
         transport: Of a team's file, what carries the agent's messages; by default a session of Zenoh at its endpoint.
         decisions: Of a team's file, a file to which each joint step is added as a line of JSON.
+        models: Those that were loaded before, by their files, and are not loaded again; what is loaded is added. For
+            programs that have the systems of several agents.
 
     Raises:
         ConfigError: With all problems, one per line and each in its ``problems``.
     """
-    return _Builder(Path(path), callbacks=callbacks).system(agent, transport=transport, decisions=decisions)
+    builder = _Builder(Path(path), callbacks=callbacks, models=models)
+    return builder.system(agent, transport=transport, decisions=decisions)
 
 
-def look_over(path: str | Path, *, agent: str | None = None) -> System:
+def look_over(path: str | Path, *, agent: str | None = None, models: dict[Path, MDP] | None = None) -> System:
     """Build the system that a TOML file describes, to look at it: functions are looked for, and not imported.
 
     Args:
         path: The file.
         agent: Of a team's file, which agent's system.
+        models: Those that were loaded before, by their files; what is loaded is added.
 
     Raises:
         ConfigError: With all problems, one per line and each in its ``problems``.
     """
-    return _Builder(Path(path), callbacks=False, look=True).system(agent)
+    return _Builder(Path(path), callbacks=False, look=True, models=models).system(agent)
 
 
 def load_team(path: str | Path) -> Team | None:
@@ -94,8 +100,11 @@ def load_team_file(path: str | Path) -> TeamFile | None:
 class _Builder:
     """Builds a system and collects problems."""
 
-    def __init__(self, path: Path, *, callbacks: bool, look: bool = False) -> None:
+    def __init__(
+        self, path: Path, *, callbacks: bool, look: bool = False, models: dict[Path, MDP] | None = None
+    ) -> None:
         self._path = path
+        self._models = models
         self._callbacks = callbacks
         self._problems = Problems(path)
         self._functions = Functions(path.parent, self._problems, callbacks=callbacks, look=look)
@@ -125,7 +134,9 @@ class _Builder:
         declarations.declare_others(document.get("ensembles"))
         located = places is not None or "places" not in document  # else any name may be one of the map's
         builder = Ensembles(
-            self._path.parent, declarations.manager, self._functions, self._problems, share, navigation, located=located
+            *(self._path.parent, declarations.manager, self._functions, self._problems, share, navigation),
+            located=located,
+            models=self._models,
         )
         ensembles = builder.build(document)
         tasks = self._tasks(self._own_tasks(document, share))

@@ -56,6 +56,7 @@ class Ensembles:
         share: In a team's file, whose part it is.
         navigation: What takes the ways of the file's map.
         located: Whether it is known which places there are; else what names them is not checked.
+        models: Those that were loaded before, by their files; what is loaded is added.
 
     Attributes:
         joint: The placements of the team's ensembles, by their names: of those that agents decide together.
@@ -71,7 +72,9 @@ class Ensembles:
         navigation: Navigation | None = None,
         *,
         located: bool = True,
+        models: dict[Path, MDP] | None = None,
     ) -> None:
+        self._models = {} if models is None else models
         self._navigation = navigation
         self._located = located
         self._folder = folder
@@ -253,7 +256,10 @@ class Ensembles:
         if table.model is None:
             return None
         with self._problems.collecting(f"{key}.model"):
-            model = load_model(self._resolve(table.model))
+            path = self._resolve(table.model)
+            model = self._models.get(path)
+            if model is None:
+                model = self._models[path] = load_model(path)
             return model if table.discount is None else model.with_discount(table.discount)
         return None
 

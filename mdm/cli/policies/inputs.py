@@ -15,6 +15,7 @@ from mdm.policies import mismatch
 
 if TYPE_CHECKING:
     import argparse
+    from pathlib import Path
 
     from mdm.config import System
     from mdm.models import MDP, Durations
@@ -40,15 +41,18 @@ def load(path: str, discount: float | None) -> MDP:
     return model if discount is None else model.with_discount(discount)
 
 
-def load_ensembles(path: str, agent: str | None = None, *, imports: bool) -> System:
+def load_ensembles(
+    path: str, agent: str | None = None, *, imports: bool, models: dict[Path, MDP] | None = None
+) -> System:
     """Load a TOML file, of a team's file the part of an agent, in order to look at it.
 
     Args:
         path: The file.
         agent: The agent.
         imports: Import its functions, which runs their modules; otherwise they are looked for in the source.
+        models: Those that were loaded before, by their files; what is loaded is added.
     """
-    return load_system(path, agent=agent) if imports else look_over(path, agent=agent)
+    return (load_system if imports else look_over)(path, agent=agent, models=models)
 
 
 def load_durations_for(model: MDP, path: str | None) -> Durations | None:

@@ -8,8 +8,10 @@ from mdm.cli.usage import add_import
 
 if TYPE_CHECKING:
     import argparse
+    from pathlib import Path
 
     from mdm.cli.files.check import Findings
+    from mdm.models import MDP
     from mdm.team import Team
 
 __all__ = ["add_parser", "examine", "run"]
@@ -61,7 +63,8 @@ def examine(file: str, team: Team, *, imports: bool) -> Findings:
     from mdm.errors import Error  # noqa: PLC0415
     from mdm.team.transport.settings import exposed  # noqa: PLC0415
 
-    systems, problems = systems_of(team, lambda agent: load_ensembles(file, agent, imports=imports))
+    models: dict[Path, MDP] = {}  # the same at all agents
+    systems, problems = systems_of(team, lambda agent: load_ensembles(file, agent, imports=imports, models=models))
     notes = dict.fromkeys(
         note for system in systems.values() for ensemble in system.ensembles.values() for note in ensemble.notes()
     )

@@ -8,8 +8,10 @@ from mdm.cli.usage import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from mdm.config import System
+    from mdm.models import MDP
     from mdm.team import Team
 
 __all__ = ["check_zenoh", "ensembles_of", "systems_of", "team_of"]
@@ -80,9 +82,10 @@ def sound_systems_of(file: str, team: Team) -> dict[str, System]:
     from mdm.team import Network  # noqa: PLC0415
 
     nobody = Network(VirtualClock(), team=team.name)
+    models: dict[Path, MDP] = {}  # the same at all agents
 
     def load(agent: str) -> System:
-        return load_system(file, agent=agent, callbacks=False, transport=nobody.transport(agent))
+        return load_system(file, agent=agent, callbacks=False, transport=nobody.transport(agent), models=models)
 
     systems, problems = systems_of(team, load)
     if problems:

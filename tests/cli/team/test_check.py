@@ -61,3 +61,14 @@ def test_one_that_others_cannot_reach_is_noted(mdm, free):
     assert status == 0
     assert any("b can be reached from its own machine alone" in line for line in output)
     assert any("whoever reaches tcp/192.168.0.7:7447 can speak as any agent of the team" in line for line in output)
+
+
+@pytest.mark.parametrize("verb", ["check", "status"])
+def test_a_model_is_loaded_once_for_all_agents(mdm, free, verb, monkeypatch):
+    from mdm.config import ensembles
+
+    team, loaded = free(), []
+    load = ensembles.load_model
+    monkeypatch.setattr(ensembles, "load_model", lambda path: loaded.append(path) or load(path))
+    mdm("team", verb, team)
+    assert [path.name for path in loaded] == ["rooms.npz"]

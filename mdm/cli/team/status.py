@@ -19,6 +19,7 @@ _COLUMNS = (
     *("agent", "ensemble", "mode", "role", "term", "step", "digest"),
     *("late (ms)", "clock (ms)", "dropped", "sees", "action"),
 )
+_DAY = 86400.0
 
 
 def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
@@ -29,7 +30,8 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
         description=(
             "Ask every agent of a running team for its mode, where it stands in the agreement, how late messages reach "
             "it (the median, and the worst), by how much the clock that is most off is ahead of its own, how many "
-            "messages it dropped, and whom it sees. The exit status is 1 if an agent does not answer."
+            "messages it dropped, and whom it sees. Times of more than a day are not shown: a message told them that "
+            "was forged, or a clock is set wrong (null with --json). The exit status is 1 if an agent does not answer."
         ),
         epilog="example: mdm team status examples/team/meeting.toml",
     )
@@ -78,6 +80,8 @@ async def _ask(file: str, team: Team) -> dict[str, dict[str, Any]]:
                 status = {"error": str(status if isinstance(status, Error) else figure)}  # noqa: PLW2901
             elif figure is not None:
                 status |= _carried(figure["transport"])  # noqa: PLW2901
+            for clock in status.get("clocks", {}).values():
+                clock["seconds"] = _plausible(clock["seconds"])
             found.setdefault(agent, {})[name] = status
     return {agent: found[agent] for agent in team.names if agent in found}
 
@@ -94,7 +98,7 @@ def _carried(transport: dict[str, Any]) -> dict[str, Any]:
         for way in ("sent", "received")
     }
     return {
-        "late": {"median": lateness.quantile(0.5), "worst": lateness.maximum},
+        "late": {"median": _plausible(lateness.quantile(0.5)), "worst": _plausible(lateness.maximum)},
         "dropped": transport["dropped"],
         **carried,
     }
@@ -114,7 +118,7 @@ def _row(agent: str, name: str, status: dict[str, Any]) -> list[str]:
         f"{status['mode']} ({causes})" if causes else status["mode"],
         *(_text(status.get(key)) for key in ("role", "term", "step")),
         _text(status.get("digest"))[:8],
-        "-" if late is None else f"{1e3 * late['median']:.1f}, {1e3 * late['worst']:.1f}",
+        "-" if late is None else f"{_milliseconds(late['median'])}, {_milliseconds(late['worst'])}",
         _worst(status.get("clocks", {})),
         str(sum(status.get("dropped", {}).values())),
         ", ".join(other for other in status["live"] if other != agent) or "-",
@@ -122,11 +126,21 @@ def _row(agent: str, name: str, status: dict[str, Any]) -> list[str]:
     ]
 
 
-def _worst(clocks: dict[str, dict[str, float]]) -> str:
+def _worst(clocks: dict[str, dict[str, float | None]]) -> str:
     """Return the offset of the clock that is most off."""
     if not clocks:
         return "-"
-    return f"{1e3 * max((clock['seconds'] for clock in clocks.values()), key=abs):+.1f}"
+    offsets = [clock["seconds"] for clock in clocks.values()]
+    known = [offset for offset in offsets if offset is not None]
+    return _milliseconds(max(known, key=abs) if len(known) == len(offsets) else None, sign="+")
+
+
+def _plausible(seconds: float) -> float | None:
+    return seconds if abs(seconds) <= _DAY else None
+
+
+def _milliseconds(seconds: float | None, sign: str = "") -> str:
+    return "more than a day" if seconds is None else f"{1e3 * seconds:{sign}.1f}"
 
 
 def _text(value: object) -> str:

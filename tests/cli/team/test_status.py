@@ -6,6 +6,7 @@ import json
 import signal
 import time
 
+import msgspec
 import pytest
 
 
@@ -114,3 +115,19 @@ def test_the_operator_of_a_team_with_certificates_may_ask(mdm, free, up, tmp_pat
         status, _, errors = mdm("team", "status", team)
         assert status == 1
         assert "operator.pem" in errors
+
+
+def test_times_that_cannot_be_are_not_shown():
+    from mdm.cli.team import status
+    from mdm.runtime.statistics import Latencies
+
+    def told(late, ahead):
+        latencies = Latencies()
+        latencies.record(late)
+        traffic = {"lateness": msgspec.to_builtins(latencies.snapshot()), "dropped": {}, "sent": {}, "received": {}}
+        clocks = {"b": {"seconds": status._plausible(ahead), "error": 0.001}, "c": {"seconds": 0.002, "error": 0.001}}
+        shown = {"mode": "deciding", "causes": [], "live": ["a"], "clocks": clocks, **status._carried(traffic)}
+        return status._row("a", "joint", shown)[7:9]
+
+    assert told(2_000_000, -0.5) == ["2.0, 2.0", "-500.0"]
+    assert told(2**62, -(2.0**62) / 1e9) == ["more than a day, more than a day", "more than a day"]

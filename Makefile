@@ -43,12 +43,15 @@ wheel-test:
 	cp -r tests examples benchmarks docs README.md CHANGELOG.md Makefile pyproject.toml hatch_build.py $(WHEEL)/copy
 	cd $(WHEEL)/copy && ../env/bin/mdm --version && ../env/bin/pytest -n logical --maxprocesses 8 --dist worksteal
 
-# Random systems under random faults in virtual time, then robots as real processes that get signals; two at a time.
+# Random systems under random faults in virtual time, then robots as real processes that get signals, two at a time; then
+# teams that are sent forged messages.
 # Violations are printed with their seeds.
 MDM_CHAOS ?= 100000
 MDM_CHAOS_PROCESSES ?= 1000
+MDM_FORGED ?= 200000
 chaos: $(READY)
 	PYTHONPATH=tests $(BIN)/python -m chaos $(MDM_CHAOS) $(MDM_CHAOS_PROCESSES)
+	PYTHONPATH=tests $(BIN)/python -m team.forgery $(MDM_FORGED)
 
 lint: $(READY)
 	$(BIN)/ruff check .

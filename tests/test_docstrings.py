@@ -31,6 +31,7 @@ WITHOUT = {  # protocols and results, which users do not make; and what a named 
     "policies.Deliberating",
     "policies.PACKABLE",
     "policies.mismatch",
+    "team.Confirmation",
     "simulation.CommunicationEvaluation",
     "simulation.Evaluation",
     "team.Agent",

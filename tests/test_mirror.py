@@ -72,6 +72,7 @@ ACROSS = {
     "team/test_membership.py": "members of replicated teams that come and go",
     "team/test_leftovers.py": "members that come and go, over real sessions",
     "team/test_processes.py": "members in processes of their own, over real sessions",
+    "team/test_forgery.py": "teams that are sent forged messages",
     "team/test_commanded.py": "teams of real processes that are cut off, commanded and healed",
     "team/test_planted.py": "that random schedules find faults that are planted in the agreement",
     "team/test_schedules.py": "the agreement under random faults",

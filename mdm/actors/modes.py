@@ -51,7 +51,7 @@ WAYS_BACK: Final = {
     "lost_teammate": "team",
     "lost_majority": "team",
     "lost_controller": "team",
-    "refused": "restart",
+    "refused": "team",
     "failure": "restart",
     "end": "never",
 }

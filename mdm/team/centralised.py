@@ -7,11 +7,13 @@ none is lost for long.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
+from msgspec import Meta
 
 from mdm.runtime import ActorStatistics
+from mdm.team.transport.bounds import Life, Name, Number, Text
 
 if TYPE_CHECKING:
     from mdm.actors import Ensemble
@@ -35,13 +37,13 @@ class Said(msgspec.Struct, frozen=True, array_like=True, gc=False):
         step: The last decision of that life which the agent had by then.
     """
 
-    number: int
-    tick: int
+    number: Number
+    tick: Number
     part: bytes | None
-    command: str | None
-    token: str = ""
-    life: int = 0
-    step: int = 0
+    command: Name | None
+    token: Name = ""
+    life: Life = 0
+    step: Number = 0
 
 
 class Decided(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -65,20 +67,20 @@ class Decided(msgspec.Struct, frozen=True, array_like=True, gc=False):
         void: Of each agent, the token of its last command that came too late to be done.
     """
 
-    step: int
+    step: Number
     running: bool
-    epoch: int
-    action: int | None
-    impossible: str | None
-    inputs: dict[str, bytes]
-    missing: tuple[str, ...]
-    command: str | None
-    digest: str
-    taken: dict[str, int]
-    token: str = ""
-    started: int = 0
-    bars: dict[str, tuple[int, int, int]] = {}
-    void: dict[str, str] = {}
+    epoch: Annotated[int, Meta(ge=-1, le=(1 << 62) - 1)]
+    action: Number | None
+    impossible: Text | None
+    inputs: dict[Name, bytes]
+    missing: tuple[Name, ...]
+    command: Name | None
+    digest: Text
+    taken: dict[Name, Number]
+    token: Name = ""
+    started: Number = 0
+    bars: dict[Name, tuple[Life, Number, Number]] = {}
+    void: dict[Name, Name] = {}
 
 
 encode = msgspec.msgpack.Encoder().encode

@@ -12,6 +12,7 @@ from mdm.team.agreement.hold import BARS, HOLD, STARTS, STOP
 from mdm.team.centralised import CentralisedStatistics, Decided, encode
 from mdm.team.copy import BEGIN
 from mdm.team.layer import TeamLayer
+from mdm.team.transport.bounds import can_be
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from mdm.team.transport.transport import Sample
 
 __all__ = ["Centre"]
+
+_MOST_TICKS = 8
+"""Ticks for which parts are kept, such as those of an agent ahead of time."""
 
 _NOT_READY = "the configurations of the agents that are there were not compared yet, or most of them differ"
 
@@ -71,7 +75,6 @@ class Centre(TeamLayer):
         super().on_start()
         self.ensemble.control.output.relay(self._publish)
         self.hear(join(self.team.name, "*", self.ensemble.name, "part"), self._on_said)
-        self.show_configuration()
         self._waited = False
         self._asking.clear()
         self.every(4 / self.team.lease, lambda _: self._put())
@@ -131,13 +134,12 @@ class Centre(TeamLayer):
             self._ready = True
             self._command(STOP if self._stopped else BEGIN)
 
-    def retire(self, reason: str) -> None:
-        """Decide nothing more."""
+    def pause(self) -> None:
+        """Decide on nothing that was begun."""
         self._open = None
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        super().retire(reason)
 
     # -- What the agents say -------------------------------------------------------------------------------------
 
@@ -179,8 +181,11 @@ class Centre(TeamLayer):
             return
         try:
             said = centralised.said(sample.body)
-        except (msgspec.MsgspecError, ValueError):
-            self.malformed += 1
+        except (msgspec.MsgspecError, ValueError) as error:
+            self._drop(sample, f"is none of a centralised team: {error}")
+            return
+        if said.tick > self.tick + _MOST_TICKS or not can_be(said.number, self.runtime.clock.now(), 1000):
+            self._drop(sample, f"is of tick {said.tick} and number {said.number}, which cannot be yet")
             return
         if not self._counts(sample.owner):
             return
@@ -214,13 +219,17 @@ class Centre(TeamLayer):
         self._bars[agent] = (sample.incarnation, said.number, self._last.step + 1)
         self._command(command, said.token)
 
+    def _drop(self, sample: Sample, reason: str) -> None:
+        self.malformed += 1
+        self.link.refuse_sample(sample, reason)
+
     def _collect(self, agent: str, tick: int, part: bytes | None) -> None:
         """Take what an agent saw until a tick; it counts for that one alone."""
         if tick <= self._closed:
             self._late += 1
             return
         self._ticks.setdefault(tick, {})[agent] = part
-        for old in sorted(self._ticks)[:-8]:  # ticks that nobody decides on, such as those of an agent ahead of time
+        for old in sorted(self._ticks)[:-_MOST_TICKS]:
             del self._ticks[old]
         self._close(late=False)
 

@@ -17,10 +17,13 @@ if TYPE_CHECKING:
     from mdm.team.ownership import Parts
     from mdm.team.team import Team
 
-__all__ = ["ANY", "difference", "facts"]
+__all__ = ["ANY", "brief", "difference", "facts"]
 
 ANY = ""
 """What a fact is at an agent that it does not concern: no difference to anything."""
+
+_SAFE_ACTION = "safe_action"
+"""The one fact that is no matter of an agent's own where it does not act."""
 
 _MANY = 8
 _HASH = 12
@@ -40,6 +43,15 @@ def difference(here: Mapping[str, str], agent: str, theirs: Mapping[str, str], t
         if one != other and ANY not in {one, other}:
             return f"{fact} is {one} at {agent} and {other} at {there}"
     return None
+
+
+def brief(ensemble: str, facts: Mapping[str, str]) -> dict[str, str]:
+    """Return the facts of an ensemble in few bytes: one hash of those that each agent has, and the other one."""
+    every = sorted((fact, value) for fact, value in facts.items() if fact != _SAFE_ACTION)
+    told = {f"configuration of ensemble {ensemble!r}": of_parts([repr(every).encode()])[:_HASH]}
+    if facts.get(_SAFE_ACTION, ANY) != ANY:
+        told[f"safe_action of ensemble {ensemble!r}"] = facts[_SAFE_ACTION]
+    return told
 
 
 def facts(team: Team, ensemble: Ensemble, parts: Parts, start: bytes) -> dict[str, str]:
@@ -64,7 +76,7 @@ def facts(team: Team, ensemble: Ensemble, parts: Parts, start: bytes) -> dict[st
         "horizon": str(controller.horizon),
         "on_impossible": controller.on_impossible,
         "deadline": "none" if ensemble.control.deadline is None else f"{ensemble.control.deadline:g} s",
-        "safe_action": ANY if ensemble.action.idle else _safe_action(ensemble),
+        _SAFE_ACTION: ANY if ensemble.action.idle else _safe_action(ensemble),
         "on_lost_teammate": ensemble.safety.on_lost_teammate or "continue",
         "memory": "limited" if getattr(controller.model, "is_sparing", False) else "not limited",
         "initial belief": _belief(controller),

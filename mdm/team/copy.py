@@ -14,6 +14,7 @@ from mdm.errors import ModelError
 from mdm.messages import Control, Observation, State
 from mdm.models.digest import of_parts
 from mdm.team.configuration import difference, facts
+from mdm.team.transport.bounds import Number
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -35,8 +36,8 @@ class Part(msgspec.Struct, frozen=True, array_like=True, gc=False):
     A value is None where nothing is new (of observations), or where it is unknown (of states).
     """
 
-    time: int
-    values: tuple[int | None, ...]
+    time: Number
+    values: tuple[Number | None, ...]
 
 
 _encode = msgspec.msgpack.Encoder().encode

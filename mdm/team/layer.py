@@ -37,6 +37,7 @@ _FAREWELL = 10.0
 _AGAIN = 0.05
 """Seconds after which an agent that did not answer is asked again."""
 
+_REFUSED = frozenset({"refused"})
 _TEAMMATE = frozenset({"lost_teammate"})
 
 
@@ -77,6 +78,7 @@ class TeamLayer(Layer):
         self.parts = Parts(team, ensemble, placement)
         ensemble.follow(self, self.parts.named(self.agent), acts=self.agent in agents)
         self.copy = Copy(team, self.agent, ensemble, self.parts)
+        link.compare(ensemble.name, self.copy.facts)
         self.commits: Channel[Committed] | None = None
         self.lost: frozenset[str] = frozenset()
         self.malformed = 0
@@ -102,6 +104,7 @@ class TeamLayer(Layer):
         if self.team.period is not None:
             self.every(1 / self.team.period, self._on_tick)
         self._hears = [self.link.watch(self._on_live, self)]
+        self.show_configuration()
 
     def on_stop(self) -> None:
         """Listen no more."""
@@ -117,14 +120,13 @@ class TeamLayer(Layer):
         return self.link.refusal
 
     def _on_live(self, link: Link) -> None:
-        if link.refusal is None:
-            self.take_live(link)
-        else:
-            self.retire(link.refusal)
-
-    def retire(self, reason: str) -> None:  # noqa: ARG002 - for layers that say it
-        """Decide nothing more: this agent cannot take part in the team."""
+        if link.refusal is not None:
+            self.pause()
+        self.take_live(link)
         self.assess(self.runtime.clock.now())
+
+    def pause(self) -> None:
+        """Decide on nothing that was begun: this agent takes no part in the team now."""
 
     def tell_loss(self, gone: Iterable[str], kind: str, text: str, lasts: Callable[[], bool]) -> None:
         """Report that agents are not there; where all of them have left in order, only if this one does not end, too.
@@ -270,11 +272,12 @@ class TeamLayer(Layer):
         self.assess(self.runtime.clock.now())
 
     def assess(self, now: int) -> None:
-        """Go safe, hold or go on, by who is lost; safe for good where this agent is refused."""
+        """Go safe, hold or go on, by who is lost; safe as long as this agent is refused."""
         safety = self.ensemble.safety
         if self.link.refusal is not None:
             safety.endanger("refused", self.link.refusal, now)
             return
+        safety.reopen(_REFUSED, now)
         if safety.on_lost_teammate == "safe_action":
             if self.lost:
                 safety.endanger("lost_teammate", f"lost: {', '.join(sorted(self.lost))}", now)

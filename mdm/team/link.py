@@ -4,8 +4,9 @@ Who is live is told by beats: each agent says several times a lease whom it hear
 that an agent whose loop is held is not taken for live, however well its transport keeps the connection. An agent is
 live for another where both hear each other.
 
-A beat says besides what must be the same at all agents for them to decide together at all. Of two agents in which that
-differs one is refused: it says so, leaves, and decides nothing.
+A beat says besides what must be the same at all agents for them to decide together at all; of each ensemble, a hash of
+it. Agents in which that differs are not live for each other. One of two, that which came later or has less company, is
+refused besides: it takes no part until they agree, or the other has gone. No message ends an agent for that.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.runtime import Actor, Subscription
-from mdm.team.configuration import difference
+from mdm.team.configuration import brief, difference
+from mdm.team.transport.bounds import Life, Name, Number, Text
 from mdm.team.transport.keys import join
 from mdm.team.transport.transport import LONGEST_CLOSE
 
@@ -61,22 +63,16 @@ class Beat(msgspec.Struct, frozen=True, array_like=True, gc=False):
         company: How many agents are live for it, itself included.
     """
 
-    agents: tuple[str, ...]
-    hears: dict[str, int]
-    facts: dict[str, str]
+    agents: tuple[Name, ...]
+    hears: dict[Name, Life]
+    facts: dict[Text, Text]
     settled: bool
-    company: int
-
-
-class Farewell(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What an agent says last; with a refusal, that and why it cannot take part in the team."""
-
-    refusal: str | None
+    company: Number
 
 
 _encode = msgspec.msgpack.Encoder().encode
-_decode_farewell = msgspec.msgpack.Decoder(Farewell).decode
 _decode = msgspec.msgpack.Decoder(Beat).decode
+_facts = msgspec.msgpack.Decoder(dict[str, str]).decode
 
 
 class Link(Actor):
@@ -95,7 +91,7 @@ class Link(Actor):
         left: Those who have left in order, with the incarnation that has.
         opened: Whether the transport is open.
         differing: Those of another configuration, with the incarnation that has it.
-        refusal: Why this agent cannot take part in the team; None where it can.
+        kept_out: Why this agent was refused last, where no agent has agreed with it since.
     """
 
     def __init__(
@@ -109,9 +105,13 @@ class Link(Actor):
         self.left: dict[str, int] = {}
         self.opened = False
         self.differing: dict[str, int] = {}
-        self.refusal: str | None = None
-        self._told: dict[str, int] = {}
         self._facts = dict(facts or {})
+        self._words: dict[str, Mapping[str, str]] = {}
+        self._ensembles: dict[str, str] = {}
+        self._outranking: dict[str, str] = {}
+        self.kept_out: str | None = None
+        self._differing_at: dict[str, int] = {}
+        self._left_at: dict[str, int] = {}
         self._since = 0
         self._leaving = False
         self._refused: set[str] = set()
@@ -152,14 +152,10 @@ class Link(Actor):
         self._beat()
         self._tell()
 
-    def say_farewell(self, refusal: str | None = None) -> None:
-        """Tell the others that this agent leaves in order: it puts nothing more, and they do not wait for it.
-
-        Args:
-            refusal: Why it cannot take part in the team, where that is why it leaves.
-        """
+    def say_farewell(self) -> None:
+        """Tell the others that this agent leaves in order: it puts nothing more, and they do not wait for it."""
         if self.opened and not self._leaving:
-            self.transport.put(self.key(FAREWELL), _encode(Farewell(refusal)), priority="step")
+            self.transport.put(self.key(FAREWELL), b"", priority="step")
         self._leaving = True
 
     @property
@@ -167,22 +163,17 @@ class Link(Actor):
         """Whether this agent has said that it leaves."""
         return self._leaving
 
-    def note_refused(self, others: Mapping[str, int]) -> None:
-        """Take it that it was reported why these cannot take part, by incarnation."""
-        self._told.update(others)
+    def compare(self, ensemble: str, facts: Mapping[str, str]) -> None:
+        """Hear only agents at which the facts of an ensemble are the same, where they have it."""
+        self._words[ensemble] = facts
+        told = brief(ensemble, facts)
+        self._facts |= told
+        self._ensembles |= dict.fromkeys(told, ensemble)
 
-    def _tell_refused(self, other: str, life: int, reason: str) -> None:
-        """Report that another agent cannot take part in the team, once in its life."""
-        if self._told.get(other) != life:
-            self._told[other] = life
-            self.report("refused", f"{other} cannot take part in the team: {reason}")
-
-    def refuse(self, reason: str) -> None:
-        """Take no part in the team, and leave it: whoever watches who is live is told."""
-        if self.refusal is None:
-            self.refusal = reason
-            self.say_farewell(reason)
-            self._tell()
+    @property
+    def refusal(self) -> str | None:
+        """Why this agent takes no part in the team now; None where it does."""
+        return next(iter(self._outranking.values()), None)
 
     @property
     def patience(self) -> float:
@@ -216,6 +207,10 @@ class Link(Actor):
                 self._refused.add(key)
                 self.report("oversize", str(error))
             return False
+
+    def refuse_sample(self, sample: Sample, reason: str) -> None:
+        """Drop a message whose fields are none that can be, and count it by its sender."""
+        self.transport.refuse(sample.owner, f"a message under {sample.key} {reason}")
 
     def listen(self, expression: str, handler: Callable[[Sample], None], actor: Actor) -> Subscription[Sample]:
         """Handle each message under the keys of an expression in a turn of an actor, until it is cancelled."""
@@ -292,11 +287,16 @@ class Link(Actor):
     def _standing(self) -> tuple[bool, int]:
         return self.runtime.clock.now() - self._since > self._lease + _SETTLED * 1e9, max(len(self.live), 1)
 
-    def _on_beat(self, sample: Sample) -> None:
+    def _opened(self, sample: Sample) -> Beat | None:
         try:
-            beat = _decode(sample.body)
+            return _decode(sample.body)
         except (msgspec.MsgspecError, ValueError):
-            beat = None
+            if sample.owner in self.team.names:
+                self.refuse_sample(sample, "is no beat")
+            return None
+
+    def _on_beat(self, sample: Sample) -> None:
+        beat = self._opened(sample)
         stranger = sample.owner not in self.team.names
         if stranger:
             self._tell_stranger(sample.owner)
@@ -304,16 +304,23 @@ class Link(Actor):
             return
         told = None if beat.facts == self._facts else self._difference(sample.owner, beat.facts)
         if told is not None:
-            self._part(sample, beat, told)
+            if self._beats.get(sample.owner, (None, False))[0] == sample.incarnation:
+                self.refuse_sample(sample, f"says what its agent did not say before in this life: {told}")
+            else:
+                self._part(sample, beat, told)
         if stranger or told is not None:
             return
-        self.differing.pop(sample.owner, None)
+        if self._agree(sample.owner):
+            self._tell(refused=True)
+        back = self.left.get(sample.owner) == sample.incarnation and sample.time > self._left_at[sample.owner]
+        if back:
+            del self.left[sample.owner]  # who beats has not left: another said so in its name
         old = self._beats.get(sample.owner)
         new = (sample.incarnation, beat.hears.get(self.agent) == self.transport.incarnation)
         self._beats[sample.owner] = new
         if old is None or old[0] != new[0]:
             self._beat()  # so that it soon knows that it is heard
-        if old != new:
+        if old != new or back:
             self._tell()
 
     def _tell_stranger(self, name: str) -> None:
@@ -329,48 +336,81 @@ class Link(Actor):
 
     def _difference(self, other: str, facts: Mapping[str, str]) -> str | None:
         """Return in words what is another there; of ensembles that only one of the two has nothing."""
-        shared = self._facts.keys() & facts.keys()
-        here, theirs = ({fact: one[fact] for fact in self._facts if fact in shared} for one in (self._facts, facts))
+        shared = [fact for fact in self._facts if fact in facts]
+        here, theirs = ({fact: one[fact] for fact in shared} for one in (self._facts, facts))
+        return self._in_words(other, here, theirs)
+
+    def _in_words(self, other: str, here: Mapping[str, str], theirs: Mapping[str, str]) -> str | None:
+        """Return the first difference, of the one that is refused first."""
+        if other in self.differing and other not in self._outranking:
+            return difference(theirs, other, here, self.agent)
         return difference(here, self.agent, theirs, other)
 
     def _part(self, sample: Sample, beat: Beat, told: str) -> None:
-        """Part with an agent of another configuration: who has been there longer, or has more company, stays."""
-        other = sample.owner
-        if self.refusal is not None or not self.opened or self.left.get(other) == sample.incarnation:
+        """Part with an agent of another configuration: which has been there longer, or has more company, stays."""
+        other, life = sample.owner, sample.incarnation
+        if not self.opened or self.left.get(other) == life:
             return
+        self._differing_at[other] = self.runtime.clock.now()
+        if self.differing.get(other) == life:
+            return
+        self._agree(other)
         mine, theirs = self._standing(), (beat.settled, beat.company)
-        refused = theirs > mine or (theirs == mine and other < self.agent)
-        self.differing[other] = sample.incarnation
-        if refused:
-            self.report("refused", f"{self.agent} cannot take part in the team: {told}")
-            self.refuse(told)
-            return
-        self._tell_refused(other, sample.incarnation, told)
-        if self._beats.pop(other, None) is not None:
-            self._tell()
+        self.differing[other] = life
+        if theirs > mine or (theirs == mine and other < self.agent):
+            self._outranking[other] = self.kept_out = told
+        self._beats.pop(other, None)
+        self.spawn(self._tell_difference(other, life, beat.facts), name="compare")
+        self._tell(refused=True)
+
+    async def _tell_difference(self, other: str, life: int, facts: Mapping[str, str]) -> None:
+        """Report in words what is another at another agent; of an ensemble, what that says of it."""
+        told = self._difference(other, facts) or ""
+        first = next((fact for fact, here in self._facts.items() if facts.get(fact, here) != here), None)
+        ensemble = self._ensembles.get(first or "")
+        if ensemble is not None:
+            answers = await self.ask(join(self.team.name, other, ensemble, "configuration"))
+            with suppress(KeyError, msgspec.MsgspecError, ValueError):
+                told = self._in_words(other, self._words[ensemble], _facts(answers[other])) or told
+        if self.differing.get(other) == life:
+            outranked = other in self._outranking
+            if outranked:
+                self._outranking[other] = self.kept_out = told
+            self.report("refused", f"{self.agent if outranked else other} cannot take part in the team: {told}")
+            self._tell(refused=outranked)
+
+    def _agree(self, other: str) -> bool:
+        """Take it that another agent has no other configuration any more, or is gone; return whether it had one."""
+        if self.differing.pop(other, None) is None:
+            return False
+        del self._differing_at[other]
+        self._outranking.pop(other, None)
+        return True
 
     def _on_tick(self, tick: Tick) -> None:
         if not tick.missed:  # else what came meanwhile has yet to be heard
             now = self.runtime.clock.now()
             silent = [agent for agent in self._beats if now - self._heard_at.get(agent, 0) > self._lease]
+            gone = [agent for agent, heard in self._differing_at.items() if now - heard > self._lease]
             for agent in silent:
                 del self._beats[agent]
-            if silent:
-                self._tell()
+            for agent in gone:
+                self._agree(agent)
+            if silent or gone:
+                self._tell(refused=bool(gone))
         if self.opened:
             self._beat()
 
     def _on_farewell(self, sample: Sample) -> None:
+        if sample.incarnation != self._seen.get(sample.owner):
+            self.refuse_sample(sample, "is a farewell of a life that is not here")
+            return
         self.left[sample.owner] = sample.incarnation
-        try:
-            refusal = _decode_farewell(sample.body).refusal
-        except (msgspec.MsgspecError, ValueError):
-            refusal = None
-        if refusal is not None and self.refusal is None and sample.owner in self.team.names:
-            self._tell_refused(sample.owner, sample.incarnation, refusal)
-        self._tell()
+        self._left_at[sample.owner] = min(sample.time, self.runtime.clock.now())
+        self._tell(refused=self._agree(sample.owner))
 
-    def _tell(self) -> None:
+    def _tell(self, *, refused: bool = False) -> None:
+        """Tell who is live, where that has changed, or whether this agent is refused may have."""
         if not self.opened:
             return
         live = {
@@ -382,7 +422,9 @@ class Link(Actor):
             live.clear()
         live[self.agent] = self.transport.incarnation
         live = {agent: live[agent] for agent in self.team.names if agent in live}
-        if live != self.live or self.refusal is not None:
+        if len(live) > 1:
+            self.kept_out = None
+        if live != self.live or refused:
             self.live = live
             for subscription in tuple(self._watching):
                 self.runtime.dispatcher.deliver(subscription, self)

@@ -194,8 +194,8 @@ class Member(Actor):
     def failings(self) -> list[str]:
         """Return in words what it did not do that it was to do."""
         told = []
-        if self.link.refusal is not None:
-            told.append(f"agent {self.agent!r} took no part in team {self.team.name!r}: {self.link.refusal}")
+        if self.link.kept_out is not None:
+            told.append(f"agent {self.agent!r} took no part in team {self.team.name!r}: {self.link.kept_out}")
         if self.decisions is not None and self.decisions.lost:
             told.append(f"{self.decisions.lost} decisions could not be written to {self.decisions.path_of_file}")
         return told

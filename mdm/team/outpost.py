@@ -71,7 +71,6 @@ class Outpost(TeamLayer):
         self._last = None
         super().on_start()
         self.hear(join(self.team.name, self._controller, self.ensemble.name, "decision"), self._on_decided)
-        self.show_configuration()
         self.call_later(_PATIENCE, self._on_patience)
 
     # -- What this agent says ------------------------------------------------------------------------------------
@@ -147,8 +146,13 @@ class Outpost(TeamLayer):
     def _on_decided(self, sample: Sample) -> None:
         try:
             decided = centralised.decided(sample.body)
-        except (msgspec.MsgspecError, ValueError):
+        except (msgspec.MsgspecError, ValueError) as error:
             self.malformed += 1
+            self.link.refuse_sample(sample, f"is no decision: {error}")
+            return
+        if decided.action is not None and decided.action >= self.ensemble.controller.policy.num_actions:
+            self.malformed += 1
+            self.link.refuse_sample(sample, f"decides on action {decided.action}, which the model has not")
             return
         if sample.incarnation != self._life:
             self._life = sample.incarnation
@@ -160,7 +164,9 @@ class Outpost(TeamLayer):
             self.spawn(self._compare(sample.incarnation), name="compare")
             if self.parts.takes == "state" and self.team.event_driven:
                 self.say(self.own)  # a controller that has just begun knows nothing
-        if self._waiting and decided.taken.get(self.agent, 0) >= self._waiting[0].number:
+        taken = decided.taken.get(self.agent, 0)
+        self._number = max(self._number, taken)  # more than was said, where another spoke in this agent's name
+        if self._waiting and taken >= self._waiting[0].number:
             self._waiting.popleft()
             self._say()
         if (void := decided.void.get(self.agent)) and self.commands.outcomes.get(void) == PENDING:
@@ -193,7 +199,7 @@ class Outpost(TeamLayer):
         goes_on = last is not None and last.running and decided.command in {HOLD, *STARTS} and not held
         if self._still or goes_on:
             pass  # nothing new is decided, or nothing of it is for this agent
-        elif decided.running and action is not None and 0 <= action < control.controller.policy.num_actions:
+        elif decided.running and action is not None:
             if decided.impossible is not None:
                 safety.alarm(Fault(now, self.ensemble.path, "impossible_observation", decided.impossible))
             control.carry_out(Action(now, decided.epoch, action))
@@ -272,7 +278,7 @@ class Outpost(TeamLayer):
         super().assess(now)
 
     def _on_patience(self) -> None:
-        if self._last is None and self.refusal is None:
+        if self._last is None and self.refusal is None and self._controller not in self.link.differing:
             self.report("waiting", f"cannot act: agent {self._controller!r}, which decides, is not there")
 
     def statistics(self) -> CentralisedStatistics:

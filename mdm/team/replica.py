@@ -7,7 +7,7 @@ its agent. Everything happens in turns of the event loop, and nothing waits.
 from __future__ import annotations
 
 from asyncio import get_running_loop
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
@@ -60,7 +60,7 @@ class ReplicaStatistics(ActorStatistics, frozen=True):
         malformed: Messages and parts that were none.
     """
 
-    role: Role
+    role: Role | Literal["refused"]
     term: int
     leader: str | None
     step: int
@@ -106,7 +106,6 @@ class Replica(TeamLayer):
             event_driven=team.event_driven,
             deadline_ns=deadline,
             retry_ns=max(10_000_000, min(50_000_000, deadline // 2)),
-            configuration=self.copy.facts,
         )
         self._keys = {to: link.key(ensemble.name, "agreement", to or _ALL) for to in (None, *team.names)}
         self._applied = 0
@@ -152,7 +151,7 @@ class Replica(TeamLayer):
 
     def offer(self, part: bytes | None) -> None:
         """Propose what this agent saw, for the next step; without a majority nobody would take it while it is new."""
-        if self._role in {"waiting", "refused"} and self.team.event_driven:
+        if self._role == "waiting" and self.team.event_driven:
             self._unsaid += 1
             self._withheld = True
             return
@@ -222,10 +221,13 @@ class Replica(TeamLayer):
     def _on_message(self, sample: Sample) -> None:
         try:
             message = decode(sample.body)
-        except Error:
-            self.malformed += 1
+        except Error as error:
+            self._drop(sample, str(error))
             return
         now = self._now()
+        if not self.agreement.believes(message, now):
+            self._drop(sample, "is of a term that cannot be")
+            return
         if isinstance(message, _BEHIND) and not self._behind:
             self._behind = True
             self.ensemble.control.catch_up(now, over=False)
@@ -235,14 +237,13 @@ class Replica(TeamLayer):
         else:
             self._set_timer(now)
 
+    def _drop(self, sample: Sample, reason: str) -> None:
+        self.malformed += 1
+        self.link.refuse_sample(sample, reason)
+
     def take_live(self, link: Link) -> None:
         """Take note of who is live."""
-        self._send(self.agreement.members(link.live, self.runtime.clock.now()))
-
-    def retire(self, reason: str) -> None:
-        """Agree on nothing more."""
-        self.agreement.refuse(reason)
-        self._send([])
+        self._send(self.agreement.members(link.live, self.runtime.clock.now(), barred=link.refusal is not None))
 
     def _on_time(self) -> None:
         self._timer = None
@@ -259,7 +260,6 @@ class Replica(TeamLayer):
         self.tell_held(settled=not agreement.hold.waits)
         if agreement.reports:
             reports, agreement.reports = agreement.reports, []
-            self.link.note_refused(agreement.excluded)
             for kind, text in reports:
                 if kind == "majority":
                     gone = [agent for agent in agreement.members_now if agent not in self.link.live]
@@ -267,9 +267,6 @@ class Replica(TeamLayer):
                 else:
                     self.report(kind, text)
         self._role = agreement.role
-        if agreement.refusal is not None and self.link.refusal is None:
-            parting: Subscription[str] = Subscription(None, self, self.link.refuse)
-            self._dispatcher.deliver_behind(parting, agreement.refusal)  # and behind what it has to say yet
         if self._behind and agreement.fetching is None:
             self._behind = False
             self.ensemble.control.catch_up(now, over=True)
@@ -310,6 +307,12 @@ class Replica(TeamLayer):
             waits = bool(agreement.proposals.components)
             if self._withheld if waits else self.copy.told(self.agent) != self.own:
                 self.say(self.own)
+        elif (
+            self._role in _STEADY
+            and not (self._behind or agreement.proposals.components)
+            and self.copy.told(self.agent) != self.own
+        ):
+            self.say(self.own)  # a step without this agent, taken before it was back, was too long after its word
         if self._role == "leading" and self.copy.aging and self._age is None:
             self._age = self.call_at(now + round(self.team.max_age * 1e9) + 1, self._on_age)
 
@@ -319,7 +322,7 @@ class Replica(TeamLayer):
             self.say(self.own)
 
     def _on_patience(self) -> None:
-        if self._role in {"joining", "waiting"} and not self.copy.begun:
+        if self._role in {"joining", "waiting"} and not self.copy.begun and self.refusal is None:
             here, needed = self.link.live or {self.agent: 0}, self.agreement.majority
             who = (
                 f"of team {self.team.name!r} {len(here)} of {len(self.team.names)} agents are here ({', '.join(here)})"
@@ -340,7 +343,7 @@ class Replica(TeamLayer):
             return  # as at nearly each step
         if self._role == "waiting":
             safety.endanger("lost_majority", f"{self.agent} is without a majority of team {self.team.name!r}", now)
-        elif self._role not in {"joining", "refused"}:
+        elif self._role != "joining":
             safety.reopen(_MAJORITY, now)
         super().assess(now)
 
@@ -418,7 +421,7 @@ class Replica(TeamLayer):
         agreement = self.agreement
         return ReplicaStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role=agreement.role,
+            role=agreement.role if self.refusal is None else "refused",
             term=agreement.term.number,
             leader=agreement.leader,
             step=agreement.step,

@@ -21,7 +21,6 @@ class Lockstep:
         self.kind = machine
         self.machines, self.line, self.now, self.lives = {}, deque(), 0, 0
         self.cut = set()
-        self.configurations = {}
         self.watched = True
         if start:
             for name in self.names:
@@ -43,7 +42,6 @@ class Lockstep:
             deadline_ns=DEADLINE,
             retry_ns=RETRY,
             patience_ns=PATIENCE,
-            configuration=self.configurations.get(name),
             **self.options,
         )
 

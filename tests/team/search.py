@@ -46,7 +46,7 @@ def clone(machine):
     made = object.__new__(type(machine))
     held = made.__dict__
     held.update(machine.__dict__)
-    for name in ("live", "present", "excluded", "components", "commands", "applied", "doubts", "timers"):
+    for name in ("live", "present", "components", "commands", "applied", "doubts", "timers"):
         held[name] = dict(held[name])
     held["reports"], held["_out"] = [], []
     for name in ("history", "proposals", "hold", "replica", "ballot"):
@@ -67,7 +67,7 @@ def describe(machine):
     """Return everything that decides what an agent does next, as bytes."""
     ballot, history, proposals, hold = machine.ballot, machine.history, machine.proposals, machine.hold
     return msgspec.msgpack.encode([
-        machine.agent, machine.incarnation, machine.term, machine.begun, machine.heard, machine.live, machine.excluded,
+        machine.agent, machine.incarnation, machine.term, machine.begun, machine.heard, machine.live,
         machine.released, machine.enough, machine.sound, machine.fetching, machine.members_now, machine.overdue,
         ballot and [ballot.invited, sorted(ballot.joined.items()), ballot.patient],
         history.lineage, history.side, history.commits,

@@ -137,50 +137,82 @@ def test_what_is_too_large_is_told_and_harms_nothing():
     run_virtual(main)
 
 
-def test_a_live_agent_that_turns_to_another_configuration_is_gone_at_once_for_who_watches():
-    """It was taken for live, says another thing in the same life, and is not told to go by anything that it says."""
+def beats(transport, **facts):
+    """Beat once, as an agent that hears all others and has these facts."""
+    lives = dict.fromkeys(TEAM.names, 1)
+    said = Beat(TEAM.names, lives, facts, settled=True, company=3)
+    transport.put(join("team", transport.agent, "beat"), msgspec.msgpack.encode(said), priority="step")
+
+
+async def alone(runtime, network):
+    """Return a link with a fact of its own."""
+    link = Link(TEAM, network.transport("a"), {"model": "rooms"}, name="a")
+    await runtime.start(link)
+    link.connect()
+    await asyncio.sleep(0.1)
+    return link
+
+
+def test_a_live_agent_does_not_turn_to_another_configuration_in_one_life():
+    """Whoever says so in its name has no say in who is live."""
 
     async def main(runtime):
-        network = Network(runtime.clock, lease=60.0)
-        a = Link(TEAM, network.transport("a"), {"model": "rooms"}, name="a")
-        await runtime.start(a)
-        a.connect()
-        await asyncio.sleep(0.1)
-        seen, user = [], mdm.Actor("user")
-        await runtime.start(user)
-        a.watch(lambda link: seen.append(tuple(link.live)), user)
-        b = network.transport("b")
+        network = Network(runtime.clock)
+        a, b = await alone(runtime, network), network.transport("b")
+        faults = probe(runtime.faults)
         await b.open()
-        lives = {"a": a.transport.incarnation, "b": b.incarnation}
-
-        def beat(model):
-            said = Beat(TEAM.names, lives, {"model": model}, settled=False, company=1)
-            b.put(join("team", "b", "beat"), msgspec.msgpack.encode(said), priority="step")
-
-        beat("rooms")
+        beats(b, model="rooms")
         await asyncio.sleep(0.05)
-        assert seen[-1] == ("a", "b")
-        beat("doors")
+        assert tuple(a.live) == ("a", "b")
+        beats(b, model="doors")
         await asyncio.sleep(0.05)
-        assert seen[-1] == ("a",)
-        assert tuple(a.live) == ("a",)
+        assert tuple(a.live) == ("a", "b")
+        assert a.refusal is None
+        assert [fault.kind for fault in faults] == ["incredible"]
+        assert "says what its agent did not say before in this life: model is rooms at a" in faults[0].detail
 
     run_virtual(main)
 
 
-@pytest.mark.parametrize(("seconds", "kinds"), [(2.9, []), (4.1, ["stopping"])])
-def test_a_transport_may_take_its_time_to_close(seconds, kinds):
+@pytest.mark.parametrize("back", ["agrees", "is silent", "leaves"])
+def test_an_agent_that_is_refused_waits_for_the_other_and_goes_on(back):
     async def main(runtime):
-        faults = probe(runtime.faults)
-        a = await linked(runtime, Network(runtime.clock), "a")
-        close = a.transport.close
+        network = Network(runtime.clock)
+        a, b = await alone(runtime, network), network.transport("b")
+        told, user = [], mdm.Actor("user")
+        await runtime.start(user)
+        a.watch(lambda link: told.append(link.refusal), user)
+        await b.open()
+        beats(b, model="doors")
+        await asyncio.sleep(0.05)
+        assert a.refusal == a.kept_out == told[-1] == "model is rooms at a and doors at b"
+        assert tuple(a.live) == ("a",)
+        if back == "agrees":
+            beats(b, model="rooms")
+        elif back == "leaves":
+            b.put(join("team", "b", "leaving"), b"")
+        await asyncio.sleep(0.05 if back != "is silent" else 1.3)
+        assert a.refusal is told[-1] is None
+        assert tuple(a.live) == (("a", "b") if back == "agrees" else ("a",))
+        assert a.life == "running"
+        assert (a.kept_out is None) == (back == "agrees")
 
-        async def close_late():
-            await asyncio.sleep(seconds)
-            await close()
+    run_virtual(main)
 
-        a.transport.close = close_late
-        await runtime.stop(a)
-        assert [fault.kind for fault in faults] == kinds
+
+def test_a_farewell_counts_of_the_life_that_is_here_and_as_long_as_it_does_not_beat():
+    async def main(runtime):
+        network = Network(runtime.clock)
+        a, b = await alone(runtime, network), network.transport("b")
+        await b.open()
+        beats(b, model="rooms")
+        await asyncio.sleep(0.05)
+        b.put(join("team", "b", "leaving"), b"")
+        await asyncio.sleep(0.05)
+        assert tuple(a.live) == ("a",)
+        beats(b, model="rooms")
+        await asyncio.sleep(0.05)
+        assert tuple(a.live) == ("a", "b")
+        assert a.left == {}
 
     run_virtual(main)

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from mdm.config import System
     from mdm.messages import Decision
     from mdm.runtime import Runtime
-    from mdm.team.member import Member
 
 __all__ = ["add_arguments", "add_parser", "run"]
 
@@ -96,11 +95,6 @@ def run(arguments: argparse.Namespace) -> int:
                 attached.hold(runtime, sum(ensemble.patience for ensemble in system.top))
             with _releases(system, virtual=arguments.virtual):
                 await runtime.start(system)
-                if attached is None and (member := _only(system)) is not None:
-                    from mdm.team.member import Teammates  # noqa: PLC0415 - a robot alone needs no teams
-
-                    teammates = runtime.channel(f"{member.path}/teammates", Teammates, retain=True)
-                    teammates.subscribe(lambda _: runtime.shut_down() if member.link.refusal is not None else None)
                 try:
                     with anyio.move_on_after(arguments.seconds):
                         await runtime.wait()
@@ -132,13 +126,6 @@ def _ended(runtime: Runtime) -> dict[str, int]:
         if isinstance(statistics, ActionStatistics):
             counts.update(statistics.ended)
     return counts
-
-
-def _only(system: System) -> Member | None:
-    """Return what a system has to do, if that is nothing but to take part in a team."""
-    member = system.member
-    alone = member is not None and all(ensemble.name in member.ensembles for ensemble in system.top)
-    return member if alone else None
 
 
 @contextmanager

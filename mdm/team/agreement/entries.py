@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import msgspec
 
 from mdm.errors import Error
+from mdm.team.transport.bounds import Life, Name, Number, Text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,7 +29,6 @@ __all__ = [
     "Joined",
     "Message",
     "Position",
-    "Refused",
     "Send",
     "Snapshot",
     "Stale",
@@ -47,19 +47,20 @@ class Term(msgspec.Struct, frozen=True, order=True, array_like=True, gc=False):
         incarnation: Which life of that agent.
     """
 
-    number: int
-    leader: str
-    incarnation: int
+    number: Number
+    leader: Name
+    incarnation: Life
 
 
 class Position(msgspec.Struct, frozen=True, order=True, array_like=True, gc=False):
     """A place in a history: the last step that was applied, and the term that committed it."""
 
     term: Term
-    step: int
+    step: Number
 
 
-Lineage: TypeAlias = Annotated[tuple[Position, ...], msgspec.Meta(min_length=1)]
+Lineage: TypeAlias = Annotated[tuple[Position, ...], msgspec.Meta(min_length=1, max_length=64)]
+Members: TypeAlias = Annotated[tuple[Name, ...], msgspec.Meta(max_length=256)]
 """The last steps of the terms in a history; its own last step is the last of them."""
 
 START = Position(Term(0, "", 0), 0)
@@ -82,23 +83,21 @@ class Commit(msgspec.Struct, frozen=True, array_like=True, tag="commit", gc=Fals
     """
 
     term: Term
-    step: int
+    step: Number
     previous: Term
-    inputs: dict[str, bytes]
-    missing: tuple[str, ...]
-    command: str | None
-    by: str
-    digest: str
-    token: str = ""
+    inputs: Annotated[dict[Name, bytes], msgspec.Meta(max_length=256)]
+    missing: Members
+    command: Name | None
+    by: Name
+    digest: Text
+    token: Name = ""
 
 
 class Call(msgspec.Struct, frozen=True, array_like=True, tag="call", gc=False):
-    """An agent calls the agents that it sees to a new term which it would lead; it tells where it stands itself."""
+    """An agent calls the agents that it sees to a new term which it would lead."""
 
     term: Term
-    members: dict[str, int]
-    position: Position
-    configuration: dict[str, str]
+    members: Annotated[dict[Name, Life], msgspec.Meta(max_length=256)]
 
 
 class Joined(msgspec.Struct, frozen=True, array_like=True, tag="joined", gc=False):
@@ -114,17 +113,9 @@ class Joined(msgspec.Struct, frozen=True, array_like=True, tag="joined", gc=Fals
 
     term: Term
     lineage: Lineage
-    side: int
-    digest: str
+    side: Number
+    digest: Text
     sound: bool
-
-
-class Refused(msgspec.Struct, frozen=True, array_like=True, tag="refused", gc=False):
-    """An agent, the receiver or the sender, cannot take part in this team; ``reason`` says what differs."""
-
-    term: Term
-    agent: str
-    reason: str
 
 
 class Stale(msgspec.Struct, frozen=True, array_like=True, tag="stale", gc=False):
@@ -144,15 +135,15 @@ class Begin(msgspec.Struct, frozen=True, array_like=True, tag="begin", gc=False)
 
     term: Term
     position: Position
-    digest: str
-    members: tuple[str, ...]
+    digest: Text
+    members: Members
 
 
 class Component(msgspec.Struct, frozen=True, array_like=True, tag="component", gc=False):
     """What the sender saw, for this step alone; it has applied the step before. None: it saw nothing."""
 
     term: Term
-    step: int
+    step: Number
     body: bytes | None
 
 
@@ -160,16 +151,16 @@ class Command(msgspec.Struct, frozen=True, array_like=True, tag="command", gc=Fa
     """A command that was asked of the sender in this term, for this step; it has applied the step before."""
 
     term: Term
-    step: int
-    command: str
-    token: str = ""
+    step: Number
+    command: Name
+    token: Name = ""
 
 
 class Applied(msgspec.Struct, frozen=True, array_like=True, tag="applied", gc=False):
     """The sender has applied the steps up to this one."""
 
     term: Term
-    step: int
+    step: Number
 
 
 class Fetch(msgspec.Struct, frozen=True, array_like=True, tag="fetch", gc=False):
@@ -177,7 +168,7 @@ class Fetch(msgspec.Struct, frozen=True, array_like=True, tag="fetch", gc=False)
 
     term: Term
     position: Position
-    digest: str | None
+    digest: Text | None
 
 
 class Entries(msgspec.Struct, frozen=True, array_like=True, tag="entries", gc=False):
@@ -192,25 +183,13 @@ class Snapshot(msgspec.Struct, frozen=True, array_like=True, tag="snapshot", gc=
 
     term: Term
     lineage: Lineage
-    side: int
-    digest: str
+    side: Number
+    digest: Text
     body: bytes
 
 
 Message: TypeAlias = (
-    Call
-    | Joined
-    | Refused
-    | Stale
-    | Ended
-    | Begin
-    | Component
-    | Command
-    | Commit
-    | Applied
-    | Fetch
-    | Entries
-    | Snapshot
+    Call | Joined | Stale | Ended | Begin | Component | Command | Commit | Applied | Fetch | Entries | Snapshot
 )
 """What goes from agent to agent."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mdm.team.agreement.entries import (
+    START,
     Applied,
     Begin,
     Call,
@@ -15,13 +16,13 @@ from mdm.team.agreement.entries import (
     Entries,
     Fetch,
     Joined,
-    Refused,
     Snapshot,
     Stale,
 )
 from mdm.team.agreement.hold import STOP
 from mdm.team.agreement.proposals import Asked
 from mdm.team.agreement.recovery import Recovery
+from mdm.team.transport.bounds import can_be
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -48,7 +49,6 @@ class Agreement(Recovery):
         retry_ns: After how long without an answer a message is sent again.
         patience_ns: How long a new term waits for live agents that do not answer; by default eight times ``retry_ns``.
         log_size: How many steps are kept for those who missed some.
-        configuration: Facts that must be the same at every agent, by their names.
 
     Attributes:
         next_time: When `tick` is wanted, or None.
@@ -57,8 +57,9 @@ class Agreement(Recovery):
         late: Components and messages of older terms and steps that were dropped.
     """
 
-    def members(self, live: Mapping[str, int], now: int) -> list[Send]:
-        """Take note of who is live, by incarnation, this agent included."""
+    def members(self, live: Mapping[str, int], now: int, *, barred: bool = False) -> list[Send]:
+        """Take note of who is live, by incarnation, this agent included; one that is barred takes part in no term."""
+        self.barred = barred
         live = {**live, self.agent: self.incarnation}
         self.live = {agent: live[agent] for agent in self.agents if agent in live}
         self._review(now)
@@ -86,21 +87,21 @@ class Agreement(Recovery):
         self._offer(now)
         return self._sent()
 
+    def believes(self, message: Message, now: int) -> bool:
+        """Return whether the term of a message can be one, by this agent's clock and for this team."""
+        term = message.term
+        return (term.leader in self.order or term == START.term) and can_be(term.number, now)
+
     def receive(self, sender: str, incarnation: int, message: Message, now: int) -> list[Send]:
         """Take a message of another agent."""
         term = message.term
         if self.live.get(sender) != incarnation or sender == self.agent:
             self.late += 1
-        elif self.refusal is not None:
-            if isinstance(message, Call):
-                self._send(sender, Refused(term, self.agent, self.refusal))
         elif term == self.term and (handler := OF_TERM.get(type(message))) is not None:
             if sender == term.leader or type(message) not in OF_LEADER:
                 getattr(self, handler)(sender, message, now)
         elif isinstance(message, Call):
             self._on_call(sender, message, now)
-        elif isinstance(message, Refused):
-            self._on_refused(sender, message, now)
         elif isinstance(message, Stale) or (term > self.term and sender == term.leader):
             self._newer(term, now)
         else:

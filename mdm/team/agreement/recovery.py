@@ -63,13 +63,22 @@ class Recovery(Terms):
         for commit in message.commits:
             if self.history.follows(commit) and not self._apply(commit, now):
                 return
-        self.fetching = None
+        source, self.fetching = self.fetching, None
         if self.ballot is not None:
-            self._recount(now)
+            if not message.commits and self._claims_more(source):
+                self._call(now)  # what it is said to have joined with is not so: have all say it anew
+            else:
+                self._recount(now)
         elif len(message.commits) == TOGETHER:
             self._fetch(self.term.leader, now)
         else:
             self._caught_up(now)
+
+    def _claims_more(self, agent: str) -> bool:
+        """Return whether an agent joined this one's term with steps that it does not have."""
+        assert self.ballot is not None
+        joined = self.ballot.joined.get(agent)
+        return joined is not None and not contains(self.history.lineage, joined.lineage[-1])
 
     def _on_snapshot(self, sender: str, message: Snapshot, now: int) -> None:
         if sender != self.fetching:

@@ -11,7 +11,7 @@ from mdm.team.agreement.hold import Hold
 from mdm.team.agreement.proposals import Proposals
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from mdm.team.agreement.ballot import Ballot
     from mdm.team.agreement.entries import Commit, Message, Term
@@ -58,7 +58,6 @@ class Standing:
         retry_ns: int,
         patience_ns: int | None = None,
         log_size: int = 256,
-        configuration: Mapping[str, str] | None = None,
     ) -> None:
         if agent not in agents:
             raise ConfigError(f"{agent!r} is none of the team's agents {', '.join(agents)}")
@@ -68,7 +67,6 @@ class Standing:
         self.majority = len(agents) // 2 + 1 if mode == "majority" else 1
         self.deadline, self.retry = deadline_ns, retry_ns
         self.patience = 8 * retry_ns if patience_ns is None else patience_ns
-        self.configuration = dict(configuration or {})
         self.order = {name: index for index, name in enumerate(agents)}
 
         self.term = START.term
@@ -76,8 +74,7 @@ class Standing:
         self.heard = 0
         self.live: dict[str, int] = {}
         self.present: dict[str, int] = {}
-        self.excluded: dict[str, int] = {}
-        self.refusal: str | None = None
+        self.barred = False
         self.enough = False
         self.released = False
         self.sound = True
@@ -115,8 +112,6 @@ class Standing:
     @property
     def role(self) -> Role:
         """Where this agent stands."""
-        if self.refusal is not None:
-            return "refused"
         if self.begun:
             return "leading" if self.ballot is not None else "following"
         stuck = self.ballot is not None and not self.ballot.patient and len(self.ballot.joined) < self.majority

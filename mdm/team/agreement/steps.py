@@ -66,7 +66,7 @@ class Steps(Standing):
 
     def _hears(self, sender: str, step: int, now: int) -> bool:
         """Return whether what a member says counts for the next step; it has applied the step before its own."""
-        if not self._is_led(sender):
+        if not self._is_led(sender) or step > self.step + 1:
             return False
         self.applied[sender] = max(self.applied.get(sender, 0), step - 1)
         if step != self.history.position.step + 1:
@@ -76,7 +76,7 @@ class Steps(Standing):
         return True
 
     def _on_applied(self, sender: str, message: Applied, now: int) -> None:
-        if self._is_led(sender):
+        if self._is_led(sender) and message.step <= self.step:
             self.applied[sender] = max(self.applied.get(sender, 0), message.step)
             self._offer(now)
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mdm.team.agreement.ballot import Ballot
-from mdm.team.agreement.entries import START, Call, Ended, Refused, Stale, Term
+from mdm.team.agreement.entries import START, Call, Ended, Stale, Term
 from mdm.team.agreement.steps import Steps
-from mdm.team.configuration import difference
 
 if TYPE_CHECKING:
     from mdm.team.agreement.entries import Joined
@@ -20,9 +19,11 @@ class Terms(Steps):
 
     def _review(self, now: int) -> None:
         """Look whether a new term is wanted, and who is to call it."""
-        if self.refusal is not None:
+        self.present = self.live
+        if self.barred:
+            self._resign()
+            self.timers.clear()
             return
-        self.present = {agent: life for agent, life in self.live.items() if self.excluded.get(agent) != life}
         if self.ballot is None and self.present.get(self.term.leader) != self.term.incarnation:
             self._stop()
         if len(self.present) < self.majority:
@@ -73,7 +74,7 @@ class Terms(Steps):
 
     def _invitation(self) -> Call:
         assert self.ballot is not None
-        return Call(self.term, self.ballot.invited, self.history.position, self.configuration)
+        return Call(self.term, self.ballot.invited)
 
     def _invite(self, now: int) -> None:
         """Call those again who have not joined."""
@@ -113,9 +114,7 @@ class Terms(Steps):
     def _on_call(self, caller: str, call: Call, now: int) -> None:
         if call.members.get(self.agent) != self.incarnation or call.term.leader != caller:
             return
-        if call.configuration != self.configuration and (differing := self._difference(caller, call)) is not None:
-            self._on_difference(caller, call, differing, now)
-        elif call.term == self.term:
+        if call.term == self.term:
             self._send(caller, self._own())
             if "call" in self.timers:
                 del self.timers["call"]
@@ -134,42 +133,6 @@ class Terms(Steps):
             self.members_now = tuple(call.members)
             self._send(caller, self._own())
             self.timers["retry"] = now + self.retry
-            self._review(now)
-
-    def _difference(self, caller: str, call: Call) -> str | None:
-        return difference(self.configuration, self.agent, call.configuration, caller)
-
-    def _on_difference(self, caller: str, call: Call, reason: str, now: int) -> None:
-        """Part with an agent of another configuration: whoever has applied less is refused, else who was called."""
-        if call.position >= self.history.position:
-            self._refuse(reason)
-            self._send(caller, Refused(self.term, self.agent, reason))
-        else:
-            self._exclude(caller, reason, now)
-            self._send(caller, Refused(self.term, caller, reason))
-
-    def _on_refused(self, sender: str, message: Refused, now: int) -> None:
-        if message.agent == self.agent:
-            self._refuse(message.reason)
-        elif message.agent == sender:
-            self._exclude(sender, message.reason, now)
-
-    def refuse(self, reason: str) -> None:
-        """Take no part any more."""
-        self.refusal = self.refusal or reason
-        self._stop()
-        self.ballot = None
-        self.timers.clear()
-
-    def _refuse(self, reason: str) -> None:
-        if self.refusal is None:
-            self.refuse(reason)
-            self._report("refused", f"{self.agent} cannot take part in the team: {reason}")
-
-    def _exclude(self, agent: str, reason: str, now: int) -> None:
-        if self.excluded.get(agent) != self.live[agent]:
-            self.excluded[agent] = self.live[agent]
-            self._report("refused", f"{agent} cannot take part in the team: {reason}")
             self._review(now)
 
     def _on_joined(self, sender: str, message: Joined, now: int) -> None:

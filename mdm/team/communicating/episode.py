@@ -8,6 +8,7 @@ import msgspec
 
 from mdm.runtime import ActorStatistics
 from mdm.team.communicating.recollection import Experience
+from mdm.team.transport.bounds import Name, Number, Text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -30,12 +31,12 @@ class Episode(msgspec.Struct, frozen=True, array_like=True, gc=False):
         token: What the command is known by that began it.
     """
 
-    number: int
-    origin: int
-    by: str
+    number: Number
+    origin: Number
+    by: Name
     running: bool
-    stops: dict[str, int] = {}
-    token: str = ""
+    stops: dict[Name, Number] = {}
+    token: Name = ""
 
     def supersedes(self, other: Episode | None) -> bool:
         """Whether it counts in place of another: the later command does, and of two at once the earlier origin."""
@@ -84,9 +85,9 @@ class Word(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """
 
     episode: Episode
-    configuration: str
+    configuration: Text
     experiences: tuple[Experience, ...] = ()
-    stops: dict[str, int] = {}
+    stops: dict[Name, Number] = {}
 
 
 encode = msgspec.msgpack.Encoder().encode
@@ -97,8 +98,8 @@ class TalkerStatistics(ActorStatistics, frozen=True):
     """Where an agent of a communicating team stands.
 
     Attributes:
-        role: ``talking``; ``joining`` before the first episode; ``refused`` where it came to an episode of
-            agents with another configuration.
+        role: ``talking``; ``joining`` before the first episode; ``refused`` where it
+            takes no part, for agents that were there before it have another configuration.
         term: The number of the episode.
         step: The present step.
         digest: Of what the agent knows.

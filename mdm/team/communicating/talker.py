@@ -16,12 +16,12 @@ from mdm.messages import Fault
 from mdm.models.digest import of_parts
 from mdm.runtime import Subscription
 from mdm.runtime.scheduler import next_tick
-from mdm.team import centralised
 from mdm.team.communicating.episode import Episode, Stops, TalkerStatistics, Word, decode, encode
 from mdm.team.communicating.knowledge import Knowledge, SharedHistory
 from mdm.team.communicating.recollection import Experience
 from mdm.team.layer import TeamLayer
 from mdm.team.ownership import acting
+from mdm.team.transport.bounds import HOUR, can_be
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
@@ -94,9 +94,6 @@ class Talker(TeamLayer):
         self._told_of: dict[str, int] = {}
         self._early: list[tuple[str, Experience]] = []
         self._did: int | None = None
-        self._refused = False
-        self._refusals: dict[str, str] = {}
-        """The configurations of agents that are not heard, for theirs are other ones."""
         self._reported: set[tuple[str, str]] = set()
         self._problem: str | None = None
         self._symbol = self.parts.idle[ensemble.agent]
@@ -110,7 +107,6 @@ class Talker(TeamLayer):
         self._asked = False
         super().on_start()
         self.hear(join(self.team.name, "*", self.ensemble.name, "word"), self._on_word)
-        self.show_configuration()
         self.every(1 / self.team.lease, lambda _: self._say())
         self.call_later(self.team.lease, self._begin)  # by when this agent has heard of an episode that there is
 
@@ -125,17 +121,15 @@ class Talker(TeamLayer):
         self._say()
         self._close()
 
-    def retire(self, reason: str) -> None:
-        """Decide nothing more."""
-        self._refused = True
+    def pause(self) -> None:
+        """Decide on nothing that was begun."""
         self._shut()
-        super().retire(reason)
 
     # -- Episodes ------------------------------------------------------------------------------------------------
 
     def _begin(self) -> None:
         """Begin the first episode where there is none, if this is the first of the agents that are there."""
-        if self.episode is None and not self._refused:
+        if self.episode is None and self.refusal is None:
             if next((agent for agent in self._agents if agent in self.link.live), self.agent) == self.agent:
                 self.ask_for("start", "")
             else:
@@ -145,7 +139,7 @@ class Talker(TeamLayer):
         """Begin an episode, or end it, at all agents."""
         if command == "stop":
             self.stops.take(self.agent, self.link.transport.incarnation)
-        if self._refused:
+        if self.refusal is not None:
             if token:
                 self.tell_void(token, f"{self.agent} takes no part in the team")
             return
@@ -228,7 +222,7 @@ class Talker(TeamLayer):
         self.tick = tick.number
         if self._first_tick is None:
             self._first_tick = tick.number
-        if self._refused or self.episode is None or not self._decides or tick.number < self.episode.origin:
+        if self.refusal is not None or self.episode is None or not self._decides or tick.number < self.episode.origin:
             return
         if self._open is not None:
             self._decide()
@@ -312,7 +306,7 @@ class Talker(TeamLayer):
         step, _ = self._open
         if step and not getattr(self.team.communication, "silent", False):
             for agent in self._agents:
-                waited_for = agent != self.agent and agent in self.link.live and agent not in self._refusals
+                waited_for = agent != self.agent and agent in self.link.live
                 if waited_for and self._told_of.get(agent, 0) < step:
                     return
         self._decide()
@@ -363,19 +357,15 @@ class Talker(TeamLayer):
     def _on_word(self, sample: Sample) -> None:
         try:
             word = decode(sample.body)
-        except (msgspec.MsgspecError, ValueError):
-            self.malformed += 1
+        except (msgspec.MsgspecError, ValueError) as error:
+            self._drop(sample, f"is no word: {error}")
             return
+        if (reason := self._doubt(word)) is not None:
+            self._drop(sample, reason)
+            return
+        if word.configuration != self._configuration or self.refusal is not None:
+            return  # the link says so
         agent = sample.owner
-        if word.configuration != self._configuration:
-            self._refused = self._refused or self.episode is None
-            if self._refusals.get(agent) != word.configuration:
-                self._refusals[agent] = word.configuration
-                self.spawn(self._compare(agent), name="compare")
-            return
-        self._refusals.pop(agent, None)
-        if self._refused:
-            return
         self._hear_stops(word)
         if word.episode.supersedes(self.episode):
             self._enter(word.episode)
@@ -384,6 +374,25 @@ class Talker(TeamLayer):
             return
         if word.experiences and agent in self._agents:
             self._hear(agent, word.experiences)
+
+    def _doubt(self, word: Word) -> str | None:
+        """Return why what an agent says cannot be, if it cannot."""
+        now, episode = self.runtime.clock.now(), word.episode
+        assert self.team.period is not None
+        latest = next_tick(now + round((self.team.deadline + self.team.lease) * 1e9), 1 / self.team.period)
+        if not can_be(episode.number, now):
+            return f"is of episode {episode.number}, which cannot be yet"
+        if episode.by not in self.team.names:
+            return f"is of an episode that {episode.by!r} began, who is none of the team"
+        if episode.origin > latest:
+            return f"is of an episode that begins at tick {episode.origin}, more than a lease ahead"
+        if any(number > now + HOUR for stops in (word.stops, episode.stops) for number in stops.values()):
+            return "tells of a stop that cannot have been yet"
+        return None
+
+    def _drop(self, sample: Sample, reason: str) -> None:
+        self.malformed += 1
+        self.link.refuse_sample(sample, reason)
 
     def _hear(self, agent: str, experiences: tuple[Experience, ...]) -> None:
         """Take what another agent shares."""
@@ -407,7 +416,9 @@ class Talker(TeamLayer):
             self._report_once(
                 "history", agent, f"not everything that {agent} said counts: {self.knowledge.own.problem}"
             )
-        self._told_of[agent] = max(self._told_of.get(agent, 0), *(experience.step for experience in experiences))
+        steps = [experience.step for experience in known if experience.step <= self.knowledge.step + 1]
+        if steps:
+            self._told_of[agent] = max(self._told_of.get(agent, 0), max(steps) + self._offset)
         if self._open is not None and unapplied < len(known) and not self._asked:
             self._asked = True  # and it may answer, behind what else has just arrived
             turn: Subscription[None] = Subscription(None, self, self._on_heard)
@@ -416,18 +427,6 @@ class Talker(TeamLayer):
     def _on_heard(self, _: None) -> None:
         self._share()
         self._close()
-
-    async def _compare(self, agent: str) -> None:
-        """Tell in which fact another agent's configuration differs."""
-        answers = await self.link.ask(join(self.team.name, agent, self.ensemble.name, "configuration"))
-        try:
-            difference = self.copy.difference(centralised.facts(answers[agent]), agent)
-        except (KeyError, msgspec.MsgspecError, ValueError):
-            difference = f"{agent} has another configuration"
-        who = self.agent if self._refused else agent
-        self.report("refused", f"{who} cannot take part in the team: {difference}")
-        if self._refused:
-            self.link.refuse(str(difference))
 
     def _report_once(self, kind: str, agent: str, text: str) -> None:
         if (kind, agent) not in self._reported:
@@ -442,11 +441,11 @@ class Talker(TeamLayer):
         episode = self.episode
         return TalkerStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role="refused" if self._refused else "joining" if episode is None else "talking",
+            role="refused" if self.refusal is not None else "joining" if episode is None else "talking",
             term=0 if episode is None else episode.number,
             step=0 if self._offset is None else self._step,
             digest=self._digest(),
-            members=tuple(agent for agent in self.link.live if agent not in self._refusals),
+            members=tuple(self.link.live),
             sent=self._sent,
             held=self._held_back,
             heard=counts.heard + self._before,

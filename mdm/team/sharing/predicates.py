@@ -14,6 +14,7 @@ import msgspec
 from mdm.logic import similar
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate
 from mdm.runtime import Actor
+from mdm.team.transport.bounds import Name, Number
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
@@ -39,18 +40,18 @@ class Request(msgspec.Struct, frozen=True, array_like=True, gc=False):
 class Reply(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The number of the last change, the values by then, and the names that there are not, each with a hint."""
 
-    number: int
-    values: dict[str, bool | None]
-    unknown: dict[str, str]
+    number: Number
+    values: dict[Name, bool | None]
+    unknown: dict[Name, str]
 
 
 class Change(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """What changed or occurred, numbered from 1; or all values by then, with the number of the last change."""
 
-    number: int
-    time: int
-    values: dict[str, bool | None] = {}
-    events: tuple[str, ...] = ()
+    number: Number
+    time: Number
+    values: dict[Name, bool | None] = {}
+    events: tuple[Name, ...] = ()
 
 
 _encode = msgspec.msgpack.Encoder().encode
@@ -282,7 +283,8 @@ class Followed(Actor):
     def _on_sample(self, sample: Sample) -> None:
         try:
             change = _change(sample.body)
-        except (msgspec.MsgspecError, ValueError):
+        except (msgspec.MsgspecError, ValueError) as error:
+            self._link.refuse_sample(sample, f"is no change of predicates: {error}")
             return
         if sample.incarnation == self._life:
             self._watch()

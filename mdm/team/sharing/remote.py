@@ -6,6 +6,7 @@ last message. Lost messages are counted by the transport; the next one counts.
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -37,6 +38,10 @@ CHANNELS: dict[str, type[Any]] = {
 """The messages of an ensemble's own channels, by the channels' names."""
 
 _RETAINED = frozenset({"state", "belief", "reward", "mode"})
+
+
+_NUMBERS = re.compile(r"[<>|=](b1|[iu][1248]|f[248]|c(8|16))")
+"""The types of arrays that are taken: numpy reads many more names, of objects and of types that it will give up."""
 
 
 class Wire:
@@ -83,8 +88,8 @@ def _packed(value: object) -> object:
 
 def _unpacked(_: type, value: Any) -> Any:
     kind, shape, data = value
-    if np.dtype(kind).hasobject:
-        raise ValueError("an array of objects is not taken from others")
+    if not isinstance(kind, str) or not _NUMBERS.fullmatch(kind):
+        raise ValueError(f"an array of {kind!r} is not taken from others, only of numbers")
     return np.frombuffer(data, np.dtype(kind)).reshape(shape)
 
 

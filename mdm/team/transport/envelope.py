@@ -31,6 +31,7 @@ _MOST_KEYS = 4096
 _NONE = -2  # a number that no other follows
 _FAR = 1024  # further behind than that an owner's messages do not come, whatever overtakes them
 _ENOUGH = 8
+_FRESH = 5_000_000_000  # nanoseconds for which a message is not taken for one that is sent again
 
 
 class Refusal(Exception):
@@ -161,8 +162,13 @@ class Unpacker:
         if key in self._last:
             self._excused[key] = self._excused.get(key, 0) + count
 
-    def unpack(self, key: str, data: bytes) -> Sample:
+    def unpack(self, key: str, data: bytes, now: int = 0) -> Sample:
         """Return the message under a key.
+
+        Args:
+            key: The key.
+            data: With its envelope.
+            now: The time in nanoseconds, by which messages that are sent again are told from new ones.
 
         Raises:
             Refusal: If it must not be handed on.
@@ -179,9 +185,9 @@ class Unpacker:
             if number == last.number + 1:
                 last.number = number
                 return Sample(key, last.owner, last.incarnation, data[length + 16 :], time)
-        return self._unpack(key, data, last)
+        return self._unpack(key, data, last, now)
 
-    def _unpack(self, key: str, data: bytes, last: _Last | None) -> Sample:
+    def _unpack(self, key: str, data: bytes, last: _Last | None, now: int) -> Sample:
         owner, incarnation, number, time, start = _open(key, data, self.largest)
         if owner != owner_of(key, self._team):
             raise Refusal("foreign", f"agent {owner!r} sent under {key}, where it is not the owner")
@@ -200,7 +206,7 @@ class Unpacker:
         elif last.incarnation == incarnation and last.number != _NONE:
             missed = number - last.number - 1
             if missed < 0:
-                self._doubt(key, number, last.number)
+                self._doubt(key, number, last.number, fresh=0 < now < time + _FRESH)
                 missed = 0
             missed -= self._excused.pop(key, 0)
             if missed > 0:
@@ -208,13 +214,15 @@ class Unpacker:
         self._last[key] = _Last(owner, incarnation, number, data[:start])
         return Sample(key, owner, incarnation, data[start + _REST.size :], time)
 
-    def _doubt(self, key: str, number: int, ahead: int) -> None:
+    def _doubt(self, key: str, number: int, ahead: int, *, fresh: bool) -> None:
         """Refuse a message that is behind the last of its key, unless that cannot have been its owner's.
+
+        It cannot where it is far ahead of others that follow each other, or of such as were sent only now.
 
         Raises:
             Refusal: Nearly always.
         """
-        if ahead - number > _FAR:
+        if fresh or ahead - number > _FAR:
             doubt = self._doubts.setdefault(key, _Doubt(number, ahead))
             if doubt.number != number and doubt.confirms(number, ahead):
                 del self._doubts[key]

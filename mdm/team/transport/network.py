@@ -248,6 +248,10 @@ class SimulatedTransport:
         """Tell these of failures, and of what was dropped."""
         self.router.supervise(failed, report)
 
+    def refuse(self, sender: str, reason: str) -> None:
+        """Take note of a message that a handler did not take."""
+        self.router.refuse(sender, "incredible", reason)
+
     def statistics(self) -> TransportStatistics:
         """Return what was carried so far."""
         return self.router.statistics()

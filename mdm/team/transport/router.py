@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from mdm.errors import Error
 from mdm.runtime.statistics import Latencies
+from mdm.team.transport.bounds import DAY
 from mdm.team.transport.envelope import LARGEST, Refusal, Unpacker
 from mdm.team.transport.keys import check_expression, check_key, includes, matches, owner_of
 from mdm.team.transport.transport import Sample, Traffic, TransportStatistics
@@ -18,6 +19,12 @@ __all__ = ["Router"]
 
 _MOST_KEYS = 4096
 _REST = "..."
+_OFFENCES = frozenset({"malformed", "foreign", "oversize", "version"})
+"""What no agent of this program sends, and no network makes of what it sends."""
+_MANY = 100
+_SECOND = 1_000_000_000
+_IGNORED = 250_000_000
+_NO_OFFENCES = (0, 0)
 
 
 class _Route:
@@ -68,6 +75,10 @@ class Router:
         self._dropped: dict[str, int] = {}
         self._untold: dict[str, tuple[int, str]] = {}
         self._lateness = Latencies()
+        self._refused: dict[str, int] = {}
+        self._recent: dict[str, tuple[int, int]] = {}  # since when, and how many since then
+        self._ignored: dict[str, int] = {}  # until when
+        self._now = 0
         self._round_trips: dict[str, Latencies] = {}
 
     def supervise(self, failed: Callable[[BaseException], None], report: Callable[[str, str], None]) -> None:
@@ -113,10 +124,21 @@ class Router:
         route = self._routes.get(key) or self._route(key)
         if (carrier is not None and carrier != route.carrier) or not route.handlers:
             return
+        self._now = now
+        if self._ignored and self._ignores(key):
+            return
         try:
-            sample = self.unpacker.unpack(key, data)
+            sample = self.unpacker.unpack(key, data, now)
         except Refusal as refusal:
-            self.drop(refusal.kind, str(refusal))
+            if refusal.kind in _OFFENCES:
+                self.refuse(owner_of(key, self._team) or key, refusal.kind, str(refusal))
+            else:
+                self.drop(refusal.kind, str(refusal))
+            return
+        if not -DAY < now - sample.time < DAY:
+            hours = abs(sample.time - now) / 3.6e12
+            told = f"the clock of {sample.owner} is {hours:,.0f} hours off that of {self._agent}"
+            self.refuse(sample.owner, "untimely", f"{told}: set it, or nothing that it says counts")
             return
         route.messages += 1
         route.bytes += len(data)
@@ -232,6 +254,31 @@ class Router:
         if self._report is not None:
             self._report(kind, reason)
 
+    def refuse(self, sender: str, kind: str, reason: str) -> None:
+        """Drop what no agent of this program sends, and count it by sender; one that goes on is ignored for a while."""
+        self.drop(kind, reason)
+        if sender not in self._refused and len(self._refused) >= _MOST_KEYS:
+            sender = _REST
+        self._refused[sender] = self._refused.get(sender, 0) + 1
+        since, count = self._recent.get(sender, _NO_OFFENCES)
+        since, count = (since, count + 1) if self._now - since < _SECOND else (self._now, 1)
+        if count > _MANY:
+            self._ignored[sender] = self._now + _IGNORED
+            since, count = _NO_OFFENCES
+        self._recent[sender] = since, count
+
+    def _ignores(self, key: str) -> bool:
+        """Return whether what comes under a key is dropped unread, for its sender has sent too much that cannot be."""
+        sender = owner_of(key, self._team) or key
+        until = self._ignored.get(sender)
+        if until is None:
+            return False
+        if self._now >= until:
+            del self._ignored[sender]
+            return False
+        self.drop("ignored", f"{sender} is not heard: it sent a hundred messages in a second that cannot be")
+        return True
+
     def drop(self, kind: str, reason: str, count: int = 1) -> None:
         """Count what is dropped, and report it: at once, but once a second at most."""
         self._dropped[kind] = self._dropped.get(kind, 0) + count
@@ -263,6 +310,7 @@ class Router:
             sent={key: Traffic(*counts) for key, counts in self._sent.items()},
             received=received,
             dropped=dict(self._dropped),
+            refused=dict(self._refused),
             lateness=self._lateness.snapshot(),
             round_trips={agent: latencies.snapshot() for agent, latencies in self._round_trips.items()},
         )

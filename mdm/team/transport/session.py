@@ -477,6 +477,10 @@ class Session:
         """Tell these of failures, and of what was dropped."""
         self._router.supervise(failed, report)
 
+    def refuse(self, sender: str, reason: str) -> None:
+        """Take note of a message that a handler did not take."""
+        self._router.refuse(sender, "incredible", reason)
+
     def statistics(self) -> TransportStatistics:
         """Return what was carried so far."""
         return self._router.statistics()

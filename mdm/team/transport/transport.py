@@ -63,7 +63,11 @@ class TransportStatistics(msgspec.Struct, frozen=True):
             - ``missing``: a gap in the numbers of a key says that they were lost on the way;
             - ``overflow``: more came than the handlers could take, and newer ones of the same keys took their place;
             - ``duplicate``: not a message, but another live agent of this one's name was seen;
+            - ``untimely``: the clock of its sender is more than a day from this agent's;
+            - ``incredible``: what it says cannot be, such as an action that the model has not;
+            - ``ignored``: its sender has sent a hundred such messages within a second;
             - ``held_back``: over the allowance of this agent; ``closed``: put after the transport was closed.
+        refused: Of these, what no agent of this program sends, by the agent in whose name it came.
         lateness: From each put to its handler, by the clocks of both agents.
         round_trips: From each question to its answer, by agent.
     """
@@ -71,6 +75,7 @@ class TransportStatistics(msgspec.Struct, frozen=True):
     sent: dict[str, Traffic]
     received: dict[str, Traffic]
     dropped: dict[str, int]
+    refused: dict[str, int]
     lateness: Histogram
     round_trips: dict[str, Histogram]
 
@@ -137,6 +142,12 @@ class Transport(Protocol):
 
         Of each kind one report a second is made at most. Without a ``failed`` the event loop's handler of exceptions
         is told.
+        """
+
+    def refuse(self, sender: str, reason: str) -> None:
+        """Take note of a message that a handler did not take: what it says cannot be, and a sentence says why.
+
+        A sender of many is ignored for a while.
         """
 
     def statistics(self) -> TransportStatistics:

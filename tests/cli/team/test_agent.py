@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 
 import pytest
 from places import EXAMPLES
@@ -66,7 +67,7 @@ def test_an_agent_that_is_refused_has_failed(free, tmp_path):
     assert "took no part in team 'rooms': team's max_age is" in failed[0].splitlines()[-1]
 
 
-def test_an_agent_that_is_refused_ends_by_itself(free, tmp_path):
+def test_an_agent_that_is_refused_waits_until_it_is_ended(free, tmp_path):
     team = free()
     other = tmp_path / "other.toml"
     other.write_text(team.read_text().replace("[team]", "[team]\nmax_age = 7.5"))
@@ -74,10 +75,14 @@ def test_an_agent_that_is_refused_ends_by_itself(free, tmp_path):
     with python(*run, team, "--agent", "a", "--log", "json") as first:
         while json.loads(first.stderr.readline()).get("event") != "running":
             pass
-        with python(*run, other, "--agent", "b") as second:
+        with python(*run, other, "--agent", "b", "--log", "json") as second:
+            while "refused" not in json.loads(second.stderr.readline()).values():
+                pass
+            assert second.poll() is None
+            second.send_signal(signal.SIGINT)
             _, told = second.communicate(timeout=60)
         assert first.poll() is None
-    assert second.returncode == 1
+    assert second.returncode
     assert "took no part in team 'rooms': team's max_age is" in told.splitlines()[-1]
 
 

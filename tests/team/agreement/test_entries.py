@@ -17,7 +17,6 @@ from mdm.team.agreement.entries import (
     Fetch,
     Joined,
     Position,
-    Refused,
     Snapshot,
     Stale,
     Term,
@@ -27,9 +26,8 @@ TERM = Term(3, "a", 17)
 COMMIT = Commit(TERM, 5, TERM, {"a": b"left", "b": b""}, ("c",), None, "", "4711")
 
 MESSAGES = [
-    Call(TERM, {"a": 17, "b": 4}, START, {"model": "tiger"}),
+    Call(TERM, {"a": 17, "b": 4}),
     Joined(TERM, (START, Position(TERM, 4)), 2, "4711", True),
-    Refused(TERM, "a", "it differs"),
     Stale(TERM),
     Ended(TERM),
     Begin(TERM, START, "0", ("a", "b")),
@@ -59,3 +57,22 @@ def test_terms_are_ordered_by_number_leader_and_life():
     terms = [Term(1, "b", 9), Term(2, "a", 9), Term(2, "b", 1), Term(2, "b", 2)]
     assert sorted(terms) == terms
     assert START.term < terms[0]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        encode(Stale(Term(2**64 - 1, "a", 1))),
+        encode(Stale(Term(2**62, "a", 1))),
+        encode(Stale(Term(-1, "a", 1))),
+        encode(Stale(Term(1, "a", -1))),
+        encode(Stale(Term(1, "a" * 257, 1))),
+        encode(Applied(TERM, -1)),
+        encode(Applied(TERM, 2**63)),
+        encode(Begin(TERM, START, "0", ("a",) * 257)),
+        encode(Joined(TERM, (START,) * 65, 2, "4711", True)),
+    ],
+)
+def test_numbers_and_sizes_that_nobody_says_are_refused(body):
+    with pytest.raises(Error, match="this is no message of an agreement"):
+        decode(body)

@@ -1,9 +1,10 @@
 from __future__ import annotations
 
+import pytest
 from team.lockstep import PATIENCE, RETRY, Lockstep
 
 from mdm.team.agreement import Term
-from mdm.team.agreement.entries import START, Applied, Begin, Command, Component, Ended, Refused, Stale
+from mdm.team.agreement.entries import START, Applied, Begin, Command, Component, Ended, Joined, Position, Stale
 
 
 def test_messages_of_who_is_not_seen_are_dropped():
@@ -53,11 +54,38 @@ def test_a_name_of_nobody_in_a_term_does_no_harm():
     assert team["a"].term == term
 
 
-def test_a_refusal_of_somebody_else_excludes_nobody():
+def test_terms_are_believed_that_there_was_time_for():
+    agreement = Lockstep(3)["a"]
+    hour = 3_600_000
+    assert agreement.believes(Stale(Term(hour, "b", 2)), 0)
+    assert not agreement.believes(Stale(Term(hour + 1, "b", 2)), 0)
+    assert agreement.believes(Stale(Term(hour + 1, "b", 2)), 1_000_000)
+    assert not agreement.believes(Stale(Term(1, "nobody", 2)), 0)
+    assert agreement.believes(Stale(START.term), 0)
+
+
+@pytest.mark.parametrize("said", [Applied, Component, Command])
+def test_who_says_that_it_is_ahead_of_its_leader_holds_no_step_up(said):
     team = Lockstep(3)
-    team.took("a", team["a"].receive("b", 2, Refused(START.term, "c", "it differs"), 0))
+    more = {Applied: (2**40,), Component: (2**40, b"1"), Command: (2**40, "stop")}[said]
+    team.took("a", team["a"].receive("b", team["b"].incarnation, said(team["a"].term, *more), team.now))
+    for name in team.names:
+        team.propose(name, b"1")
+    team.deliver()
+    assert team.steps == [1, 1, 1]
+
+
+def test_who_joins_with_steps_that_it_does_not_have_holds_no_term_up():
+    team = Lockstep(3)
+    for name in team.names:
+        team.propose(name, b"1")
+    team.deliver()
+    leader = team["a"]
+    leader._call(team.now)
+    lie = Joined(leader.term, (START, Position(Term(1, "b", 1), 2**40)), 3, "4711", True)
+    team.took("a", leader._sent() + leader.receive("b", team["b"].incarnation, lie, team.now))
+    team.wait(2 * PATIENCE)
     assert team.roles == ["leading", "following", "following"]
-    assert not team["a"].excluded
 
 
 def test_time_that_stands_still_or_jumps_is_no_matter():

@@ -373,7 +373,7 @@ def test_garbage_is_counted():
         await asyncio.sleep(0.2)
         found = left.replica.statistics()
         assert (found.malformed, found.refused, found.too_late) == (2, 2, 1)
-        assert sorted(left.kinds()) == ["history", "word"]
+        assert sorted(left.kinds()) == ["history", "incredible", "word"]
         await asyncio.sleep(3.0)
         assert left.ensemble.mode == "deciding"
 

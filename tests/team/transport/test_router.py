@@ -34,17 +34,57 @@ def router(**options):
 def test_reports_come_once_a_second_and_none_is_forgotten():
     made, later, reports, _ = router()
     made.subscribe("mdm/team/**", print)
-    for _ in range(1000):
+    for _ in range(100):
         made.deliver(KEY, b"garbage", 0)
     assert reports == [("malformed", f"a message under {KEY} is shorter than an envelope")]
     later.pass_()
     assert len(reports) == 2
-    assert reports[1][1].endswith("(999 such messages)")
+    assert reports[1][1].endswith("(99 such messages)")
     later.pass_()
     assert later.waiting == []
-    made.deliver(KEY, b"garbage", 0)
+    made.deliver(KEY, b"garbage", 10**9)
     assert len(reports) == 3
-    assert made.statistics().dropped == {"malformed": 1001}
+    assert made.statistics().dropped == {"malformed": 101}
+
+
+def test_a_sender_of_what_cannot_be_is_counted_and_ignored_for_a_while():
+    made, _, reports, _ = router()
+    heard = []
+    made.subscribe("mdm/team/**", heard.append)
+    packer = Packer("b", 1, int)
+    for _ in range(101):
+        made.deliver(KEY, b"garbage", 0)
+    made.deliver(KEY, packer.pack(KEY, b"good"), 249_999_999)
+    made.deliver("mdm/team/c/e/c", Packer("c", 1, int).pack("mdm/team/c/e/c", b"other"), 0)
+    assert [sample.body for sample in heard] == [b"other"]
+    assert made.statistics().dropped == {"malformed": 101, "ignored": 1}
+    assert reports[-1] == ("ignored", "b is not heard: it sent a hundred messages in a second that cannot be")
+    made.deliver(KEY, packer.pack(KEY, b"again"), 250_000_000)
+    assert heard[-1].body == b"again"
+    made.refuse("b", "incredible", "no such action")
+    assert made.statistics().refused == {"b": 102}
+
+
+def test_few_a_second_of_what_cannot_be_are_no_reason_to_ignore_their_sender():
+    made, _, _, _ = router()
+    made.subscribe("mdm/team/**", print)
+    for second in range(20):
+        for _ in range(100):
+            made.deliver(KEY, b"garbage", second * 10**9)
+    assert made.statistics().dropped == {"malformed": 2000}
+
+
+@pytest.mark.parametrize("time", [-(2**63), 2**63 - 1, 10**18 + 86_400 * 10**9, 10**18 - 86_400 * 10**9])
+def test_a_clock_that_is_a_day_off_is_told_and_its_messages_are_dropped(time):
+    made, _, reports, _ = router()
+    heard = []
+    made.subscribe("mdm/team/**", heard.append)
+    made.deliver(KEY, Packer("b", 1, lambda: time).pack(KEY, b"late"), 10**18)
+    assert heard == []
+    assert [kind for kind, _ in reports] == ["untimely"]
+    assert made.statistics().lateness.count == 0
+    made.deliver(KEY, Packer("b", 2, lambda: 10**18 - 86_399 * 10**9).pack(KEY, b"good"), 10**18)
+    assert len(heard) == 1
 
 
 def test_each_kind_has_its_own_second():

@@ -147,7 +147,7 @@ def test_garbage_is_dropped_counted_and_reported_and_the_rest_goes_on():
         second.subscribe("mdm/team/**", got.append)
         await net.open(first, second)
         raw = first._zenoh
-        for _ in range(50):
+        for _ in range(24):  # fewer than for which a sender is ignored
             raw.put(key("a"), b"garbage")
             raw.put(key("b"), Packer("a", 1, int).pack(key("b"), b""))
             raw.put(key("a"), Packer("a", 2**62, int, version=2).pack(key("a"), b""))
@@ -160,7 +160,7 @@ def test_garbage_is_dropped_counted_and_reported_and_the_rest_goes_on():
         await net.until(lambda: got)
         assert [sample.body for sample in got] == [b"hello"]
         dropped = second.statistics().dropped
-        assert dropped == {"malformed": 150, "foreign": 50, "version": 50, "oversize": 1}
+        assert dropped == {"malformed": 72, "foreign": 24, "version": 24, "oversize": 1}
         assert sorted(kind for kind, _ in reports[:4]) == ["foreign", "malformed", "oversize", "version"]
 
     LOOPBACK(main)

@@ -1,0 +1,45 @@
+"""Bounds of what other machines say: the types of the fields of messages, and what depends on the receiver's clock.
+
+A message is checked once, where it enters: its decoder refuses what no sender of this program says, and `can_be` what
+would have taken longer than there was time for. Indices are checked where the model's spaces are known.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, TypeAlias
+
+from msgspec import Meta
+
+__all__ = ["DAY", "HOUR", "Life", "Name", "Number", "Text", "can_be"]
+
+HOUR = 3_600_000_000_000
+"""Nanoseconds by which counts and numbers may be ahead of the receiver's clock."""
+
+DAY = 24 * HOUR
+"""Nanoseconds by which the clock of a sender may differ from the receiver's; what it says is dropped beyond."""
+
+Number: TypeAlias = Annotated[int, Meta(ge=0, le=(1 << 62) - 1)]
+"""A count or a time since 1970, which is never negative and has room to grow."""
+
+Life: TypeAlias = Annotated[int, Meta(ge=0, le=(1 << 63) - 1)]
+"""An incarnation."""
+
+Name: TypeAlias = Annotated[str, Meta(max_length=256)]
+"""The name of an agent, a predicate or a command."""
+
+Text: TypeAlias = Annotated[str, Meta(max_length=4096)]
+"""A sentence or a digest."""
+
+
+def can_be(number: int, now: int, each: int = 1_000_000) -> bool:
+    """Return whether so many things can have happened by a time.
+
+    Changes of membership and commands of a team take a millisecond each at least. All receivers draw the same line,
+    but for their clocks, and what is counted on from a number at the line is behind it again a millisecond later.
+
+    Args:
+        number: How many.
+        now: The receiver's time in nanoseconds since 1970.
+        each: How many nanoseconds each of them takes at least.
+    """
+    return number * each <= now + HOUR

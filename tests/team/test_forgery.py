@@ -1,0 +1,14 @@
+"""Messages that agents of a team did not send: nobody ends by them, and the team goes on when they stop."""
+
+from __future__ import annotations
+
+import pytest
+from team import forgery
+
+
+@pytest.mark.parametrize("seed", range(9))
+def test_forged_messages_end_no_agent_and_hold_none_up(seed):
+    wrong, dropped = forgery.attacked(forgery.MODES[seed % 3], seed, 120)
+    assert wrong == []
+    assert 0 < dropped["incredible"] < 200  # of these the envelope was right
+    assert dropped["malformed"] > 0

@@ -351,10 +351,11 @@ class Link(Actor):
         other, life = sample.owner, sample.incarnation
         if not self.opened or self.left.get(other) == life:
             return
+        if self.differing.get(other) != life:
+            self._agree(other)
         self._differing_at[other] = self.runtime.clock.now()
-        if self.differing.get(other) == life:
+        if other in self.differing:
             return
-        self._agree(other)
         mine, theirs = self._standing(), (beat.settled, beat.company)
         self.differing[other] = life
         if theirs > mine or (theirs == mine and other < self.agent):

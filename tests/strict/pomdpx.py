@@ -82,7 +82,7 @@ class _Reader:
         everything = [*action, *prev, *curr, *obs]
         used = {name for function in told for name in function.find("Parent").text.split()}
         later = not used.isdisjoint([*curr, *obs])
-        need(told, "no rewards")
+        need(len(told), "no rewards")
         axes = everything if later else [*action, *prev]
         for function in told:
             rewards = rewards + self.function(function, axes, None)

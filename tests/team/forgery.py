@@ -160,7 +160,9 @@ def attacked(mode, seed, count=TOGETHER):
         await asyncio.sleep(2 * LEASE)
         for robot in robots:
             dropped.update(robot.transport.statistics().dropped)
-            if robot.ensemble.mode == "stopped":  # somebody has said in an agent's name that it stops
+            if robot.ensemble.mode == "stopped" or getattr(
+                robot.replica, "still", False
+            ):  # somebody has said in an agent's name that it stops
                 robot.ensemble.start()
         await asyncio.sleep(2 * LEASE)
         before = [len(robot.did) for robot in robots]

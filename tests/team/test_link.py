@@ -186,6 +186,9 @@ def test_an_agent_that_is_refused_waits_for_the_other_and_goes_on(back):
         beats(b, model="doors")
         await asyncio.sleep(0.05)
         assert a.refusal == a.kept_out == told[-1] == "model is rooms at a and doors at b"
+        beats(b, model="windows")  # whatever it says next
+        await asyncio.sleep(0.05)
+        assert a.life == "running"
         assert tuple(a.live) == ("a",)
         if back == "agrees":
             beats(b, model="rooms")

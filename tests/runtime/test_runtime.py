@@ -103,7 +103,7 @@ def test_at_the_end_all_that_run_are_told_at_once_before_the_first_stops(how, er
             raise error(self.name)
 
         async def on_stopping(self):
-            await asyncio.sleep(1.0)
+            await asyncio.sleep(0.5)
 
     async def main():
         async with Runtime(log=None) as runtime:

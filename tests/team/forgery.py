@@ -160,10 +160,8 @@ def attacked(mode, seed, count=TOGETHER):
         await asyncio.sleep(2 * LEASE)
         for robot in robots:
             dropped.update(robot.transport.statistics().dropped)
-            if robot.ensemble.mode == "stopped" or getattr(
-                robot.replica, "still", False
-            ):  # somebody has said in an agent's name that it stops
-                robot.ensemble.start()
+            if robot.ensemble.mode == "stopped" or robot.replica.still:
+                robot.ensemble.start()  # somebody has said in an agent's name that it stops
         await asyncio.sleep(2 * LEASE)
         before = [len(robot.did) for robot in robots]
         await asyncio.sleep(2 * LEASE)

@@ -273,6 +273,8 @@ def _open(key: str, data: bytes, largest: int) -> tuple[str, int, int, int, int]
         raise Refusal("malformed", f"a message under {key} is shorter than an envelope") from None
     if magic != _MAGIC:
         raise Refusal("malformed", f"a message under {key} is not of this program")
+    if incarnation >> 63:
+        raise Refusal("malformed", f"a message under {key} is of life {incarnation}, which no agent has")
     try:
         owner = data[_START.size : start].decode()
     except UnicodeDecodeError:

@@ -27,7 +27,7 @@ def kind_of(unpacker, key, data):
     return refused.value.kind
 
 
-@given(NAMES, st.integers(0, 2**64 - 1), st.lists(st.binary(max_size=100), max_size=5))
+@given(NAMES, st.integers(0, 2**63 - 1), st.lists(st.binary(max_size=100), max_size=5))
 def test_what_is_packed_is_unpacked(owner, incarnation, bodies):
     sender, receiver = packer(owner, incarnation), reader()
     key = join("rescue", owner, "patrol", "state")
@@ -128,7 +128,7 @@ def test_messages_that_come_again_one_after_the_other_are_refused_all_the_same()
 def test_a_forged_life_silences_nobody_who_is_seen_to_live():
     receiver = reader(lambda key, count: None)
     receiver.present("robot1", 3)
-    sender, forger = packer(incarnation=3), packer(incarnation=2**63)
+    sender, forger = packer(incarnation=3), packer(incarnation=2**63 - 1)
     receiver.unpack(KEY, sender.pack(KEY, b""))
     receiver.unpack(KEY, forger.pack(KEY, b""))
     for _ in range(3):
@@ -187,3 +187,12 @@ def test_answers_are_of_the_owner_of_their_key():
     assert receiver.unseal(KEY, packer("robot2").seal(b"how are you"), of_owner=False).owner == "robot2"
     with pytest.raises(Refusal, match="robot2"):
         receiver.unseal(KEY, packer("robot2").seal(b"yes"), of_owner=True)
+
+
+@pytest.mark.parametrize("life", [2**63, 2**64 - 1])
+def test_a_life_that_no_agent_has_is_refused(life):
+    unpacker = Unpacker("team", "a", lambda *_: None)
+    key = "mdm/team/b/e/c"
+    with pytest.raises(Refusal, match=f"is of life {life}, which no agent has"):
+        unpacker.unpack(key, Packer("b", life, int).pack(key, b""))
+    assert unpacker.unpack(key, Packer("b", 1, int).pack(key, b"good")).body == b"good"

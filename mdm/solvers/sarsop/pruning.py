@@ -30,7 +30,14 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.solvers.sarsop.layout import Layout
 
-__all__ = ["forget_nodes", "needed_vectors", "prune_points", "prune_vectors"]
+__all__ = [
+    "bytes_to_forget_nodes",
+    "bytes_to_need_vectors",
+    "forget_nodes",
+    "needed_vectors",
+    "prune_points",
+    "prune_vectors",
+]
 
 Indices = npt.NDArray[np.intp]
 
@@ -38,6 +45,18 @@ _CHUNK = 1_000_000
 """Numbers that are held at once for some beliefs, and for their products with vectors."""
 _NODES = 5_000
 """Beliefs whose actions are looked at at once."""
+
+
+def bytes_to_need_vectors(graph: Graph) -> int:
+    """Return how many bytes `needed_vectors` takes at most."""
+    nodes = int(graph.counts[NODES])
+    return int(graph.is_active[: graph.counts[VECTORS]].sum()) * nodes // 8 + 64 * nodes + 32 * _CHUNK
+
+
+def bytes_to_forget_nodes(graph: Graph) -> int:
+    """Return how many bytes `forget_nodes` takes at most: a few numbers for each node, edge and outcome."""
+    numbers = graph.counts[NODES] + graph.counts[EDGES] + graph.counts[OUTCOMES]
+    return 64 * int(numbers) + 2 * graph.table.nbytes
 
 
 def needed_vectors(graph: Graph, layout: Layout, roots: npt.NDArray[np.int64], slack: float) -> npt.NDArray[np.bool_]:

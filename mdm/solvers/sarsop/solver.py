@@ -32,10 +32,14 @@ from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.undiscounted import remedy
 from mdm.solvers.sarsop.condensation import Condensed, Vectors, condensed
 from mdm.solvers.sarsop.graph import (
+    EDGES,
     LINKS,
     NODES,
+    OUTCOMES,
     POINTS,
+    VALUES,
     VECTORS,
+    WEIGHTS,
     bytes_of,
     grown,
     lacking,
@@ -46,7 +50,15 @@ from mdm.solvers.sarsop.graph import (
     without_beliefs,
 )
 from mdm.solvers.sarsop.layout import bytes_of_arrivals, layout_of
-from mdm.solvers.sarsop.pruning import forget_nodes, needed_vectors, parts_of, prune_points, prune_vectors
+from mdm.solvers.sarsop.pruning import (
+    bytes_to_forget_nodes,
+    bytes_to_need_vectors,
+    forget_nodes,
+    needed_vectors,
+    parts_of,
+    prune_points,
+    prune_vectors,
+)
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -58,7 +70,8 @@ __all__ = ["sarsop"]
 
 _STEPS = "mdm.solvers.sarsop.search"
 _BINS = 50
-_DEPTH = 1000
+_DEPTH, _LEAST_DEPTH = 1000, 16
+"""Steps of a trial at most, and those that it may have however little time is left."""
 _SLACK = 1e-12
 """Slack of the upper bound for rounding, as a share of the values."""
 _ROUNDING = 4e-12
@@ -106,11 +119,12 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
         raise ModelError(f"SARSOP needs a discount below 1, for bounds without end never meet: {remedy(model)}")
     _check_compiler()
     with Limits() if limits is None else limits as run:
+        end = run.end if whole else run.end / (1 + _RESERVED)
         search = _Search(model, run)
         lower, upper = search.bounds()
         while not run.ends(lower, upper, iterations=search.backups, size=search.size):
             search.compile(run)
-            search.run(run)
+            search.run(run, end)
             if not whole:
                 search.condense(run)
                 if 0 <= run.remaining < _RESERVED * run.seconds:
@@ -118,7 +132,7 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
             lower, upper = search.bounds()
             if run.gap < upper - lower <= search.rounding:
                 run.reason = "converged"
-        search.learn_followers()
+        search.learn_followers(run)
         search.forget_beliefs()
         small = None if whole else search.condensed(run, lower, upper)
         vectors, lower = (search.whole(), lower) if small is None else small
@@ -177,6 +191,7 @@ class _Search:
         self._room = np.array([room[count] for count in range(8)], dtype=np.int64)
         self.backups = 0
         self._budget = 16
+        self._pace = np.inf
         self._next_plan = _FIRST_PLAN
         self._fewer = 0
         self._after: npt.NDArray[np.intp] | None = None
@@ -247,6 +262,12 @@ class _Search:
             self._graph = grown(self._graph, {name: length})
         return True
 
+    def _leaves_room(self, limits: Limits) -> bool:
+        """Whether there is room for a policy of all vectors once beliefs are forgotten; else the run ends."""
+        edges, outcomes, weights, values = self._graph.counts[[EDGES, OUTCOMES, WEIGHTS, VALUES]].tolist()
+        # It sorts the vectors, and lays them out by states.
+        return limits.allows(2 * 8 * values - (28 * edges + 16 * outcomes + 12 * weights))
+
     @property
     def size(self) -> int:
         """The number of active vectors."""
@@ -261,17 +282,23 @@ class _Search:
             float(self._shares @ self._graph.upper[self._roots]),
         )
 
-    def run(self, limits: Limits) -> None:
-        """Run some trials, for about a twentieth of a second."""
-        began = limits.seconds
-        self._prune(limits.gap)
-        if not self._grow(limits):
+    def run(self, limits: Limits, end: float = np.inf) -> None:
+        """Run some trials, for about a twentieth of a second, none of them deeper than there is time for.
+
+        Args:
+            limits: Those of the run.
+            end: The seconds of the run at which trials are to end.
+        """
+        self._prune(limits)
+        if not (self._grow(limits) and self._leaves_room(limits)):
             return
+        began = limits.seconds
+        depth = _DEPTH if end == np.inf else int(np.clip((end - began) / self._pace, _LEAST_DEPTH, _DEPTH))
         with np.errstate(all="ignore"):  # compiled steps tell nothing either of what overflows
             done = self._steps.explore(
                 self._layout,
                 self._graph,
-                self._scratch,
+                self._scratch._replace(path=self._scratch.path[:depth]),
                 self._informed,
                 self._roots,
                 self._shares,
@@ -280,37 +307,48 @@ class _Search:
                 limits.gap,
                 self._budget,
             )
-        self.backups += done if done >= 0 else -1 - done
+        steps = done if done >= 0 else -1 - done
+        self.backups += steps
+        took = max(limits.seconds - began, 1e-4)
+        self._pace = took / max(steps, 1)
         if done >= 0:
-            share = 0.05 / max(limits.seconds - began, 1e-4)
+            share = 0.05 / took
             self._budget = int(min(max(16, self._budget * min(share, 4.0)), 1e6))
 
-    def _prune(self, goal: float) -> None:
-        """Prune each part that has grown by half since its last pruning."""
+    def _prune(self, limits: Limits) -> None:
+        """Prune each part that has grown by half since its last pruning, where there is room to do so."""
         counts = self._graph.counts
-        if counts[NODES] > 2 * self._kept_nodes + _LEAST_NODES:
+        many = counts[NODES] > 2 * self._kept_nodes + _LEAST_NODES
+        if many and bytes_to_forget_nodes(self._graph) < limits.room:
             self._roots = forget_nodes(self._graph, self._roots)
             self._kept_nodes = int(counts[NODES])
         if self.size > 1.5 * self._kept_vectors + _LEAST_VECTORS:
-            self._prune_vectors(goal)
+            self._prune_vectors(limits)
         if counts[POINTS] > 1.5 * self._kept_points + _LEAST_VECTORS:
             prune_points(self._graph)
             self._kept_points = int(counts[POINTS])
 
-    def _prune_vectors(self, goal: float) -> None:
+    def _prune_vectors(self, limits: Limits) -> None:
+        if bytes_to_need_vectors(self._graph) >= limits.room:
+            return
         lower, upper = self.bounds()
-        slack = min(1e-2 * goal, 1e-5 * (upper - lower))
+        slack = min(1e-2 * limits.gap, 1e-5 * (upper - lower))
         prune_vectors(self._graph, self._layout, needed_vectors(self._graph, self._layout, self._roots, slack))
         self._kept_vectors = self.size
 
-    def learn_followers(self) -> None:
-        """Learn what follows each vector after each observation at the first belief that it is the best at."""
+    def learn_followers(self, limits: Limits) -> None:
+        """Learn what follows each vector after each observation at the first belief that it is the best at.
+
+        Where there is no room for that, it is not known.
+        """
         graph = self._graph
         count = int(graph.counts[NODES])
+        symbols = int(self._layout.observations.columns.max()) + 1
+        if 64 * count + 8 * int(graph.counts[VECTORS]) * symbols >= limits.room:
+            return
         nodes = np.flatnonzero((graph.first_edge[:count] >= 0) & (graph.best[:count] >= 0))
         vectors, first = np.unique(graph.best[nodes], return_index=True)
         edges = graph.first_edge[nodes[first]] + graph.vector_action[vectors]
-        symbols = int(self._layout.observations.columns.max()) + 1
         after = np.full((int(graph.counts[VECTORS]), symbols), -1)
         for vector, edge in zip(vectors.tolist(), edges.tolist(), strict=True):
             outcomes = slice(graph.first_outcome[edge], graph.first_outcome[edge] + max(graph.num_outcomes[edge], 0))
@@ -327,7 +365,9 @@ class _Search:
         So each vector is at most the value of an action followed by others of them, and a policy of them earns no less
         than the lower bound.
         """
-        return self._vectors(np.flatnonzero(self._is_part()))
+        prune_vectors(self._graph, self._layout, self._is_part())
+        # The graph's own: there may be no room for a copy.
+        return self._vectors(slice(0, int(self._graph.counts[VECTORS])))
 
     def _is_part(self) -> npt.NDArray[np.bool_]:
         """Return a mask of the best vectors at the roots and all that they are made of."""
@@ -349,7 +389,7 @@ class _Search:
         gains = found is not None and found.lower > lower + _GAIN * (upper - lower)
         if found is not None and gains:
             self._add(found)
-            self._prune_vectors(limits.gap)
+            self._prune_vectors(limits)
         elif found is not None:
             self._fewer = (self._fewer + 1) % len(_FEWER)
         share = _PLANS if gains else _PLANS / 2
@@ -384,10 +424,10 @@ class _Search:
         if slack == 0:  # only with the parts of the best vectors is there a plan that loses nothing
             chosen |= self._is_part()
         some = np.flatnonzero(chosen)
-        vectors = self._vectors(some)
         # What is chosen among, the visits, and a dozen vectors of the linear system.
-        if 16 * vectors.values.nbytes >= limits.room:
+        if 16 * len(some) * self._graph.values.itemsize * int(self._layout.first_state[1]) >= limits.room:
             return None
+        vectors = self._vectors(some)
         start = self._model.initial_belief[self._order].reshape(-1, vectors.values.shape[1])
         after = None
         if self._after is not None:
@@ -405,7 +445,7 @@ class _Search:
             part=lambda share: limits.until(limits.seconds + share * (end - limits.seconds)),
         )
 
-    def _vectors(self, which: npt.NDArray[np.intp]) -> Vectors:
+    def _vectors(self, which: npt.NDArray[np.intp] | slice) -> Vectors:
         graph = self._graph
         values = rows_of(graph, int(self._layout.first_state[1]))[which]
         return Vectors(values, graph.vector_action[which].astype(np.intp), graph.vector_block[which].astype(np.intp))

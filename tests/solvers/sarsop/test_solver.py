@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -218,6 +219,57 @@ def test_memory_and_time_end_it():
     assert sarsop(model, limits=Limits(gap=0, time=5, clock=lambda: next(times))).reason == "time"
 
 
+@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the most held is not told")
+def test_no_more_memory_is_held_than_may_be():
+    program = """if True:
+        import re
+        import numpy as np
+        from mdm.models import POMDP
+        from mdm.solvers import Limits
+        from mdm.solvers.limits import _held
+        from mdm.solvers.sarsop import sarsop, solver
+        random = np.random.default_rng(1)
+        ways = random.dirichlet(np.full(100, 0.1), size=(4, 100))
+        told = random.dirichlet(np.full(8, 0.5), size=(4, 100))
+        model = POMDP(ways, told, random.normal(size=(100, 4)), discount=0.95)
+        solver._compiled()
+        with open("/proc/self/clear_refs", "w") as file:
+            file.write("5")  # the most held is counted from here
+        limit = _held() + 80_000_000
+        found = sarsop(model, limits=Limits(gap=0, time=100, memory=limit))
+        most = 1024 * int(re.search(r"VmHWM:\\s*(\\d+)", open("/proc/self/status").read())[1])
+        worth = found.policy.value(model.initial_belief)
+        print(found.reason, most / limit, worth - found.lower, len(found.policy.actions))
+    """
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    reason, share, lost, _ = run.stdout.split()
+    assert reason == "memory"
+    assert 0.8 < float(share) < 1.03
+    assert abs(float(lost)) < 1e-9
+
+
+@pytest.mark.parametrize("step", [1e-4, 0.1])
+def test_trials_are_no_deeper_than_there_is_time_for(monkeypatch, step):
+    """A trial is begun with the pace of those before it in mind."""
+    steps, depths, times = plain(solver._STEPS), [], itertools.count(0, step)
+    explore = steps.explore
+
+    def watched(layout, graph, scratch, *rest):
+        depths.append(len(scratch.path))
+        explore(layout, graph, scratch, *rest)
+        return 10  # in two readings of the clock
+
+    monkeypatch.setattr(steps, "explore", watched)
+    monkeypatch.setattr(solver._Search, "_plan", lambda *_: None)
+    monkeypatch.setattr(solver, "_SHORT", np.inf)
+    limits = Limits(gap=0, time=3, iterations=500, clock=lambda: next(times))
+    sarsop(load_model(TIGER).with_discount(0.999), limits=limits)
+    assert depths[0] == solver._LEAST_DEPTH
+    assert depths[1:] == sorted(depths[1:], reverse=True)
+    assert depths[1] == solver._DEPTH if step < 1e-3 else depths[1] <= 3 / (step / 10)
+
+
 def test_plans_end_with_the_time(monkeypatch):
     """Those of the search leave time for the last ones, which end a part of a second after the limit."""
     ends = []
@@ -243,7 +295,7 @@ def test_followers_are_the_best_after_the_beliefs_that_vectors_were_found_at():
     while search.backups < 120:
         search.run(limits)
     search.bounds()
-    search.learn_followers()
+    search.learn_followers(limits)
     graph = search._graph
     (root,) = search._roots
     vector = int(graph.best[root])

@@ -83,6 +83,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/team_bridge.py
 	$(BIN)/python benchmarks/team_latency.py
 	$(BIN)/python benchmarks/team_memory.py
+	$(BIN)/python benchmarks/team_radio.py
 
 clean:
 	rm -rf .venv build dist docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -32,6 +32,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
         "team_bridge",
         "team_latency",
         "team_memory",
+        "team_radio",
     ],
 )
 def test_benchmark(tmp_path, name):
@@ -71,6 +72,11 @@ def test_benchmark(tmp_path, name):
         assert all(row["steps a second"] > 0 for row in results["steps"])
     elif name == "team_memory":
         assert all(row["RSS MB"] >= row["PSS MB"] > 0 for row in results["team_memory"])
+    elif name == "team_radio":
+        sound, lossy = results["steps"]
+        assert sound["together %"] == 100 > lossy["together and whole %"]
+        assert all(0 < row["median"] <= row["most"] for row in results["pauses"])
+        assert {row["how"] for row in results["pauses"]} == {"connection ends", "silent"}
     elif name == "ticks":
         assert {row["way"] for row in results["ticks"]} == {"mdm", "loop.call_at", "asyncio.sleep"}
     elif name == "tree_search":

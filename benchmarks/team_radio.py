@@ -161,7 +161,7 @@ def share(loss: float, lease: float, *, seconds: float, period: float = 0.5) -> 
 
 
 def pauses(loss: float, lease: float, *, crashes: int, silent: bool, period: float = 0.1) -> dict[str, Any]:
-    """Return how long three agents decide nothing after their leader has gone, in quantiles.
+    """Return the longest time without a step in the six leases after the leader of three agents has gone, in quantiles.
 
     Args:
         loss: The chance that a packet is lost.
@@ -199,7 +199,10 @@ def main() -> None:
     table("two agents, a step each 0.5 s", rows)
     cases = [(loss, lease) for loss in losses if loss in {0.0, 0.05, 0.2} for lease in leases if lease == 1.0]
     gone = [pauses(loss, lease, crashes=crashes, silent=silent) for silent in (False, True) for loss, lease in cases]
-    table("three agents, a step each 0.1 s: seconds without a step after the leader has gone", gone)
+    table(
+        "three agents, a step each 0.1 s: the longest time without a step, of the seconds after the leader has gone",
+        gone,
+    )
     report("team_radio", {"steps": rows, "pauses": gone}, asked.output)
 
 

@@ -21,7 +21,7 @@ from mdm.messages import Action, ActionLife, ActionStatus
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.channel import Subscription
 from mdm.runtime.clock import check_seconds
-from mdm.runtime.executors import Jobs
+from mdm.runtime.executors import OWNER, Jobs
 from mdm.runtime.handler import has_not_run
 from mdm.runtime.statistics import FULL
 from mdm.runtime.supervision import LEAVING, describe
@@ -65,11 +65,10 @@ class _Life:
 class _Brief:
     """What a binding's hot path needs."""
 
-    __slots__ = ("function", "returns", "takes_action")
+    __slots__ = ("function", "takes_action")
 
     def __init__(self, binding: Binding) -> None:
         self.function = binding.function
-        self.returns = binding.returns
         self.takes_action = binding.takes_action
 
 
@@ -335,16 +334,15 @@ class ActionLayer(Layer):
         self._recent.append(self._now() - action.time)
         if len(self._recent) >= FULL:
             self._latencies.fold()
-        jobs = None
+        jobs = Jobs()
+        token = OWNER.set(jobs)  # as `Jobs.call` does, without a call of its own
         try:
             self._calling = True
-            if brief.returns:
-                jobs = Jobs()
-                result = jobs.call(brief.function, *((action,) if brief.takes_action else ()))
-            else:
-                result = brief.function(action) if brief.takes_action else brief.function()
+            result = brief.function(action) if brief.takes_action else brief.function()
             self._calling = False
+            OWNER.reset(token)
         except BaseException as error:
+            OWNER.reset(token)
             self._take_error(_Life(self.started, self.names[index], self.bindings[index], action), error)
             return
         if result is not None or self._halted:
@@ -354,7 +352,7 @@ class ActionLayer(Layer):
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(self.names[index], "succeeded")
 
-    def _take(self, life: _Life, result: object, jobs: Jobs | None) -> None:
+    def _take(self, life: _Life, result: object, jobs: Jobs) -> None:
         """Take what a function has returned: an awaitable runs as a task, and has ended when its jobs have."""
         if inspect.isawaitable(result):
             self._keep(life)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from mdm.choice import check_choice, check_flag
 from mdm.errors import ConfigError
 from mdm.runtime.clock import check_seconds
-from mdm.runtime.handler import kind_of, may_return
+from mdm.runtime.handler import kind_of
 
 if TYPE_CHECKING:
     from mdm.actors.ensemble import Ensemble
@@ -40,7 +40,6 @@ class Binding:
     Attributes:
         plain: Whether it is a plain function.
         brief: Whether it is one that begins and ends alone, by a call.
-        returns: Whether it is one that may return anything, such as what is to be awaited.
     """
 
     __slots__ = (
@@ -54,7 +53,6 @@ class Binding:
         "on_repeat",
         "plain",
         "resume",
-        "returns",
         "takes_action",
         "target",
         "timeout",
@@ -109,7 +107,6 @@ class Binding:
             raise ConfigError(f"an action's target is a function or an ensemble, not {target!r}")
         self.plain = self.ensemble is None and kind_of(self.function) is None
         self.brief = self.plain and not concurrent
-        self.returns = self.plain and may_return(self.function)
 
     def continues(self) -> bool:
         """Whether a running task goes on when the action is chosen again."""

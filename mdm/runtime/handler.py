@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dis
 import inspect
 from contextlib import asynccontextmanager, contextmanager
 from functools import partial
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from mdm.errors import Error
@@ -15,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterator
     from types import CodeType
 
-__all__ = ["check_plain", "has_not_run", "kind_of", "may_return"]
+__all__ = ["check_plain", "has_not_run", "kind_of"]
 
 _KINDS = {
     inspect.CO_COROUTINE: "an async function",
@@ -56,18 +54,6 @@ def kind_of(function: Callable[..., Any]) -> str | None:
 def has_not_run(result: object) -> bool:
     """Whether what a call has returned is the function's own code, of which nothing has run, and not to be awaited."""
     return inspect.isgenerator(result) or inspect.isasyncgen(result) or isinstance(result, _CONTEXT_MANAGERS)
-
-
-def may_return(function: Callable[..., Any]) -> bool:
-    """Whether a plain function may return anything but None, as far as its code shows."""
-    code = _code_of(function)
-    if code is None:
-        return True
-    return any(
-        last.opname.startswith("RETURN")
-        and (last.is_jump_target or (before.opname, before.argval) != ("LOAD_CONST", None))
-        for before, last in pairwise(dis.get_instructions(code))
-    )
 
 
 def _code_of(function: Callable[..., Any]) -> CodeType | None:

@@ -328,6 +328,58 @@ def test_a_thread_of_an_action_ends_before_the_next_one_begins(begin):
     run(main)
 
 
+class Elsewhere:
+    """Stands for a function, as decorators' proxies do, and calls it in a thread."""
+
+    def __init__(self, function):
+        self.function = function
+        self.__code__ = function.__code__
+
+    def __call__(self):
+        return handed_over(self.function)
+
+
+class AtLast:
+    """Returns nothing but None for long, and then what is to be awaited."""
+
+    def __init__(self, function):
+        self.function, self.left = function, 200
+
+    def __call__(self):
+        if self.left:
+            self.left -= 1
+            return None
+        return handed_over(self.function)
+
+
+@pytest.mark.parametrize("kind", [Elsewhere, AtLast])
+def test_a_thread_is_the_action_s_whatever_the_function_looks_like_or_returned_before(kind):
+    begun, free, log = threading.Event(), threading.Event(), []
+
+    def drive():
+        begun.set()
+        free.wait(10)
+        log.append("A ends")
+
+    async def main():
+        ensemble = robot({"A": kind(drive), "B": lambda: log.append("B")})
+        async with Runtime(log=None) as runtime:
+            await runtime.start(ensemble)
+            async with asyncio.timeout(10):
+                while not begun.is_set():
+                    ensemble.publish_state(0)
+                    await asyncio.sleep(0)
+                ensemble.publish_state(1)
+                await asyncio.sleep(0.01)
+                assert log == []
+                free.set()
+                while len(log) < 2:
+                    await asyncio.sleep(0.001)
+            assert log == ["A ends", "B"]
+
+    run(main)
+
+
 def test_an_action_is_told_of_the_abandoned_thread_that_it_runs_beside():
     free, log = threading.Event(), []
 

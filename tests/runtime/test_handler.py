@@ -9,7 +9,7 @@ import pytest
 
 from mdm import Actor, Error, PredicateManager
 from mdm.messages import State
-from mdm.runtime.handler import check_plain, may_return
+from mdm.runtime.handler import check_plain
 from mdm.testing import run_virtual
 
 
@@ -100,36 +100,3 @@ def test_work_is_awaitable():
 @pytest.mark.parametrize("plain", [print, len, lambda: None, [].append, partial(print, 1), Callable, "".join])
 def test_plain_functions_are_taken(plain):
     check_plain(plain, "this")
-
-
-class Called:
-    def __call__(self):
-        self.called = True
-
-    def method(self, given=None):
-        if given:
-            return
-        self.given = given
-
-    def answer(self, given=None):
-        if given:
-            return None
-        return given
-
-
-@pytest.mark.parametrize(
-    ("function", "may"),
-    [
-        (lambda: None, False),
-        (Called(), False),
-        (Called().method, False),
-        (partial(Called().method, 1), False),
-        (Called().answer, True),
-        (lambda given=0: [given], True),
-        (lambda given=[]: given and None, True),
-        (lambda given=0: len([given]) if given else None, True),
-        (print, True),
-    ],
-)
-def test_what_a_plain_function_may_return(function, may):
-    assert may_return(function) == may

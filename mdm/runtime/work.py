@@ -109,14 +109,17 @@ class Work:
 
     def _interrupt(self) -> None:
         limit = sys.getrecursionlimit()
-        sys.setrecursionlimit(limit + _ROOM)  # a task whose cancellation a deep stack cuts short would never end
         try:
-            if asyncio.isfuture(self._awaitable) and not self._begun:
-                self.interrupted = self._awaitable.cancel()  # it goes on without us: its end is awaited all the same
-            elif self.task.cancel():
-                self.interrupted = True
+            self._interrupt_within(limit + _ROOM)
         finally:
-            sys.setrecursionlimit(limit)
+            sys.setrecursionlimit(limit)  # not by the function that is called: the last one there is room for could not
+
+    def _interrupt_within(self, limit: int) -> None:
+        sys.setrecursionlimit(limit)  # a task whose cancellation a deep stack cuts short would never end
+        if asyncio.isfuture(self._awaitable) and not self._begun:
+            self.interrupted = self._awaitable.cancel()  # it goes on without us: its end is awaited all the same
+        elif self.task.cancel():
+            self.interrupted = True
 
     @property
     def done(self) -> bool:

@@ -478,8 +478,11 @@ def test_a_turn_that_a_deep_stack_has_no_room_for_fails_from_the_event_loop(room
         else:
             function()
 
-    def handler(_):
+    handled = []
+
+    def handler(message):
         deep(10, lambda: None)
+        handled.append(message.index)
 
     async def main(runtime):
         actor = Actor("actor", supervision="stop")
@@ -496,7 +499,9 @@ def test_a_turn_that_a_deep_stack_has_no_room_for_fails_from_the_event_loop(room
         tell(runtime, 2)
         await asyncio.sleep(1)
         assert sys.getrecursionlimit() == limit
-        assert raised or faults or room > 20
+        # How many levels are left for a handler depends on the version of Python, but not that a failure is told.
+        assert raised or bool(faults) == (1 not in handled)
+        assert handled == ([] if faults else [2] if raised else [1, 2])
         assert not runtime.dispatcher.active
         assert not runtime.dispatcher.queue
 

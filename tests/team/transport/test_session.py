@@ -357,6 +357,7 @@ PROGRAMS = {
     "fork": """
         session = Session("team", "a", listen=sys.argv[1])
         await session.open()
+        warnings.simplefilter("ignore")  # from 3.12 on Python warns of every fork beside threads
         if os.fork() == 0:
             status = 0
             for use in (lambda: session.put("mdm/team/a/e/c", b""), lambda: Session("team", "b").open().send(None)):
@@ -392,7 +393,8 @@ PROGRAMS = {
 def run(name, *, at=None):
     body = PROGRAMS[name]
     program = (
-        "import asyncio, os, sys\nfrom mdm.errors import Error\nfrom mdm.team.transport.session import Session\n"
+        "import asyncio, os, sys, warnings\nfrom mdm.errors import Error\n"
+        "from mdm.team.transport.session import Session\n"
         f"async def main():\n{body}\nasyncio.run(main())"
     )
     return subprocess.run(

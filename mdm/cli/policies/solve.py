@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.usage import UsageError, add_discount, add_durations, add_false_negative, count, limit, seed
@@ -17,6 +18,8 @@ __all__ = ["add_parser", "run"]
 
 _OPTIONS = ("horizon", "seed", "whole")
 """Options of some solvers only."""
+_LONG = 1.0
+"""Seconds from which on it is told how long the policy's file took."""
 
 
 def add_parser(verbs: Any) -> argparse.ArgumentParser:
@@ -113,9 +116,12 @@ def run(arguments: argparse.Namespace) -> int:
     for note in filter(None, (visibility(world), hidden_times(world, durations))):
         print(f"mdm solve: {note}", file=sys.stderr)
     solution = _solve(world, solver, {**given, "durations": durations}, arguments)
+    saving = 0.0
     if arguments.output is not None:
         fits = mismatch(solution.policy, model) is None  # not if observations include the observed state
+        began = perf_counter()
         save_policy(solution.policy, arguments.output, model if fits else world)
+        saving = perf_counter() - began
     facts = _facts(solution, arguments)
     if arguments.history is not None:
         history = [{key: getattr(entry, key) for key in entry.__struct_fields__} for entry in solution.history]
@@ -123,7 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(as_json(facts))
     else:
-        _print(solution, facts, arguments)
+        _print(solution, facts, arguments, saving)
     return arguments.interruption.status if solution.reason == "interrupted" else 0
 
 
@@ -210,7 +216,7 @@ def _facts(solution: Solution, arguments: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _print(solution: Solution, facts: dict[str, Any], arguments: argparse.Namespace) -> None:
+def _print(solution: Solution, facts: dict[str, Any], arguments: argparse.Namespace, saving: float) -> None:
     from mdm.cli.policies.progress import bound  # noqa: PLC0415
 
     why = {
@@ -229,5 +235,9 @@ def _print(solution: Solution, facts: dict[str, Any], arguments: argparse.Namesp
     print(f"{'policy':20}{facts['form']}, size {facts['size']}")
     print(f"{'solver':20}{solution.solver}, {solution.iterations} iterations in {solution.seconds:.3g} s")
     print(f"{'stopped':20}{why}")
-    kept = arguments.output or f"nowhere: give -o, such as -o {Path(arguments.model).name.split('.')[0]}.npz"
+    kept = f"nowhere: give -o, such as -o {Path(arguments.model).name.split('.')[0]}.npz"
+    if arguments.output is not None:
+        size = Path(arguments.output).stat().st_size
+        kept = f"{arguments.output}, {size / 1e6:.3g} MB" if size >= 1e6 else f"{arguments.output}, {size / 1e3:.3g} kB"
+        kept += f", which took {saving:.3g} s" if saving > _LONG else ""
     print(f"{'kept in':20}{kept}")

@@ -45,6 +45,19 @@ def slow(monkeypatch):
     return calls
 
 
+@pytest.mark.parametrize("seconds", [0.5, 30.0])
+def test_the_size_of_the_file_is_told_and_the_time_it_took_if_that_was_long(mdm, tmp_path, monkeypatch, seconds):
+    policy, times = tmp_path / "chain.npz", iter([7.0, 7.0 + seconds])
+    monkeypatch.setattr("mdm.cli.policies.solve.perf_counter", lambda: next(times))
+    status, output, _ = mdm("solve", CHAIN, "-o", policy)
+    assert status == 0
+    place, size, *took = output[-1].removeprefix("kept in").strip().split(", ")
+    assert place == str(policy)
+    number, unit = size.split()
+    assert float(number) * {"kB": 1e3, "MB": 1e6}[unit] == pytest.approx(policy.stat().st_size, rel=5e-3)
+    assert took == ([] if seconds < 1 else ["which took 30 s"])
+
+
 def test_a_certificate_is_printed_and_the_policy_kept(mdm, tmp_path, monkeypatch):
     # On a busy machine it takes more than the second after which progress is told, which is not the matter here.
     monkeypatch.setattr("mdm.cli.policies.progress.ProgressLine.tell", lambda *_: None)

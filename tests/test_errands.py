@@ -204,10 +204,12 @@ def test_the_example_prints_what_the_page_says(library):
 
 
 def test_the_page_quotes_the_examples():
-    errand_as_tree, boards, deciding = re.findall(r"```python\n(.*?)```", read_page(), re.DOTALL)
+    errand_as_tree, boards, program, deciding = re.findall(r"```python\n(.*?)```", read_page(), re.DOTALL)
     assert errand_as_tree in (FOLDER / "py_trees_action.py").read_text(encoding="utf-8")
     assert deciding in (FOLDER / "ensemble_within.py").read_text(encoding="utf-8")
     scope = {}
+    exec(program, scope)
+    assert asyncio.iscoroutinefunction(scope["dock"])
     exec(boards, scope)
     assert {robot: board.place for robot, board in scope["boards"].items()} == {
         "ada": "the dock of ada",

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mdm.team.placement import Placement
     from mdm.team.team import Team
 
-__all__ = ["CentralisedStatistics", "Decided", "Said", "controlling", "decided", "encode", "facts", "said"]
+__all__ = ["CentralisedStatistics", "Decided", "Said", "controlling", "decided", "encode", "said"]
 
 
 class Said(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -86,7 +86,6 @@ class Decided(msgspec.Struct, frozen=True, array_like=True, gc=False):
 encode = msgspec.msgpack.Encoder().encode
 said = msgspec.msgpack.Decoder(Said).decode
 decided = msgspec.msgpack.Decoder(Decided).decode
-facts = msgspec.msgpack.Decoder(dict[str, str]).decode
 
 
 class CentralisedStatistics(ActorStatistics, frozen=True):

@@ -61,9 +61,6 @@ class Centre(TeamLayer):
         self._bars: dict[str, tuple[int, int, int]] = {}
         self._void: dict[str, str] = {}
         self._timer: Timer | None = None
-        self._met: dict[str, tuple[int, bool]] = {}
-        """The life of each agent whose configuration was compared, and whether it is this agent's."""
-        self._asking: dict[str, int] = {}
         self._ready = self._waited = self._outvoted = False
         self._patient = True
         self._saying: Subscription[Decided] = Subscription(None, self, self._spread)
@@ -76,7 +73,6 @@ class Centre(TeamLayer):
         self.ensemble.control.output.relay(self._publish)
         self.hear(join(self.team.name, "*", self.ensemble.name, "part"), self._on_said)
         self._waited = False
-        self._asking.clear()
         self.every(4 / self.team.lease, lambda _: self._put())
 
     def on_running(self) -> None:
@@ -84,12 +80,8 @@ class Centre(TeamLayer):
         if self._ready:
             self._command("stop" if self._stopped else "start" if self.copy.begun else BEGIN)
 
-    def take_live(self, link: Link) -> None:
+    def take_live(self, _link: Link) -> None:
         """Take note of who is live: who has just come is told what is decided; nobody waits for who is gone."""
-        for agent, life in link.live.items():
-            if agent != self.agent and self._asking.get(agent) != life and self._met.get(agent, (0, True))[0] != life:
-                self._asking[agent] = life
-                self.spawn(self._meet(agent, life), name=f"compare with {agent}")
         if not self._waited:
             self._waited = True
             self.call_later(self.team.lease / 2, self._wait_no_more)
@@ -98,22 +90,9 @@ class Centre(TeamLayer):
         self._close(late=False)
         self.assess(self.runtime.clock.now())
 
-    async def _meet(self, agent: str, life: int) -> None:
-        """Compare an agent's configuration with this one's; what it says counts only where they are the same."""
-        try:
-            differing = await self.difference(agent, lambda: self.link.live.get(agent) == life)
-        except LookupError:
-            self._asking.pop(agent, None)
-            return
-        self._met[agent] = (life, differing is None)
-        if differing is not None:
-            self.report("refused", f"{agent} cannot take part in the team: {differing}")
-        self._begin()
-        self._close(late=False)
-
-    def _counts(self, agent: str) -> bool:
-        """Return whether what an agent says counts: its configuration was compared, and is this agent's."""
-        return agent == self.agent or self._met.get(agent) == (self.link.live.get(agent), True)
+    def _counts(self, sample: Sample) -> bool:
+        """Return whether what an agent says counts: it is there, and so has this agent's configuration."""
+        return self.link.live.get(sample.owner) == sample.incarnation
 
     def _wait_no_more(self) -> None:
         """Wait no longer for agents that are not there."""
@@ -121,15 +100,11 @@ class Centre(TeamLayer):
         self._begin()
 
     def _begin(self) -> None:
-        """Begin to decide, once the configurations of all who are there were compared, and most are the same."""
-        live = [agent for agent in self.link.live if agent != self.agent]
-        met = [self._met.get(agent, (0, False)) for agent in live]
-        compared = [same for agent, (life, same) in zip(live, met, strict=True) if life == self.link.live[agent]]
-        if self._ready or self.refusal is not None or len(compared) < len(live):
+        """Begin to decide, once all are there or were waited for, unless most of them have another configuration."""
+        here, differing = len(self.link.live), sum(agent in self.link.differing for agent in self.team.names)
+        if self._ready or self.refusal is not None or (self._patient and here + differing < len(self.team.names)):
             return
-        if self._patient and len(live) + 1 < len(self.team.names):
-            return
-        self._outvoted = compared.count(False) > compared.count(True)
+        self._outvoted = differing > here
         if not self._outvoted:
             self._ready = True
             self._command(STOP if self._stopped else BEGIN)
@@ -184,10 +159,13 @@ class Centre(TeamLayer):
         except (msgspec.MsgspecError, ValueError) as error:
             self._drop(sample, f"is none of a centralised team: {error}")
             return
-        if said.tick > self.tick + _MOST_TICKS or not can_be(said.number, self.runtime.clock.now(), 1000):
+        if not self._can_be(said):
             self._drop(sample, f"is of tick {said.tick} and number {said.number}, which cannot be yet")
             return
-        if not self._counts(sample.owner):
+        if said.tick > self.tick + _MOST_TICKS:
+            self._late += 1  # a clock that is ahead of this one; no part waits for so long
+            return
+        if not self._counts(sample):
             return
         if said.number == 0:
             self._collect(sample.owner, said.tick, said.part)
@@ -201,6 +179,11 @@ class Centre(TeamLayer):
             self._take_said(sample, said, said.command)
         elif said.part is not None:
             self._decide({sample.owner: said.part})
+
+    def _can_be(self, said: Said) -> bool:
+        """Return whether there was time for what an agent has counted, where its clock is an hour ahead at most."""
+        period = round((self.team.period or 1.0) * 1e9)
+        return can_be(said.tick - self.tick, 0, period) and can_be(said.number, self.runtime.clock.now(), 1000)
 
     def _take_said(self, sample: Sample, said: Said, command: str) -> None:
         """Do what was asked for at another agent, unless a stop came between."""
@@ -238,7 +221,7 @@ class Centre(TeamLayer):
         if self._open is None:
             return
         said = self._ticks.get(self._open, {})
-        waited_for = (agent for agent in self._seeing if agent in self.link.live and self._counts(agent))
+        waited_for = (agent for agent in self._seeing if agent in self.link.live)
         if not late and any(agent not in said for agent in waited_for):
             return
         self._closed, self._open = self._open, None
@@ -254,8 +237,7 @@ class Centre(TeamLayer):
     def _decide(self, inputs: dict[str, bytes], missing: tuple[str, ...] | None = None) -> None:
         if missing is None:
             live = self.link.live
-            silent = [agent for agent in self._seeing if agent not in live or not self._counts(agent)]
-            missing = tuple([agent for agent in silent if agent not in inputs])
+            missing = tuple([agent for agent in self._seeing if agent not in live and agent not in inputs])
         self._on = (inputs, missing, None, "")
         known, before = not self.ensemble.control.blind, self._last.step
         self.copy.step(inputs, missing, self.runtime.clock.now())

@@ -13,7 +13,7 @@ import msgspec
 from mdm.errors import ModelError
 from mdm.messages import Control, Observation, State
 from mdm.models.digest import of_parts
-from mdm.team.configuration import difference, facts
+from mdm.team.configuration import facts
 from mdm.team.transport.bounds import Number
 
 if TYPE_CHECKING:
@@ -264,7 +264,3 @@ class Copy:
         self.begun, self._kept, self._gone = begun, kept, dict(gone)
         self._silent, self._now, self._ahead = tuple(silent), now, dict(ahead)
         self._last = None if last is None else tuple(last)
-
-    def difference(self, theirs: Mapping[str, str], there: str) -> str | None:
-        """Return in words the first fact of another agent's configuration that is another here; None if none is."""
-        return difference(self.facts, self._agent, theirs, there)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
-
-import msgspec
 
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError
 from mdm.messages import Observation, State
+from mdm.runtime.scheduler import next_tick
 from mdm.team import centralised
 from mdm.team.commands import DONE, PENDING, Commands
 from mdm.team.commits import Committed
 from mdm.team.copy import Copy
 from mdm.team.ownership import Parts, acting
-from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -33,9 +30,6 @@ __all__ = ["TeamLayer"]
 
 _FAREWELL = 10.0
 """Seconds within which the agents of a team that ends have all said so."""
-
-_AGAIN = 0.05
-"""Seconds after which an agent that did not answer is asked again."""
 
 _REFUSED = frozenset({"refused"})
 _TEAMMATE = frozenset({"lost_teammate"})
@@ -102,6 +96,7 @@ class TeamLayer(Layer):
         else:
             self.subscribe(channel("own_observation", Observation), self._on_own_observation)
         if self.team.period is not None:
+            self.tick = next_tick(self._now(), 1 / self.team.period) - 1
             self.every(1 / self.team.period, self._on_tick)
         self._hears = [self.link.watch(self._on_live, self)]
         self.show_configuration()
@@ -179,23 +174,6 @@ class TeamLayer(Layer):
             facts = centralised.encode(self.copy.facts)
             self.link.serve(self.link.key(self.ensemble.name, "configuration"), lambda _: facts)
 
-    async def difference(self, agent: str, lasts: Callable[[], bool]) -> str | None:
-        """Ask another agent for its configuration; return in words the first difference, or None.
-
-        Args:
-            agent: The agent.
-            lasts: Whether to ask on where it does not answer.
-
-        Raises:
-            LookupError: Where it did not answer as long as it was asked.
-        """
-        while lasts():
-            answers = await self.link.ask(join(self.team.name, agent, self.ensemble.name, "configuration"))
-            with suppress(KeyError, msgspec.MsgspecError, ValueError):
-                return self.copy.difference(centralised.facts(answers[agent]), agent)
-            await self.runtime.clock.sleep(_AGAIN)
-        raise LookupError(agent)
-
     def take_live(self, link: Link) -> None:
         """Take note of who is live."""
         raise NotImplementedError
@@ -252,9 +230,9 @@ class TeamLayer(Layer):
             self.say(new)
 
     def _on_tick(self, tick: Tick) -> None:
+        self.tick = tick.number
         if not self.copy.running:
             return
-        self.tick = tick.number
         if self.parts.takes == "state":
             self.say(self._own)
         elif any(value is not None for value in self._seen):

@@ -72,7 +72,7 @@ class Beat(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 _encode = msgspec.msgpack.Encoder().encode
 _decode = msgspec.msgpack.Decoder(Beat).decode
-_facts = msgspec.msgpack.Decoder(dict[str, str]).decode
+_facts = msgspec.msgpack.Decoder(dict[Text, Text]).decode
 
 
 class Link(Actor):

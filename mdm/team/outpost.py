@@ -60,9 +60,6 @@ class Outpost(TeamLayer):
         """The number under which the controller is told of the stop that was taken here; 0 before it can be."""
         self._since = 0
         """The step of the controller after which a start ends the stop that was taken here."""
-        self._checked: int | None = None
-        self._differs: str | None = None
-        """What is another in the controller's configuration, as long as it is."""
         self._unsaid = 0
 
     def on_start(self) -> None:
@@ -154,14 +151,14 @@ class Outpost(TeamLayer):
             self.malformed += 1
             self.link.refuse_sample(sample, f"decides on action {decided.action}, which the model has not")
             return
+        if sample.incarnation != self.link.live.get(self._controller):
+            return  # it is not there yet, or has another configuration
         if sample.incarnation != self._life:
             self._life = sample.incarnation
             self._last = None
-            self._differs = None
             self._leave_term()
             if self._still:
                 self._waits = 0  # it knows of no stop that a life of the controller before it decided
-            self.spawn(self._compare(sample.incarnation), name="compare")
             if self.parts.takes == "state" and self.team.event_driven:
                 self.say(self.own)  # a controller that has just begun knows nothing
         taken = decided.taken.get(self.agent, 0)
@@ -171,8 +168,7 @@ class Outpost(TeamLayer):
             self._say()
         if (void := decided.void.get(self.agent)) and self.commands.outcomes.get(void) == PENDING:
             self.tell_void(void, "a stop came before it")
-        if self._checked == sample.incarnation and self._differs is None and self.refusal is None:
-            self._obey(decided)
+        self._obey(decided)
 
     def _obey(self, decided: Decided) -> None:
         """Carry out this agent's component of what was decided, once."""
@@ -228,19 +224,6 @@ class Outpost(TeamLayer):
         if self._still and self._waits is None and decided.running and decided.started > self._since:
             self._still = False
 
-    async def _compare(self, life: int) -> None:
-        """Compare the controller's configuration with this agent's; carry out nothing before, nor where they differ."""
-        try:
-            differing = await self.difference(self._controller, lambda: self._life == life)
-        except LookupError:
-            return
-        if self._life != life:
-            return
-        self._checked, self._differs = life, differing
-        if differing is not None and self.refusal is None:
-            self.report("refused", f"{self.agent} cannot take part in the team: {differing}")
-            self.assess(self.runtime.clock.now())
-
     # -- Who is there --------------------------------------------------------------------------------------------
 
     def take_live(self, link: Link) -> None:
@@ -272,9 +255,8 @@ class Outpost(TeamLayer):
 
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there; the way back from a lost controller is its next decision."""
-        if self.refusal is None and (not self._here or self._differs is not None):
-            what = "is not there" if not self._here else f"has another configuration: {self._differs}"
-            self.ensemble.safety.endanger("lost_controller", f"agent {self._controller!r} {what}", now)
+        if self.refusal is None and not self._here:
+            self.ensemble.safety.endanger("lost_controller", f"agent {self._controller!r} is not there", now)
         super().assess(now)
 
     def _on_patience(self) -> None:
@@ -284,10 +266,9 @@ class Outpost(TeamLayer):
     def statistics(self) -> CentralisedStatistics:
         """Return where it stands."""
         role = "following" if self._last is not None else "joining"
-        refused = self.refusal is not None or self._differs is not None
         return CentralisedStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role="refused" if refused else role if self._here else "waiting",
+            role="refused" if self.refusal is not None else role if self._here else "waiting",
             leader=self._controller,
             step=0 if self._last is None else self._last.step,
             digest="" if self._last is None else self._last.digest,

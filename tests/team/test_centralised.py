@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 
+import msgspec
 import numpy as np
 import pytest
 from team_robots import Robot, over_beliefs, over_states, started, three
 
 import mdm
 from mdm import problems
+from mdm.runtime.scheduler import next_tick
+from mdm.team import centralised
 from mdm.team.placement import Placement
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
@@ -293,10 +296,11 @@ def test_a_controller_of_an_older_policy_decides_nothing_and_the_others_follow_t
         wrong = await Robot(team, "one", network, older).start(runtime)
         await asyncio.sleep(5.0)
         assert wrong.did == []
-        assert [robot.role for robot in (wrong, two, third)] == ["refused"] * 3
+        assert [robot.role for robot in (wrong, two, third)] == ["refused", "waiting", "waiting"]
         assert [len(robot.did) for robot in (two, third)] == before
         assert [robot.ensemble.mode for robot in (two, third)] == ["safe", "safe"]
-        assert "horizon is None at two and 5 at one" in two.faults[-1].detail
+        assert [cause.kind for cause in two.ensemble.causes] == ["lost_controller"]
+        assert "horizon is 5 at one and None at two" in two.faults[-1].detail
         network.crash("one")
         await runtime.stop(wrong.member)
         corrected = await Robot(team, "one", network, build).start(runtime)
@@ -304,6 +308,51 @@ def test_a_controller_of_an_older_policy_decides_nothing_and_the_others_follow_t
         assert [robot.role for robot in (corrected, two, third)] == ["leading", "following", "following"]
         assert [robot.ensemble.mode for robot in (corrected, two, third)] == ["deciding"] * 3
         assert all(len(robot.did) > 5 for robot in (corrected, two, third))
+
+    run_virtual(main)
+
+
+def test_an_answer_that_an_agent_did_not_give_refuses_nobody():
+    """Another can answer in its name where certificates are not asked for."""
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        robots = [Robot(tigers(), name, network, over_beliefs(problems.dec_tiger())) for name in ("left", "right")]
+        for robot in robots:
+            await robot.start(runtime)
+            served = robot.transport.router._served
+            for key in served:
+                served[key] = lambda _: msgspec.msgpack.encode({"horizon": "5"})
+            assert [key.split("/")[-1] for key in served if "configuration" in key] == ["configuration"]
+        await asyncio.sleep(1.0)
+        assert [robot.role for robot in robots] == ["leading", "following"]
+        assert [robot.did for robot in robots] == [["listen"]] * 2
+        robots[1].observe(None, "hear-left")
+        await asyncio.sleep(1.0)
+        assert robots[0].commits[-1].input == {"right": "hear-left"}
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("ahead", [0.03, 0.06])
+def test_what_is_said_after_a_stop_that_lasted_is_not_taken_for_forged(ahead):
+    """The controller's ticks go on while the team is stopped, whichever clock ticks first after the start."""
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        team = tigers(period=0.1, deadline=0.05)
+        left, right = await started(runtime, team, network, over_beliefs(problems.dec_tiger()))
+        await asyncio.sleep(1.0)
+        left.ensemble.stop()
+        await asyncio.sleep(10.0 + ahead)
+        before = len(left.commits)
+        # a tick that the controller has not had yet, as a clock that is a little ahead says it
+        said = centralised.Said(0, next_tick(runtime.clock.now(), 10.0), None, None)
+        right.member.link.put(right.replica._key, centralised.encode(said), priority="step")
+        left.ensemble.start()
+        await asyncio.sleep(2.0)
+        assert len(left.commits) > before + 10
+        assert "incredible" not in left.transport.statistics().dropped
 
     run_virtual(main)
 

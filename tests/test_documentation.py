@@ -6,6 +6,7 @@ import asyncio
 import re
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -28,6 +29,11 @@ def test_the_readme_s_program_is_the_example():
     program = block("README.md", "python")
     example = (ROOT / "examples" / "q_table.py").read_text(encoding="utf-8")
     assert example.endswith(program)
+
+
+def test_the_readme_names_every_extra():
+    extras = tomllib.loads(read("pyproject.toml"))["project"]["optional-dependencies"].keys() - {"dev", "demo", "docs"}
+    assert set(re.findall(r"^pip install '\.\[(\w+)\]'", read("README.md"), re.MULTILINE)) == extras
 
 
 def test_the_configuration_page_s_file_is_complete(tmp_path):

@@ -1,11 +1,14 @@
 """Occupancy grids as ROS keeps them: a YAML file that says how to read the image beside it.
 
-How numbers become free and occupied is as in ROS 1's map_server and Nav2's, whose modes are kept:
+How numbers become free and occupied is as in Nav2's map_server, whose modes are kept:
 
-* `trinary` (the default): darkness above `occupied_thresh` is occupied, below `free_thresh` free, in between unknown.
-  Opacity counts as a fourth colour.
-* `scale`: the same, but what is not opaque is unknown. Numbers in between, which are for planners, are unknown here.
+* `trinary` (the default): darkness of `free_thresh` or less is free, else of `occupied_thresh` or more occupied, in
+  between unknown. What is not opaque is unknown.
+* `scale`: the same. Numbers in between, which are for planners, are unknown here.
 * `raw`: brightness is the occupancy itself, in hundredths; the two thresholds tell it apart, and above 100 is unknown.
+
+ROS 1's map_server leaves a darkness that meets a threshold exactly unknown, and in `trinary` counts opacity as a fourth
+colour.
 """
 
 from __future__ import annotations
@@ -37,6 +40,8 @@ _MODES = ("trinary", "scale", "raw")
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 _TRUTH = {"0": False, "1": True, "false": False, "true": True, "no": False, "yes": True}
 _WHAT = "the map"
+_ROUNDING = 1e-6
+"""A threshold that is met but for rounding is met; neighbouring brightnesses of 16 bits differ by more."""
 
 
 def load_grid(path: str | Path) -> Grid:
@@ -74,7 +79,8 @@ def load_grid(path: str | Path) -> Grid:
     if mode == "raw" and negate:
         root.need("negate", _WHAT).fail("with the mode raw servers differ on negate: invert the image instead")
     darkness, known = _darkness(image, mode, negate=negate)
-    return Grid(frame, known & (darkness < free), known & (darkness > occupied))
+    free_cells = known & (darkness <= free + _ROUNDING)
+    return Grid(frame, free_cells, known & ~free_cells & (darkness >= occupied - _ROUNDING))
 
 
 def image_of(path: str | Path) -> Path:
@@ -94,12 +100,7 @@ def _darkness(image: Image, mode: str, *, negate: bool) -> tuple[NDArray[np.floa
     if mode == "raw":
         hundredths = np.rint(brightness * (255 / image.most))
         return hundredths / 100, hundredths <= 100
-    known = np.ones(image.shape, dtype=bool)
-    if opacity is not None:
-        if mode == "scale":
-            known = opacity == image.most
-        else:
-            brightness = (3 * brightness + opacity) / 4
+    known = np.ones(image.shape, dtype=bool) if opacity is None else opacity == image.most
     return (brightness if negate else image.most - brightness) / image.most, known
 
 

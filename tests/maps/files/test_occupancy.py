@@ -1,4 +1,4 @@
-"""Occupancy grids, against the rules of map_server and Nav2 as their pages state them."""
+"""Occupancy grids, against the rules of Nav2's map_server as its source states them."""
 
 from __future__ import annotations
 
@@ -55,36 +55,46 @@ def test_the_image_is_relative_to_the_file(tmp_path):
 
 
 @given(st.lists(st.integers(0, 255), min_size=1, max_size=9), st.booleans())
-def test_thresholds_are_strict(tmp_path_factory, pixels, negate):
+def test_thresholds_tell_free_occupied_and_unknown_apart(tmp_path_factory, pixels, negate):
     loaded = grid(tmp_path_factory.mktemp("map"), [pixels], f"negate: {int(negate)}\n")
     for cell, value in enumerate(pixels):
         darkness = value / 255 if negate else (255 - value) / 255
-        assert loaded.free[0, cell] == (darkness < 0.196)
-        assert loaded.occupied[0, cell] == (darkness > 0.65)
+        assert loaded.free[0, cell] == (darkness <= 0.196)
+        assert loaded.occupied[0, cell] == (darkness >= 0.65)
 
 
-def test_a_threshold_that_is_met_exactly_decides_nothing(tmp_path):
-    base = BASE.replace("0.65", "0.8").replace("0.196", "0.2")  # 51 and 204 of 255
-    assert told(grid(tmp_path, [[205, 204, 203, 52, 51, 50]], base=base)) == ["fuuuuo"]
+@pytest.mark.parametrize("mode", ["trinary", "scale"])
+@pytest.mark.parametrize("value", [0, 1, 51, 127, 204, 254, 255])
+def test_a_threshold_that_is_met_exactly_counts(tmp_path, mode, value):
+    """Nav2 has ``>=`` and ``<=``, and lets free win where both hold."""
+    base = BASE.replace("0.65", f"{(255 - value) / 255}").replace("0.196", "0.0")
+    others = [number for number in (value - 1, value, value + 1) if 0 <= number < 255]
+    expected = "".join("o" if number <= value else "u" for number in others)
+    assert told(grid(tmp_path, [others, others], f"mode: {mode}\n", base)) == [expected] * 2
+    base = BASE.replace("0.65", "1").replace("0.196", f"{(255 - value) / 255}")
+    others = [number for number in (value - 1, value, value + 1) if 0 < number <= 255]
+    expected = "".join("f" if number >= value else "u" for number in others)
+    assert told(grid(tmp_path, [others, others], f"mode: {mode}\n", base)) == [expected] * 2
+
+
+def test_a_mask_of_speeds_has_free_and_occupied_cells(tmp_path):
+    """Its thresholds are the ends of the scale: white is free, black occupied, and greys are for planners."""
+    base = BASE.replace("0.65", "1.0").replace("0.196", "0.0")
+    assert told(grid(tmp_path, [[255, 254, 100, 1, 0]], "mode: scale\n", base)) == ["fuuuo"]
 
 
 def test_the_usual_grey_of_the_unknown_is_unknown(tmp_path):
     assert told(grid(tmp_path, [[254, 205, 0]])) == ["fuo"]
 
 
-def test_in_trinary_opacity_counts_as_a_colour(tmp_path):
-    pixels = [[[255, 255, 255, 255], [0, 0, 0, 255], [255, 255, 255, 0], [0, 0, 0, 0]]]
-    assert told(grid(tmp_path, pixels)) == ["fouo"]
-    assert told(grid(tmp_path, pixels, "mode: trinary\n")) == ["fouo"]
-
-
-def test_in_scale_only_what_is_opaque_is_known(tmp_path):
+@pytest.mark.parametrize("mode", ["", "mode: trinary\n", "mode: scale\n"])
+def test_only_what_is_opaque_is_known(tmp_path, mode):
     pixels = [[[255, 255, 255, 255], [0, 0, 0, 255], [128, 128, 128, 255], [255, 255, 255, 254], [0, 0, 0, 0]]]
-    assert told(grid(tmp_path, pixels, "mode: scale\n")) == ["fouuu"]
+    assert told(grid(tmp_path, pixels, mode)) == ["fouuu"]
 
 
 def test_raw_numbers_are_hundredths_of_occupancy(tmp_path):
-    assert told(grid(tmp_path, [[0, 19, 20, 65, 66, 100, 101, 255]], "mode: raw\n")) == ["ffuuoouu"]
+    assert told(grid(tmp_path, [[0, 19, 20, 65, 66, 100, 101, 255]], "mode: raw\n")) == ["ffuooouu"]
     with pytest.raises(FormatError, match=r"map\.yaml:7: with the mode raw servers differ on negate"):
         grid(tmp_path, [[0]], "mode: raw\nnegate: 1\n")
 

@@ -139,7 +139,7 @@ class CompactFilter:
 
     def restore(self, snapshot: Any) -> None:
         """Restore a snapshot."""
-        self._belief[:] = np.frombuffer(snapshot)
+        self._belief[:] = np.frombuffer(snapshot).reshape(self._belief.shape)
 
 
 def _moves(dynamics: Dynamics, model: POMDP) -> list[list[tuple[Matrix, Vector]]]:

@@ -5,6 +5,7 @@ Cost of a step: O(non-zeros of T); with numba, of the rows of next states in whi
 
 from __future__ import annotations
 
+import operator
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -66,8 +67,9 @@ class _WideFilter:
 
     def restore(self, snapshot: Any) -> None:
         """Restore a snapshot."""
-        data, self._total, self.size = snapshot
-        self._before = np.frombuffer(data).copy()
+        data, self._total, size = snapshot
+        self._before = np.frombuffer(data).reshape(self._dynamics.num_states).copy()
+        self.size = operator.index(size)
 
     def _reached(self, action: int, observation: int) -> Vector:
         """Return the belief times the resolvent of the steps without a detection before an observation."""

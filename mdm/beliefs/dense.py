@@ -74,7 +74,7 @@ class _DenseFilter:
     def restore(self, snapshot: Any) -> None:
         """Restore a snapshot."""
         data, self._total = snapshot
-        self._before = np.frombuffer(data).copy()
+        self._before = np.frombuffer(data).reshape(self._size).copy()
         self._handed_out = False
 
     def _take(self, total: float) -> float:

@@ -124,10 +124,13 @@ class DrawnInformation:
     Args:
         of: The information.
         seed: The seed of the random numbers.
+
+    Attributes:
+        of: The information.
     """
 
     def __init__(self, of: Information, seed: int | None) -> None:
-        self._of = of
+        self.of = of
         self.takes = getattr(of, "takes", "observation")
         self.expected = getattr(of, "expected", None)
         self._generator = np.random.PCG64(seed)
@@ -136,7 +139,7 @@ class DrawnInformation:
     @property
     def state(self) -> int | None:
         """The state's index, where it is seen."""
-        state: int | None = getattr(self._of, "state", None)
+        state: int | None = getattr(self.of, "state", None)
         return state
 
     @property
@@ -144,32 +147,35 @@ class DrawnInformation:
         """The information and the number, which is drawn on first access."""
         if self._number is None:
             self._number = np.random.Generator(self._generator).random()
-        return Drawn(self._of.current, self._number)
+        return Drawn(self.of.current, self._number)
 
     @property
     def belief(self) -> Any:
         """The belief; None if none is tracked."""
-        return getattr(self._of, "belief", None)
+        return getattr(self.of, "belief", None)
 
     def reset(self, belief: npt.ArrayLike | None = None) -> None:
         """Begin an episode; the sequence of random numbers goes on."""
-        self._of.reset(belief)
+        self.of.reset(belief)
         self._number = None
 
     def update(self, action: int, observation: Any) -> float:
         """Update the information, and discard the number."""
         self._number = None
-        return self._of.update(action, observation)
+        return self.of.update(action, observation)
 
     def snapshot(self) -> Any:
         """Return the information, the number, and the state of the generator."""
         state = self._generator.state["state"]
-        return [snapshot(self._of), self._number, str(state["state"]), str(state["inc"])]
+        return [snapshot(self.of), self._number, str(state["state"]), str(state["inc"])]
 
     def restore(self, snapshot: Any) -> None:
         """Restore a snapshot."""
-        of, self._number, state, inc = snapshot
-        restore(self._of, of)
+        of, number, state, inc = snapshot
+        if number is not None and not 0 <= number < 1:
+            raise ModelError(f"{number!r} is no random number from [0, 1)")
+        restore(self.of, of)
+        self._number = number
         self._generator.state = {**self._generator.state, "state": {"state": int(state), "inc": int(inc)}}
 
 

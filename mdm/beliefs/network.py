@@ -83,7 +83,8 @@ class NetworkFilter:
     def restore(self, snapshot: Any) -> None:
         """Restore a snapshot."""
         states, values = snapshot
-        self._states, self._values = np.frombuffer(states, np.int64).astype(np.intp), np.frombuffer(values).copy()
+        self._states = np.frombuffer(states, np.int64).astype(np.intp)
+        self._values = np.frombuffer(values).reshape(self._states.shape).copy()
 
     def _following(self, action: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Vector]:
         of, next_states, chances = following(self._network, action, self._states)

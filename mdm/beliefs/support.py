@@ -87,7 +87,8 @@ class SupportFilter:
     def restore(self, snapshot: Any) -> None:
         """Restore a snapshot."""
         states, values, total = snapshot
-        self._keep(np.frombuffer(states, np.int64), np.frombuffer(values).copy())
+        places = np.frombuffer(states, np.int64)
+        self._keep(places, np.frombuffer(values).reshape(places.shape).copy())
         self._total = total
 
     def _summed(self, parts: list[tuple[npt.NDArray[np.intp], Any, Vector]]) -> tuple[npt.NDArray[Any], Vector]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from mdm.models.pomdp import POMDP
     from mdm.models.space import Symbol
 
-__all__ = ["BeliefTracker"]
+__all__ = ["BeliefTracker", "checked_support"]
 
 _MOST_KEPT = 100_000
 """The most joint observations that are kept as agreeing with observations of which components are missing."""
@@ -124,7 +124,7 @@ class BeliefTracker:
             self._belief = None
             self._filter.load(self._start)
         elif isinstance(belief, Support):
-            self._filter.load(_checked(belief, self._size))
+            self._filter.load(checked_support(belief, self._size))
             self._belief = None
         else:
             self._belief = distribution(belief, what="the belief", size=self._size)
@@ -274,7 +274,7 @@ def _first(model: POMDP) -> Support:
     return Support(states, initial[states])
 
 
-def _checked(belief: Support, size: int) -> Support:
+def checked_support(belief: Support, size: int) -> Support:
     """Return a valid support, exactly normalised.
 
     Raises:

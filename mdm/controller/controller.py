@@ -25,6 +25,7 @@ from mdm.controller.construction import (
     within,
 )
 from mdm.controller.foreign_belief import checked_belief, copied
+from mdm.controller.held import Held, check_counts, check_information, opened
 from mdm.controller.step import Step
 from mdm.errors import ConfigError, ModelError
 from mdm.loading import model_of, policy_of
@@ -424,7 +425,7 @@ class Controller:
 
         Of a tracker of your own without ``snapshot`` and ``restore`` its ``current`` alone is kept.
         """
-        held = [
+        held = Held(
             self.configuration,
             self.epoch,
             self.last_action,
@@ -432,7 +433,7 @@ class Controller:
             self._probability,
             None if self._initial is None else self._initial.tolist(),
             snapshot(self.information),
-        ]
+        )
         return msgspec.msgpack.encode(held)
 
     def mark(self) -> Any:
@@ -458,16 +459,22 @@ class Controller:
         Raises:
             ModelError: If it is invalid or of another configuration; the controller is unchanged.
         """
-        try:
-            configuration, epoch, action, given, probability, initial, information = msgspec.msgpack.decode(snapshot)
-        except (msgspec.MsgspecError, TypeError, ValueError) as error:
-            raise ModelError(f"this is not a snapshot of a controller: {error}") from None
-        if configuration != self.configuration:
+        held = opened(snapshot)
+        if held.configuration != self.configuration:
             raise ModelError("the snapshot is of a controller with another model, policy or options")
-        restore(self.information, information)
-        self.epoch, self.last_action, self.given, self._probability = epoch, action, given, probability
-        self._initial = None if initial is None else np.array(initial)
+        before = self.mark()
+        self.epoch, self.last_action, self.given = held.epoch, held.last_action, held.given
+        self._probability, self._initial = held.probability, None if held.initial is None else np.array(held.initial)
         self.problem = None
+        try:
+            check_counts(held, self._num_actions, self.horizon)
+            if held.initial is not None:
+                self.symbols.belief_of(held.initial)
+            restore(self.information, held.information)
+            check_information(self.information, self.symbols.num_states)
+        except Exception as error:
+            self.go_back(before)
+            raise ModelError(f"this is not a snapshot of a controller: {error}") from None
 
     # -- Checks --------------------------------------------------------------------------------------------------
 

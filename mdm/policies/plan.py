@@ -5,6 +5,7 @@ A step costs a look-up per agent, and needs no model.
 
 from __future__ import annotations
 
+import operator
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -131,8 +132,16 @@ class Walk:
         return list(self.current)
 
     def restore(self, snapshot: Any) -> None:
-        """Restore a snapshot."""
-        self.current = tuple(snapshot)
+        """Restore a snapshot.
+
+        Raises:
+            ModelError: If a node is none of its controller; the nodes are unchanged.
+        """
+        nodes = tuple(operator.index(node) for node in snapshot)
+        for controller, node in zip(self._controllers, nodes, strict=True):
+            if not 0 <= node < controller.num_nodes:
+                raise ModelError(f"there is no node {node}; the controller's {controller.num_nodes} count from 0")
+        self.current = nodes
 
     def _parts(self, observation: int) -> tuple[int, ...]:
         total = int(np.prod(self._counts))

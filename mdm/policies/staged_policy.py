@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -71,9 +72,16 @@ class StagedState(KnownState):
         return [None if self.current is None else self.current.state, self._stage]
 
     def restore(self, snapshot: Any) -> None:
-        """Restore a snapshot."""
-        state, self._stage = snapshot
-        self.current = None if state is None else Staged(state, self._stage)
+        """Restore a snapshot.
+
+        Raises:
+            ModelError: If there is no such stage; the state is unchanged.
+        """
+        state, stage = snapshot
+        if not -1 <= operator.index(stage) <= self.horizon:
+            raise ModelError(f"there is no stage {stage} of {self.horizon}")
+        self._stage = stage
+        self.current = None if state is None else Staged(state, stage)
 
 
 class StagedPolicy(StatePolicy):

@@ -14,7 +14,7 @@ from mdm.errors import ModelError
 from mdm.messages import Control, Observation, State
 from mdm.models.digest import of_parts
 from mdm.team.configuration import facts
-from mdm.team.transport.bounds import Number
+from mdm.team.transport.bounds import Name, Number, Offset
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -40,8 +40,33 @@ class Part(msgspec.Struct, frozen=True, array_like=True, gc=False):
     values: tuple[Number | None, ...]
 
 
+class Held(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """All that a copy holds.
+
+    Args:
+        control: The snapshot of the control layer.
+        begun: Whether it was ever started.
+        kept: The last value of each factor.
+        gone: Since when agents are not there.
+        silent: Agents whose values count no more.
+        now: The time of the process, from its beginning.
+        ahead: How far the clocks of agents are ahead of it.
+        last: The last values that were decided on.
+    """
+
+    control: bytes
+    begun: bool
+    kept: tuple[Number | None, ...]
+    gone: list[tuple[Name, Number]]
+    silent: tuple[Name, ...]
+    now: Number
+    ahead: list[tuple[Name, Offset]]
+    last: tuple[Number | None, ...] | None
+
+
 _encode = msgspec.msgpack.Encoder().encode
 _decode = msgspec.msgpack.Decoder(Part).decode
+_held = msgspec.msgpack.Decoder(Held).decode
 
 
 class Copy:
@@ -237,16 +262,16 @@ class Copy:
 
     def snapshot(self) -> bytes:
         """Return the whole copy."""
-        held = [
+        held = Held(
             self._control.snapshot(),
             self.begun,
-            self._kept,
+            tuple(self._kept),
             sorted(self._gone.items()),
             self._silent,
             self._now,
             sorted(self._ahead.items()),
             self._last,
-        ]
+        )
         return _encode(held)
 
     def restore(self, snapshot: bytes) -> None:
@@ -256,11 +281,23 @@ class Copy:
             ModelError: If it is no snapshot of this process; the copy is unchanged.
         """
         try:
-            control, begun, kept, gone, silent, now, ahead, last = msgspec.msgpack.decode(snapshot)
-        except (msgspec.MsgspecError, TypeError, ValueError) as error:
+            held = _held(snapshot)
+        except (msgspec.MsgspecError, ValueError) as error:
             raise ModelError(f"this is not a copy of an ensemble: {error}") from None
-        self._control.restore(control)
+        agents = {*held.silent, *(agent for agent, _ in (*held.gone, *held.ahead))}
+        if strangers := agents - self.parts.of.keys():
+            raise ModelError(f"this is not a copy of an ensemble: it has agents {', '.join(sorted(strangers))}")
+        if not self._fit(held.kept) or (held.last is not None and not self._fit(held.last)):
+            raise ModelError("this is not a copy of an ensemble: its factors have other values")
+        self._control.restore(held.control)
         self._digest = None
-        self.begun, self._kept, self._gone = begun, kept, dict(gone)
-        self._silent, self._now, self._ahead = tuple(silent), now, dict(ahead)
-        self._last = None if last is None else tuple(last)
+        self.begun, self._kept, self._gone = held.begun, list(held.kept), dict(held.gone)
+        self._silent, self._now, self._ahead = held.silent, held.now, dict(held.ahead)
+        self._last = held.last
+
+    def _fit(self, values: tuple[int | None, ...]) -> bool:
+        """Return whether these are values of the factors."""
+        sizes = self.parts.sizes
+        return len(values) == len(sizes) and all(
+            value is None or value < size for value, size in zip(values, sizes, strict=True)
+        )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 from team_robots import over_beliefs, over_states
 
@@ -89,6 +90,46 @@ def test_two_copies_with_the_same_steps_are_the_same_and_one_can_become_the_othe
         assert one.digest() == two.digest()
 
     run_virtual(main)
+
+
+FORGED = (-(2**63), -1, 1, 7, 2**62, 2**64 - 1, None, True, "x", [], [None], [7, 7], [["x", 1]], [["a", "b"]], b"", 1.5)
+
+
+@pytest.mark.parametrize("takes", ["observations", "states"])
+def test_whatever_a_snapshot_says_it_is_refused_or_gone_on_from(takes):
+    """It may be forged: each field is replaced by what no copy holds, at each level."""
+
+    async def main(runtime):
+        team, build = of_tigers() if takes == "observations" else (Team("rooms", ["a", "b"]), over_states)
+        copy, ensemble = await copied(runtime, team, build)
+        names = team.names
+        await in_turn(ensemble, copy.command, BEGIN, 0)
+        await in_turn(ensemble, copy.step, {names[0]: copy.part(1, [1]), names[1]: copy.part(2, [0])}, (), 2)
+        await in_turn(ensemble, copy.step, {names[0]: copy.part(3, [1])}, (names[1],), 4)
+        whole, digest, refused, taken = copy.snapshot(), copy.digest(), 0, 0
+        for snapshot in forged(whole):
+            copy.restore(whole)
+            try:
+                copy.restore(snapshot)
+            except mdm.ModelError:
+                refused += 1
+                assert copy.digest() == digest
+                continue
+            taken += 1
+            await in_turn(ensemble, copy.step, {names[0]: copy.part(5, [1])}, (names[1],), 6)
+            await in_turn(ensemble, copy.step, {names[1]: copy.part(7, [0])}, (names[0],), 8)
+        assert refused > 5 * taken
+
+    run_virtual(main)
+
+
+def forged(snapshot, depth=2):
+    """Yield snapshots of which one field was replaced, of the control layer's and the controller's, too."""
+    fields = msgspec.msgpack.decode(snapshot)
+    for place, held in enumerate(fields):
+        inner = forged(held, depth - 1) if depth and isinstance(held, bytes) else ()
+        for value in (*FORGED, *inner):
+            yield msgspec.msgpack.encode([*fields[:place], value, *fields[place + 1 :]])
 
 
 def named(build, name):

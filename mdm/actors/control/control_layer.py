@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ControlLayer", "ControlStatistics"]
 
+_opened = msgspec.msgpack.Decoder(tuple[bytes, bool, int | None, int | None]).decode
+"""What a snapshot holds: that of the controller, whether it runs, the state, and the action that was published."""
+
 
 class Guard(Protocol):
     """Whom a control layer tells what endangers it, and who decides whether that makes the ensemble safe."""
@@ -418,9 +421,15 @@ class ControlLayer(Layer):
             ModelError: If it is invalid or of another configuration; the layer is unchanged.
         """
         try:
-            controller, running, state, acted = msgspec.msgpack.decode(snapshot)
+            controller, running, state, acted = _opened(snapshot)
         except (msgspec.MsgspecError, TypeError, ValueError) as error:
             raise ModelError(f"this is not a snapshot of a control layer: {error}") from None
+        for what, index, size in (
+            ("state", state, self.controller.symbols.num_states),
+            ("action", acted, self.controller.policy.num_actions),
+        ):
+            if index is not None and size is not None and not 0 <= index < size:
+                raise ModelError(f"this is not a snapshot of a control layer: there is no {what} {index} of {size}")
         self.controller.restore(controller)
         self.running, self._state, self.output.acted = running, state, acted
 

@@ -10,7 +10,7 @@ from typing import Annotated, TypeAlias
 
 from msgspec import Meta
 
-__all__ = ["DAY", "HOUR", "Life", "Name", "Number", "Text", "can_be"]
+__all__ = ["DAY", "HOUR", "Life", "Name", "Number", "Offset", "Text", "can_be"]
 
 HOUR = 3_600_000_000_000
 """Nanoseconds by which counts and numbers may be ahead of the receiver's clock."""
@@ -20,6 +20,9 @@ DAY = 24 * HOUR
 
 Number: TypeAlias = Annotated[int, Meta(ge=0, le=(1 << 62) - 1)]
 """A count or a time since 1970, which is never negative and has room to grow."""
+
+Offset: TypeAlias = Annotated[int, Meta(ge=-(1 << 62) + 1, le=(1 << 62) - 1)]
+"""How far one clock is ahead of another."""
 
 Life: TypeAlias = Annotated[int, Meta(ge=0, le=(1 << 63) - 1)]
 """An incarnation."""

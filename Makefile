@@ -44,14 +44,16 @@ wheel-test:
 	cd $(WHEEL)/copy && ../env/bin/mdm --version && ../env/bin/pytest -n logical --maxprocesses 8 --dist worksteal
 
 # Random systems under random faults in virtual time, then robots as real processes that get signals, two at a time; then
-# teams that are sent forged messages.
+# teams that are sent forged messages; then patrols of random floors, which must go on.
 # Violations are printed with their seeds.
 MDM_CHAOS ?= 100000
 MDM_CHAOS_PROCESSES ?= 1000
 MDM_FORGED ?= 200000
+MDM_PATROLS ?= 2000
 chaos: $(READY)
 	PYTHONPATH=tests $(BIN)/python -m chaos $(MDM_CHAOS) $(MDM_CHAOS_PROCESSES)
 	PYTHONPATH=tests $(BIN)/python -m team.forgery $(MDM_FORGED)
+	PYTHONPATH=tests $(BIN)/python -m patrols $(MDM_PATROLS)
 
 lint: $(READY)
 	$(BIN)/ruff check .

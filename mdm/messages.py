@@ -23,6 +23,7 @@ __all__ = [
     "Decision",
     "EventUpdate",
     "Fault",
+    "Heading",
     "Message",
     "Mode",
     "ModeName",
@@ -103,6 +104,18 @@ class PredicateMap(Message, frozen=True, gc=False):
     values: dict[str, bool | None]
 
 
+class Heading(Message, frozen=True, gc=False):
+    """A drive begins: by the way of that label from a place to another one, and why.
+
+    ``label`` is empty, and ``source`` None, where the robot was sent to a place from anywhere.
+    """
+
+    label: str
+    source: str | None
+    target: str
+    why: str
+
+
 class Progress(Message, frozen=True, gc=False):
     """How far a drive is: the place that it leads to, and the metres that remain."""
 
@@ -135,10 +148,14 @@ class Belief(Message, frozen=True, gc=False):
 
 
 class Action(Message, frozen=True, gc=False):
-    """A decided joint action, with the number of the decision since the last start."""
+    """A decided joint action, with the number of the decision since the last start, and the state decided on.
+
+    Where it was decided on a belief, by a plan, or elsewhere, ``state`` is None.
+    """
 
     epoch: int
     index: int
+    state: int | None = None
 
 
 class Reward(Message, frozen=True, gc=False):

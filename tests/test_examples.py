@@ -103,7 +103,7 @@ def test_rooms():
         ["Right", "running"],
         ["Office:", "true"],
         ["Office.reached:", "true"],
-        ["Right", "preempted"],
+        ["Right", "succeeded"],
         ["Right", "running"],
     ]
     office, lobby, lab = "Office.reached", "Lobby.reached", "IsOnTheWayBack"

@@ -208,6 +208,14 @@ class ActionLayer(Layer):
             if binding.ensemble is not None:
                 yield from binding.ensemble.problems()
 
+    def adopt(self, ensemble: Ensemble) -> None:
+        """Let each binding be what it is as an action of an ensemble, whose layer this is; before the start."""
+        own = {id(binding): binding.within(ensemble) for binding in self.bindings}
+        self.bindings = tuple([own[id(binding)] for binding in self.bindings])
+        self._briefs = tuple([_Brief(binding) if binding.brief else None for binding in self.bindings])
+        if self.safe is not None:
+            self.safe = own.get(id(self.safe), self.safe)
+
     # -- Life of the layer ---------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
@@ -383,7 +391,7 @@ class ActionLayer(Layer):
             life = self._beside.get(name)
             if life is None:
                 self._begin_life(name, binding, action)
-            elif not binding.continues():
+            elif not binding.continues(action):
                 self._cancel(life, "preempted")
                 self.skipped += 1
             return
@@ -396,7 +404,7 @@ class ActionLayer(Layer):
                 self._begin_life(name, binding, action)
             else:
                 self._pending = (name, binding, action)
-        elif current.binding is binding and current.ending is None and binding.continues():
+        elif current.binding is binding and current.ending is None and binding.continues(action):
             # A running task goes on. But where its own last step (an event that it raises on arrival) led to this
             # decision, it is about to end, and what was decided is to do it once more.
             own = current.work is not None and current.work.is_calling

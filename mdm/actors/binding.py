@@ -13,6 +13,7 @@ from mdm.runtime.handler import kind_of
 
 if TYPE_CHECKING:
     from mdm.actors.ensemble import Ensemble
+    from mdm.messages import Action
 
 __all__ = ["Binding", "Callback", "bind"]
 
@@ -33,7 +34,8 @@ class Binding:
         resume: For an ensemble: start it from the belief that it was stopped with.
         concurrent: The action neither ends the running one nor is ended by the next.
         goes_on: With ``restart``, a plain function that is called when the same action is chosen again: whether the
-            task goes on all the same, since what it does would be no other.
+            task goes on all the same, since what it does would be no other. One that takes an argument gets the
+            `Action` message.
         group: Of tasks of the same group, such as drives to goals, the next one begins before the running one is
             cancelled, so that what both drive need not stop in between. Any object that stands for the group.
 
@@ -43,6 +45,7 @@ class Binding:
     """
 
     __slots__ = (
+        "_asks_action",
         "brief",
         "concurrent",
         "ensemble",
@@ -67,7 +70,7 @@ class Binding:
         on_repeat: Literal["continue", "restart"] = "continue",
         resume: bool = False,
         concurrent: bool = False,
-        goes_on: Callable[[], bool] | None = None,
+        goes_on: Callable[..., bool] | None = None,
         group: object = None,
     ) -> None:
         for name, seconds in (("timeout", timeout), ("grace", grace)):
@@ -87,6 +90,7 @@ class Binding:
         self.resume = resume
         self.concurrent = concurrent
         self.goes_on = goes_on
+        self._asks_action = goes_on is not None and _takes_action(goes_on)
         self.group = group
         self.ensemble: Ensemble | None = None
         self.function: Callable[..., Any] = _no_call
@@ -108,9 +112,20 @@ class Binding:
         self.plain = self.ensemble is None and kind_of(self.function) is None
         self.brief = self.plain and not concurrent
 
-    def continues(self) -> bool:
-        """Whether a running task goes on when the action is chosen again."""
-        return self.on_repeat == "continue" or (self.goes_on is not None and self.goes_on())
+    def continues(self, action: Action) -> bool:
+        """Whether a running task goes on when the action is chosen again, by that message."""
+        if self.on_repeat == "continue":
+            return True
+        if self.goes_on is None:
+            return False
+        return self.goes_on(action) if self._asks_action else self.goes_on()
+
+    def within(self, ensemble: Ensemble) -> Binding:  # noqa: ARG002 - most do the same in all
+        """Return what it is as an action of an ensemble; by default itself.
+
+        One whose function has to know what its ensemble's decisions are about returns a binding of its own for each.
+        """
+        return self
 
 
 def bind(target: Callback | Ensemble, **options: Any) -> Binding:

@@ -150,6 +150,7 @@ class Ensemble(Layer):
             self.observation = ObservationLayer(
                 observations, self._manager("observations"), space=controller.symbols.observation_space
             )
+        self.action.adopt(self)
         self.levels: int = 1 + max((below.levels for below in self.subensembles), default=0)
         if self.levels > MOST_LEVELS:
             raise ConfigError(

@@ -11,14 +11,17 @@ from mdm.errors import ConfigError, Error
 from mdm.logic import similar
 from mdm.maps.map import Map
 from mdm.maps.places import Places
-from mdm.messages import Progress
+from mdm.maps.position import Position
+from mdm.messages import Heading, Progress
 from mdm.runtime.handler import kind_of
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from mdm.actors import PredicateManager
+    from mdm.actors.ensemble import Ensemble
     from mdm.maps.graph import Graph, Node, Pose
+    from mdm.messages import Action
 
 __all__ = ["Navigation", "Navigator", "ReportingNavigator"]
 
@@ -48,11 +51,18 @@ class ReportingNavigator(Protocol):
 class Navigation:
     """Makes actions of the ways of a map: ``Up`` goes where the way ``Up`` leads from the place where the robot is.
 
-    The place is the one whose predicate is true when the action begins, so that decision and goal agree. Where none or
-    several are true, or there is no such way, the action fails with a sentence, and the robot is not moved. Chosen
-    again, an action goes on to its goal; where it leads elsewhere by now, as in the next room, it starts anew.
+    The place is the one that was decided on, so that decision and goal agree: of a state it is the value of its factor
+    over places, of a belief the likeliest place that has such a way. Where what was decided on does not say, it is the
+    one whose predicate is true when the action begins. From a place without such a way the robot finishes its way to
+    the place's goal, as the model has it stay there; where it is at the goal already, or no place is known, the action
+    fails with a sentence, and the robot is not moved. Chosen again, an action goes on to its goal; where it leads
+    elsewhere by now, as in the next room, it starts anew.
 
-    What a navigator tells of its way is on the channel ``navigation/progress``.
+    A drive has succeeded when its navigator says so and, by `Places`, the robot is at the goal; until then that goal
+    does not count as reached, so that what is decided there does not end the drive short of it.
+
+    Where each drive leads and why is on the channel ``navigation/headings``, and what a navigator tells of its way on
+    ``navigation/progress``.
 
     Args:
         floor: The map, or its graph alone.
@@ -64,6 +74,11 @@ class Navigation:
     Raises:
         ConfigError: If there is no predicate for a place, or the navigator cannot be called, or ``replaces`` is neither
             True nor False.
+
+    Attributes:
+        heading: Where the drive under way leads, and why; None where there is none.
+        prefix: What predicates have before the names of places.
+        replaces: Whether the navigator's robot goes on to a new goal without a stop.
 
     Example::
 
@@ -83,16 +98,21 @@ class Navigation:
     ) -> None:
         self.graph = floor.graph if isinstance(floor, Map) else floor
         self.navigator = navigator
+        self._places: Places | None = None
         if isinstance(places, Places):
+            self._places = places
             if prefix:
                 raise ConfigError("the prefix is that of the places: give it to them alone", key="prefix")
             self.predicates, prefix = places.predicates, places.prefix
         else:
             self.predicates = places
         self.name = name
+        self.prefix = prefix
+        self.heading: Heading | None = None
+        self._drives = 0
         self._reports = _takes_feedback(navigator)
-        self._replaces = getattr(navigator, "replaces", False)
-        check_flag(self._replaces, "replaces, of a navigator,", key="replaces")
+        self.replaces = getattr(navigator, "replaces", False)
+        check_flag(self.replaces, "replaces, of a navigator,", key="replaces")
         self._rooms = {node.name: prefix + node.name for node in self.graph.nodes}
         declared = self.predicates.declared
         for place, room in self._rooms.items():
@@ -135,27 +155,7 @@ class Navigation:
         """
         if label not in self.graph.labels:
             raise ConfigError(f"no way is called {label!r}; there are {', '.join(map(repr, self.graph.labels))}")
-        goals: list[Node] = []
-
-        def go() -> Awaitable[None]:
-            goals[:] = [self.target(label)]
-            return self._drive(goals[0])
-
-        def goes_on() -> bool:
-            try:
-                return [self.target(label)] == goals
-            except Error:
-                return False  # it starts anew, and says what is wrong
-
-        _call(go, "way", label)
-        return Binding(
-            go,
-            on_repeat="restart",
-            goes_on=goes_on,
-            group=self if self._replaces else None,
-            timeout=timeout,
-            grace=grace,
-        )
+        return _Way(self, label, None, timeout=timeout, grace=grace)
 
     def go_to(self, name: str, *, timeout: float | None = None, grace: float = 5.0) -> Binding:
         """Return the action that goes to a place, wherever the robot is.
@@ -171,10 +171,10 @@ class Navigation:
         node = self.graph.node(name)
 
         def go() -> Awaitable[None]:
-            return self._drive(node)
+            return self._drive(node, Heading(self._now(), "", None, name, "told to go there from anywhere"))
 
         _call(go, "go_to", name)
-        return Binding(go, group=self if self._replaces else None, timeout=timeout, grace=grace)
+        return Binding(go, group=self if self.replaces else None, timeout=timeout, grace=grace)
 
     def place(self) -> str:
         """Return the name of the place where the robot is, as the predicates have it.
@@ -192,29 +192,70 @@ class Navigation:
         raise Error(f"it is not known in which place the robot is ({why})")
 
     def target(self, label: str) -> Node:
-        """Return where a way leads from the place where the robot is.
+        """Return where a way leads from the place where the robot is, as the predicates have it.
 
         Raises:
-            Error: If that place is not known, or no way from there has this label.
+            Error: If that place is not known, or no way from there has this label and the robot is at its goal.
         """
-        place = self.place()
+        return self._resolved(label, self.place(), "where the robot is")[0]
+
+    # -- Resolving -----------------------------------------------------------------------------------------------
+
+    def resolve(
+        self, label: str, action: Action | None = None, position: Position | None = None
+    ) -> tuple[Node, Heading]:
+        """Return where a way leads, and why: from the place that was decided on, or else where the robot is.
+
+        Args:
+            label: The way's.
+            action: What was decided.
+            position: Tells which place it was decided on.
+
+        Raises:
+            Error: If no place is known, or no way from there has this label and the robot is at its goal.
+        """
+        if action is not None and position is not None:
+            decided = position.of(action)
+            if decided is not None:
+                return self._resolved(label, decided, "decided on")
+            likely = position.likely() if action.state is None and action.epoch >= 0 else ()
+            if likely:
+                places = [place for place in likely if self.graph.target(place, label) is not None]
+                return self._resolved(label, (places or likely)[0], "believed in")
+        return self._resolved(label, self.place(), "where the robot is")
+
+    def _resolved(self, label: str, place: str, why: str) -> tuple[Node, Heading]:
         name = self.graph.target(place, label)
-        if name is None:
-            ways = [f"{edge.label!r} to {edge.target!r}" for edge in self.graph.edges if edge.source == place]
-            others = f"there are {', '.join(ways)}" if ways else "there is none at all"
+        if name is not None:
+            return self.graph.node(name), Heading(self._now(), label, place, name, f"{label} from {place}, {why}")
+        ways = [f"{edge.label!r} to {edge.target!r}" for edge in self.graph.edges if edge.source == place]
+        others = f"there are {', '.join(ways)}" if ways else "there is none at all"
+        if self._is_at(place) is not False:
             raise Error(f"from {place!r} no way is called {label!r}; {others}")
-        return self.graph.node(name)
+        # In the model such an action stays in the place, and so does the robot: it finishes its way there.
+        why = f"no way from {place}, {why}, is called {label}: it finishes its way there"
+        return self.graph.node(place), Heading(self._now(), label, place, place, why)
+
+    def _is_at(self, place: str) -> bool | None:
+        """Whether the robot is at a place's goal; None where nobody tells."""
+        predicate = f"{self._rooms[place]}.at_goal"
+        if self.predicates.declared.knows(predicate) != "predicate":
+            return None
+        return self.predicates.value(predicate)
+
+    def _now(self) -> int:
+        return self.predicates.runtime.clock.now() if self.predicates.life == "running" else 0
 
     # -- Lives ---------------------------------------------------------------------------------------------------
 
-    async def _drive(self, node: Node) -> None:
+    async def _drive(self, node: Node, heading: Heading) -> None:
         navigator: Any = self.navigator
-        if not self._reports:
-            await _awaitable(navigator.go(node.goal))
-            return
         runtime = self.predicates.runtime
-        channel = runtime.channel(f"{self.name}/progress", Progress)
-        channel.supersedes = lambda _: "progress"
+        self._drives = number = self._drives + 1
+        self.heading = heading
+        runtime.channel(f"{self.name}/headings", Heading).publish(heading)
+        if self._places is not None:
+            self._places.set_out(node.name)
         under_way = True
 
         def feedback(remaining: float) -> None:
@@ -222,9 +263,56 @@ class Navigation:
                 channel.publish(Progress(runtime.clock.now(), node.name, float(remaining)))
 
         try:
-            await _awaitable(navigator.go(node.goal, feedback))
+            if self._reports:
+                channel = runtime.channel(f"{self.name}/progress", Progress)
+                channel.supersedes = lambda _: "progress"
+                await _awaitable(navigator.go(node.goal, feedback))
+            else:
+                await _awaitable(navigator.go(node.goal))
+            if self._places is not None:
+                await self._places.arrive(node.name)
         finally:
             under_way = False
+            if self._drives == number:  # else a newer drive has replaced it
+                self.heading = None
+                if self._places is not None:
+                    self._places.set_out(None)
+
+
+class _Way(Binding):
+    """The action that takes the way of a label: from the place that its ensemble decided on."""
+
+    __slots__ = ("_goal", "_limits", "_navigation", "_position", "label")
+
+    def __init__(
+        self, navigation: Navigation, label: str, position: Position | None, *, timeout: float | None, grace: float
+    ) -> None:
+        self.label = label
+        self._navigation = navigation
+        self._position = position
+        self._goal: Node | None = None
+        self._limits = timeout, grace
+
+        def go(action: Action | None = None) -> Awaitable[None]:
+            self._goal, heading = navigation.resolve(label, action, position)
+            return navigation._drive(self._goal, heading)  # noqa: SLF001 - it is the navigation's own
+
+        def goes_on(action: Action) -> bool:
+            try:
+                return navigation.resolve(label, action, position)[0] is self._goal
+            except Error:
+                return False  # it starts anew, and says what is wrong
+
+        _call(go, "way", label)
+        group = navigation if navigation.replaces else None
+        super().__init__(go, on_repeat="restart", goes_on=goes_on, group=group, timeout=timeout, grace=grace)
+        self.takes_action = True  # though it can do without
+
+    def within(self, ensemble: Ensemble) -> Binding:
+        """Return the way as an action of an ensemble, whose decisions say where it begins."""
+        navigation, (timeout, grace) = self._navigation, self._limits
+        position = Position(ensemble, navigation.graph, navigation.prefix)
+        return _Way(navigation, self.label, position, timeout=timeout, grace=grace)
 
 
 def _call(go: Any, name: str, given: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 from typing import TYPE_CHECKING, Literal
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["Places"]
 
 _QUIET = round(10e9)
+_SETTLES = round(10e9)
+"""Nanoseconds near its goal after which a drive that has not ended counts as there all the same."""
 
 
 class Places(Actor):
@@ -35,14 +38,18 @@ class Places(Actor):
     - the events ``Kitchen.entered`` and ``Kitchen.left``: when that changes. The first place known is entered, too;
     - where there is a graph, the predicate ``Kitchen.at_goal``: the robot is within the tolerance of the place's goal;
       and the event ``Kitchen.arrived``: when it comes there;
-    - with that, the predicate ``Kitchen.reached``: of all goals this is the last one where the robot was. From the
-      first goal on one is true: a state factor over these tells where the robot comes from while it drives.
+    - with that, the predicate ``Kitchen.reached``: of all goals this is the last one where the robot was; before it was
+      at any, that of the place where it is, or of the nearest one by path. From the first pose on one is true: a state
+      factor over these tells where the robot comes from while it drives.
 
     A border has a margin: the robot is in another place only where that is at least so far inside it. A cell of no
     place is of the last one, for at most the ``max_age``. A goal is left at the tolerance and the margin. Without a
     pose for as long as the ``max_age``, and at a pose that is not finite, all is unknown; the first pose after that
     counts wherever it is. What has changed is one update of the predicate manager; a pose that changes nothing costs
     it none.
+
+    While a drive of `Navigation` is under way, its goal does not count as one where the robot is before the drive has
+    ended, for at most ten seconds, and no other goal is reached.
 
     Args:
         floor: The map; or its labels alone, without goals.
@@ -104,6 +111,7 @@ class Places(Actor):
         )
         self._rooms = tuple(prefix + name for name in self.labels.names)
         self._goal_names = tuple(prefix + node.name for node in nodes)
+        self._nodes = {node.name: index for index, node in enumerate(nodes)}
         self._declare(max_age)
         self._forget()
 
@@ -129,6 +137,10 @@ class Places(Actor):
         self._at: frozenset[int] = frozenset()  # the goals where it is
         self._last_at: frozenset[int] = frozenset()
         self._reached: int | None = None  # the last goal where it was
+        self._heads_for: int | None = None  # the goal of the drive that is under way
+        self._near_since: int | None = None  # since when it is near that
+        self._arrives: asyncio.Future[bool] | None = None  # waits for a pose there
+        self._pose: Pose | None = None  # the last one that counts
         # When there was a pose that counts, one that told a place, one that was not finite, and one that was too old.
         self._seen = self._placed = self._bad = self._delayed = -(1 << 62)
         self._told: dict[str, bool | None] = {}
@@ -163,6 +175,60 @@ class Places(Actor):
         """The name of the place where the robot is, without the prefix; None where that is unknown."""
         return self.labels.names[self._room - 1] if self._room else None
 
+    # -- What navigation calls -----------------------------------------------------------------------------------
+
+    def set_out(self, place: str | None) -> None:
+        """Take it that a drive to a place's goal is under way, or none."""
+        self._heads_for = None if place is None else self._nodes.get(place)
+        self._near_since = None
+
+    async def arrive(self, place: str) -> None:
+        """Take it that a drive has come to a place's goal: by the last pose, or by one that comes within ``max_age``.
+
+        Where no pose counts, nobody knows better than what has driven.
+
+        Raises:
+            Error: If the robot is farther from the goal than the tolerance and the margin.
+        """
+        goal = self._heads_for
+        if goal is None or goal != self._nodes.get(place) or self._pose is None or self._arrive(self._pose):
+            return
+        self._arrives = arrives = asyncio.get_running_loop().create_future()
+
+        def give_up() -> None:
+            if not arrives.done():
+                arrives.set_result(False)
+
+        timer = self.call_later(self._max_age / 1e9, give_up)
+        try:
+            if not await arrives and self._pose is not None:
+                far = self._distance(goal, self._pose)
+                most = math.sqrt(self._goals[goal][3])
+                raise Error(
+                    f"the drive to {place!r} has ended, and the robot is {far:.2g} m from the goal: at most {most:g} m "
+                    f"(the tolerance and the margin) count as there"
+                )
+        finally:
+            timer.cancel()
+            self._arrives = None
+
+    def _arrive(self, pose: Pose) -> bool:
+        """Let the goal of the drive count as reached, if the robot is there by a pose."""
+        goal = self._heads_for
+        assert goal is not None
+        if self._distance(goal, pose) > math.sqrt(self._goals[goal][3]):
+            return False
+        self._heads_for = None
+        if goal not in self._at or self._reached != goal:
+            self._at |= {goal}
+            self._reached = goal
+            self._tell()
+        return True
+
+    def _distance(self, goal: int, pose: Pose) -> float:
+        x, y, *_ = self._goals[goal]
+        return math.hypot(pose.x - x, pose.y - y)
+
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
@@ -186,34 +252,62 @@ class Places(Actor):
 
     def _on_pose(self, pose: PoseUpdate) -> None:
         now = self.runtime.clock.now()
-        if not Pose(pose.x, pose.y, pose.yaw).is_finite:
+        here = Pose(pose.x, pose.y, pose.yaw)
+        if not here.is_finite:
             self._on_bad_pose(pose, now)
             return
         time = min(pose.time, now)
         if time < self._seen or now - time >= self._max_age:
             self._on_late_pose(time, now)
             return
-        self._seen = time
+        self._seen, self._pose = time, here
         code = self._look_up(pose.x, pose.y)
         label, room = code >> 1, self._room
         if code & 1 or (label and not room):
             room = label
         if label or (self._keeps and room):  # in the margin of another place it is in the last one all the same
             self._placed = time
-        before = self._at
-        at = self._goals_at(pose.x, pose.y) if self._goals else before
-        if room != self._room or at != self._at or not self._located:
-            self._room, self._at, self._located = room, at, True
-            self._reached = min(at - before, default=self._reached)
+        at, reached = self._at, self._reached
+        if self._goals:
+            at = self._goals_at(pose.x, pose.y, time)
+            reached = self._reached_at(at, room, here)
+        if room != self._room or at != self._at or reached != self._reached or not self._located:
+            self._room, self._at, self._reached, self._located = room, at, reached, True
             self._tell()
         elif self._witness is not None and self.predicates.value(self._witness[0]) is not self._witness[1]:
             self._told.clear()  # the predicate manager has started anew
             self._tell()
         if self._timer is None:
             self._wait()
+        if self._arrives is not None and not self._arrives.done() and self._arrive(here):
+            self._arrives.set_result(True)
 
-    def _goals_at(self, x: float, y: float) -> frozenset[int]:
-        """Return the goals where the robot is: within the tolerance, and the margin where it was there before."""
+    def _goals_at(self, x: float, y: float, time: int) -> frozenset[int]:
+        """Return the goals where the robot is: within the tolerance, and the margin where it was there before.
+
+        That of a drive which is under way counts when it has ended, or has been near for long.
+        """
+        before, goal = self._at, self._heads_for
+        at = self._near(x, y)
+        if goal is None or goal not in at or goal in before:
+            self._near_since = None
+            return at
+        if self._near_since is None:
+            self._near_since = time
+        return at if time - self._near_since >= _SETTLES else at - {goal}
+
+    def _reached_at(self, at: frozenset[int], room: int, pose: Pose) -> int | None:
+        """Return of all goals the last one where the robot was; while a drive is under way, none but its own is new."""
+        goal, reached = self._heads_for, self._reached
+        if goal is not None and reached is not None:
+            return goal if goal in at else reached
+        if at:
+            return min(at - self._at, default=min(at) if reached not in at else reached)
+        if reached is None:
+            return self._nodes[self.labels.names[room - 1] if room else self._nearest(pose)]
+        return reached
+
+    def _near(self, x: float, y: float) -> frozenset[int]:
         before = self._at
         return frozenset(
             index
@@ -221,6 +315,23 @@ class Places(Actor):
             # Products, not powers, which raise where a pose is too far away for its square.
             if (x - goal_x) * (x - goal_x) + (y - goal_y) * (y - goal_y) <= (far if index in before else near)
         )
+
+    def _nearest(self, pose: Pose) -> str:
+        """Return the place whose goal is nearest, by path where the floor has a grid and there is one."""
+        assert isinstance(self.floor, Map)
+        nodes = self.floor.graph.nodes
+        grid = self.floor.grid
+        lengths = [math.inf] * len(nodes)
+        here = None if grid is None else grid.frame.cell(pose.x, pose.y)
+        if grid is not None and here is not None and grid.free[here]:
+            from mdm.maps.paths import Paths  # noqa: PLC0415 - it is seldom needed
+
+            ends = [grid.frame.cell(node.goal.x, node.goal.y) for node in nodes]
+            distances, _ = Paths(grid.frame, grid.free).distances([here])
+            lengths = [math.inf if end is None else float(distances[end]) for end in ends]
+        if not math.isfinite(min(lengths)):
+            lengths = [math.hypot(pose.x - node.goal.x, pose.y - node.goal.y) for node in nodes]
+        return nodes[lengths.index(min(lengths))].name
 
     def _on_bad_pose(self, pose: PoseUpdate, now: int) -> None:
         self._lose()
@@ -246,6 +357,7 @@ class Places(Actor):
 
     def _lose(self) -> None:
         """Let all be unknown."""
+        self._pose = None
         self._room, self._at, self._located = 0, frozenset(), False
         if self._told:
             self._tell()

@@ -7,6 +7,7 @@ from functools import partial
 import pytest
 
 from mdm import ConfigError, Ensemble, bind
+from mdm.messages import Action
 from mdm.policies import DeterministicPolicy
 
 
@@ -69,11 +70,10 @@ def test_what_is_no_binding_is_refused(target, options, words):
 
 def test_whether_an_action_goes_on_is_asked_only_where_it_starts_anew():
     asked = bind(print, on_repeat="restart", goes_on=lambda: True)
-    assert (asked.continues(), bind(print).continues(), bind(print, on_repeat="restart").continues()) == (
-        True,
-        True,
-        False,
-    )
+    told = bind(print, on_repeat="restart", goes_on=lambda action: action.state == 5)
+    bindings = asked, bind(print), bind(print, on_repeat="restart"), told
+    assert [binding.continues(Action(0, 0, 0, state=5)) for binding in bindings] == [True, True, False, True]
+    assert not told.continues(Action(0, 0, 0, state=4))
     with pytest.raises(ConfigError, match="goes_on is for an action that starts anew: give on_repeat='restart'"):
         bind(print, goes_on=lambda: True)
 

@@ -12,7 +12,7 @@ from rows_of_rooms import row_of_rooms
 import mdm
 from mdm.errors import ConfigError, Error, MapError
 from mdm.maps import Edge, Graph, Map, Navigation, Pose
-from mdm.messages import Action, ActionLife, Progress
+from mdm.messages import Action, ActionLife, Heading, Progress
 from mdm.testing import capture_decisions, probe, run_virtual
 
 THREE = row_of_rooms("A", "B", "C")
@@ -209,6 +209,136 @@ def test_a_replaced_drive_that_does_not_end_is_abandoned_and_one_that_fails_is_t
     floor = Map(floor.labels, Graph(floor.graph.nodes, edges))
     policy = dict.fromkeys("ABCD", "Right")
     drive(script, Stubborn, policy, floor=floor, navigation={"grace": 2.0})
+
+
+@pytest.mark.parametrize("drive", [None, 1.0, 10.0])
+@pytest.mark.parametrize("end", ["", ".reached"])
+def test_a_round_between_goals_goes_on_at_any_rate(drive, end):
+    """The latch turns at goals, and the policy decides at goals or at borders: what is drawn on the way agrees."""
+
+    async def main(runtime):
+        predicates = mdm.PredicateManager()
+        robot = Robot(THREE, predicates, 5.0, 1.0)  # at no goal
+        predicates.latch("Back", set="C.at_goal", reset="A.at_goal")
+        states = ["Right", "Left"] * 3  # at the end of a half, what stays there
+        labels = list(THREE.graph.labels)
+        ensemble = mdm.Ensemble(
+            "robot",
+            policy=mdm.policies.DeterministicPolicy([labels.index(label) for label in states], 2),
+            predicates=predicates,
+            states=[
+                mdm.StateFactor("place", [f"{room}{end}" for room in "ABC"]),
+                mdm.StateFactor("back", ["Back"]),
+            ],
+            actions=Navigation(THREE, robot, robot.places).actions(),
+            **({} if drive is None else {"drive": mdm.FixedRate(drive)}),
+        )
+        await runtime.start(robot.places)
+        await runtime.start(ensemble)
+        living = asyncio.create_task(robot.live())
+        turns = probe(predicates.events)
+        await asyncio.sleep(200)
+        living.cancel()
+        robot.goal = None
+        arrived = [event for update in turns for event in update.events if event.endswith(".arrived")]
+        ends = [event for event in arrived if event[0] != "B"]
+        assert len(ends) >= 9
+        assert ends == ["C.arrived", "A.arrived"] * (len(ends) // 2) + ["C.arrived"] * (len(ends) % 2)
+        failed = ensemble.action.ended.get("failed", 0)
+        assert failed == 0
+        if end:
+            assert set(ensemble.action.ended) == {"succeeded"}
+
+    run_virtual(main)
+
+
+def test_what_decides_at_a_goal_does_not_end_the_drive_short_of_it():
+    async def main(runtime):
+        lives = probe(runtime.channel("robot/lives", ActionLife))
+        stopped = []
+
+        class Turning(Robot):
+            async def go(self, goal):
+                await super().go(goal)
+                await asyncio.sleep(2.0)  # to its yaw
+                stopped.append((self.x, self.y))
+
+        robot = Turning(THREE, predicates := mdm.PredicateManager(), 2.0, 2.0)
+        ensemble = mdm.Ensemble(
+            "robot",
+            policy=[0, 0, 1],
+            predicates=predicates,
+            states=[mdm.StateFactor("place", ["A.reached", "B.reached", "C.reached"])],
+            actions=Navigation(THREE, robot, robot.places).actions(),
+        )
+        await runtime.start(robot.places)
+        await runtime.start(ensemble)
+        living = asyncio.create_task(robot.live())
+        await asyncio.sleep(25)
+        living.cancel()
+        assert stopped == [(6.0, 2.0), (10.0, 2.0)]
+        assert [life.status for life in lives] == ["running", "succeeded", "running", "succeeded", "running"]
+
+    run_virtual(main)
+
+
+def test_a_drive_that_ends_elsewhere_has_failed():
+    class Hasty(Robot):
+        async def go(self, goal):
+            await asyncio.sleep(2.0)
+
+    async def script(driven):
+        await asyncio.sleep(5)
+        assert driven.told == [("Right", "running"), ("Right", "failed")]
+        assert (
+            "the drive to 'B' has ended, and the robot is 4 m from the goal: at most 0.6 m" in driven.faults[0].detail
+        )
+
+    drive(script, Hasty)
+
+
+def test_a_robot_that_settles_for_long_counts_as_there():
+    """The navigator never says that it is there; what depends on the goal is told all the same."""
+
+    class Endless(Robot):
+        async def go(self, goal):
+            await super().go(goal)
+            await asyncio.sleep(1000)
+
+    async def script(driven):
+        async def told(predicate):
+            while driven.predicates.value(predicate) is not True:
+                await asyncio.sleep(0.1)
+            return driven.runtime.clock.time()
+
+        there = await told("B") + 2.8  # until the goal is near, at half a metre a second
+        assert there + 9.0 < await told("B.at_goal") < there + 11.0
+
+    policy = {"A": "Right", "B": "Left", "C": "Left"}
+    drive(script, Endless, policy, floor=looped_at("B"))
+
+
+def looped_at(name):
+    """Three rooms, of which the middle one is left by its own way to itself."""
+    edges = (*(edge for edge in THREE.graph.edges if edge.source != name), Edge(name, name, "Left"))
+    return Map(THREE.labels, Graph(THREE.graph.nodes, edges))
+
+
+def test_where_each_drive_leads_is_told_and_why():
+    async def script(driven):
+        headings = probe(driven.runtime.channel("navigation/headings", Heading))
+        assert driven.navigation.heading is None
+        await asyncio.sleep(1)
+        assert driven.navigation.heading is headings[0]
+        await asyncio.sleep(58)
+        assert [(heading.label, heading.source, heading.target, heading.why) for heading in headings] == told
+        assert driven.navigation.heading is None
+
+    policy = dict.fromkeys("ABC", "Right")
+    told = [("Right", "A", "B", "Right from A, decided on"), ("Right", "B", "C", "Right from B, decided on")]
+    drive(script, policy=policy)
+    told = [("Right", "C", "C", "no way from C, decided on, is called Right: it finishes its way there")]
+    drive(script, policy=policy, x=9.0)
 
 
 def test_a_place_that_is_not_known_fails_with_a_sentence():

@@ -407,7 +407,7 @@ class ControlLayer(Layer):
     def repeat(self, time: int) -> None:
         """Publish the present action once more, where there is one."""
         if self.running:
-            self.output.repeat(time)
+            self.output.repeat(time, self._state)
 
     def snapshot(self) -> bytes:
         """Return what it takes to go on from here elsewhere; for whoever leads the layer."""

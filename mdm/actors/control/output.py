@@ -117,7 +117,7 @@ class Output:
         late = self._deadline is not None and latency + self.overdue > self._deadline
         if late and self._refuses(step, latency + self.overdue, time):
             return
-        self._do(Action(time, step.epoch, step.action))
+        self._do(Action(time, step.epoch, step.action, state))
         self.acted = step.action
         if step.reward is not None:
             self._rewards.emit(Reward(time, step.epoch, step.reward))
@@ -157,7 +157,7 @@ class Output:
         if self._has_belief:
             self._publish_belief(time)
         assert self._actions is not None
-        self._actions.emit_last(_Action(time, step.epoch, action))
+        self._actions.emit_last(_Action(time, step.epoch, action, state))
 
     def act_last(self, state: int, time: int) -> bool:
         """Decide on a state by a table, and publish the action, as the last thing that a handler does.
@@ -177,7 +177,7 @@ class Output:
             self._latencies.fold()
         self.acted = action
         assert self._actions is not None
-        self._actions.emit_last(_Action(time, epoch, action))
+        self._actions.emit_last(_Action(time, epoch, action, state))
         return True
 
     def _publish_belief(self, time: int) -> None:
@@ -208,10 +208,10 @@ class Output:
             told = (action.time, self._path, action.epoch, "team", None, None, belief, index, name, None)
             self._decisions.publish(Decision(*told))
 
-    def repeat(self, time: int) -> None:
-        """Publish the present action once more, where there is one."""
+    def repeat(self, time: int, state: int | None) -> None:
+        """Publish the present action once more, where there is one, and the state that it was decided on."""
         if self.acted is not None:
-            self._emit(Action(time, max(self._controller.epoch - 1, 0), self.acted))
+            self._emit(Action(time, max(self._controller.epoch - 1, 0), self.acted, state))
 
     def mute(self, *, muted: bool) -> None:
         """Let no action of what is decided begin, or let it again."""

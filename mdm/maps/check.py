@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from mdm.maps.lookup import border_distance
 from mdm.maps.metres import check_metres
-from mdm.maps.passages import passages, widest
+from mdm.maps.passages import passages, route_sentence, undivided, widest
 from mdm.maps.problem import Problem
 
 if TYPE_CHECKING:
@@ -173,7 +173,10 @@ def _shallow(labels: Labels, grid: Grid | None, inside: NDArray[np.float64], mar
 
 
 def _ways(labels: Labels, graph: Graph, grid: Grid, radius: float) -> Iterator[Problem]:
-    widths = widest(passages(labels, grid))
+    found = passages(labels, grid)
+    widths, crowded = widest(found), undivided(labels, grid, found)
+    if crowded:
+        yield Problem("rooms", route_sentence(len(crowded), len(graph.nodes)), crowded)
     wanted: dict[frozenset[str], tuple[str, str]] = {}
     for edge in graph.edges:
         ends = (edge.source, edge.target)
@@ -191,8 +194,10 @@ def _ways(labels: Labels, graph: Graph, grid: Grid, radius: float) -> Iterator[P
             )
             yield Problem("ways", text, (source, target), [passage.middle])
     for pair, passage in widths.items():
+        one, other = passage.places
+        if one in crowded and other in crowded:
+            continue  # said above, once
         if pair not in wanted and passage.width >= 2 * radius - _SLACK:
-            one, other = passage.places
             text = f"{one!r} and {other!r} touch by a passage of {passage.width:.2f} m, and no way leads through it"
             yield Problem("ways", text, (one, other), [passage.middle])
 

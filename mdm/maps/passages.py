@@ -14,7 +14,12 @@ if TYPE_CHECKING:
     from mdm.maps.grid import Grid
     from mdm.maps.labels import Labels
 
-__all__ = ["Passage", "passages", "widest"]
+__all__ = ["Passage", "passages", "route_sentence", "undivided", "widest"]
+
+_OPEN = 0.8
+"""The share of the width of the narrower of two places from which a passage divides nothing."""
+_FEW = 8
+"""Places of which so many may be conventions without being a route."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +77,35 @@ def widest(found: tuple[Passage, ...]) -> dict[frozenset[str], Passage]:
     for passage in found:
         best.setdefault(frozenset(passage.places), passage)
     return best
+
+
+def undivided(labels: Labels, grid: Grid, found: tuple[Passage, ...]) -> tuple[str, ...]:
+    """Return the places that nothing divides from a neighbour, where most are so: such as the points of a route.
+
+    A passage divides where it is clearly narrower than both places are. A few places without a door between them are
+    usual, and then none is returned.
+    """
+    wide = np.zeros(len(labels.names) + 1)
+    np.maximum.at(wide, labels.raster.ravel(), grid.clearance().ravel())
+    of = dict(zip(labels.names, (2 * wide[1:]).tolist(), strict=True))
+    crowded = {
+        name
+        for passage in found
+        for name in passage.places
+        if passage.width >= _OPEN * min(of[place] for place in passage.places)
+    }
+    if len(crowded) < max(_FEW, len(labels.names) / 2):
+        return ()
+    return tuple(name for name in labels.names if name in crowded)
+
+
+def route_sentence(crowded: int, places: int) -> str:
+    """Return what is said of places that are no rooms, and what to do."""
+    return (
+        f"{crowded} of {places} places have a neighbour from which nothing divides them: are these the points of a "
+        f"route, and no rooms? Give the nodes of a room the same `zone` in their metadata, or begin with the rooms "
+        f"that mdm map goals proposes"
+    )
 
 
 def _measured(cells: NDArray[np.intp], widths: NDArray[np.float64]) -> tuple[float, tuple[int, int], NDArray[np.intp]]:

@@ -16,7 +16,7 @@ class Problem:
     """Something that is wrong with a map.
 
     Args:
-        kind: What it is about: `colours`, `goals`, `rooms` or `ways`.
+        kind: What it is about: `greys`, `colours`, `goals`, `rooms` or `ways`.
         text: What is wrong, in a sentence.
         places: The names of the places that it is about.
         cells: Rows and columns of cells where it is seen.

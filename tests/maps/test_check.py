@@ -8,7 +8,7 @@ from floor_file import GRAPH, rooms, write_floor
 
 from mdm import PredicateManager
 from mdm.errors import ConfigError, MapError
-from mdm.maps import Edge, Graph, Labels, Map, Node, Places, Pose, check, load_map
+from mdm.maps import Edge, Frame, Graph, Grid, Labels, Map, Node, Places, Pose, check, draft, load_map
 
 
 def floor(tmp_path, raster=None, graph=GRAPH):
@@ -141,6 +141,21 @@ def test_a_place_without_a_free_cell(tmp_path):
     assert ("rooms", "'store' has no free cell") in problems
 
 
+def test_the_points_of_a_route_are_told_in_one_sentence():
+    """Not in one for each two that touch without a way."""
+    frame = Frame(40, 300, 0.1)
+    open_cells = np.ones(frame.shape, dtype=bool)
+    names = tuple(map(str, range(30)))
+    graph = Graph(tuple(Node(name, Pose(0.5 + int(name), 2.0)) for name in names), ())
+    grid = Grid(frame, open_cells, ~open_cells)
+    problems = told(Map(draft(grid, graph), graph, grid))
+    ((_, text),) = [problem for problem in problems if problem[0] == "rooms"]
+    assert text.startswith(
+        "30 of 30 places have a neighbour from which nothing divides them: are these the points of a"
+    )
+    assert len(problems) == 2  # the other one is that no ways join them
+
+
 def test_without_a_grid_what_takes_one_is_left_out(tmp_path):
     some = floor(tmp_path)
     assert told(Map(some.labels, some.graph), radius=5.0) == []
@@ -150,8 +165,6 @@ def test_without_a_grid_what_takes_one_is_left_out(tmp_path):
 
 
 def test_a_single_place_is_deep_everywhere():
-    from mdm.maps import Frame, Grid
-
     frame = Frame(5, 5, 0.1)
     labels = Labels(frame, np.ones((5, 5), dtype=np.uint16), ("a",))
     grid = Grid(frame, np.ones((5, 5), dtype=bool), np.zeros((5, 5), dtype=bool))

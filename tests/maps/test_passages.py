@@ -7,7 +7,7 @@ import pytest
 from floor_file import free, rooms
 
 from mdm.maps import Frame, Grid, Labels
-from mdm.maps.passages import passages, widest
+from mdm.maps.passages import passages, undivided, widest
 
 NAMES = ("hall", "office", "store")
 
@@ -68,3 +68,22 @@ def test_walls_and_cells_without_a_way_in_join_nothing():
 def test_corners_that_meet_are_no_passage():
     raster = np.array([["hall", ""], ["", "office"]])
     assert passages(labels(raster), grid(raster != "")) == ()
+
+
+def row_of_places(count, wall):
+    """Return labels and a grid: places of 2 m in a row, divided by walls with doors, or by nothing."""
+    open_cells = np.ones((20, 20 * count), dtype=bool)
+    open_cells[[0, -1], :] = open_cells[:, [0, -1]] = False
+    raster = np.repeat(np.arange(1, count + 1, dtype=np.uint16), 20)[None].repeat(20, axis=0)
+    if wall:
+        open_cells[:, 19:-1:20] = open_cells[:, 20::20] = False
+        open_cells[8:13, 1:-1] = True
+    frame = Frame(*raster.shape, 0.1)
+    return Labels(frame, raster, tuple(map(str, range(count)))), Grid(frame, open_cells, ~open_cells)
+
+
+@pytest.mark.parametrize(("count", "wall", "told"), [(10, False, 10), (10, True, 0), (5, False, 0)])
+def test_points_of_a_route_are_told_from_rooms(count, wall, told):
+    """Places in one hall are no rooms; those with doors between them are; of a few none is told."""
+    some, open_cells = row_of_places(count, wall)
+    assert len(undivided(some, open_cells, passages(some, open_cells))) == told

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ from mdm.errors import Error
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from mdm.maps.files.load import Parts
     from mdm.maps.problem import Problem
@@ -63,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     radius = RADIUS if arguments.radius is None else arguments.radius
     margin = MARGIN if arguments.margin is None else arguments.margin
     problems = [
+        *_greys(arguments.map),
         *parts.problems,
         *examine(parts.labels, parts.graph, parts.grid, radius=radius, margin=margin, colours=parts.colours),
     ]
@@ -85,6 +87,22 @@ def run(arguments: argparse.Namespace) -> int:
         names = parts.graph.names
         print(f"{_number(len(names), 'place')}, {_number(len(problems), 'problem') if problems else 'no problems'}")
     return 1 if problems else 0
+
+
+def _greys(path: str) -> Iterator[Problem]:
+    """Yield a problem where the unknown cells of a map are free by its threshold."""
+    from mdm.maps.files.occupancy import free_grey  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.maps.problem import Problem  # noqa: PLC0415
+
+    found = free_grey(path)
+    if found is not None:
+        grey, count, free = found
+        smaller = (math.ceil((255 - grey) / 255 * 1000 - 1e-6) - 1) / 1000
+        text = (
+            f"free_thresh, {free:g}, makes all {count:,} cells of the grey {grey:g} free, and there are brighter ones: "
+            f"is that what is unknown? Then give a smaller one: {smaller:g}"
+        )
+        yield Problem("greys", text, ())
 
 
 def _number(number: int, what: str) -> str:

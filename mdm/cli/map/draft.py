@@ -60,9 +60,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _facts(labels: Labels, grid: Grid, graph: Graph) -> dict[str, Any]:
     """Return what the draft holds, ready for JSON."""
-    from mdm.maps.passages import passages, widest  # noqa: PLC0415
+    from mdm.maps.passages import passages, undivided, widest  # noqa: PLC0415
 
-    doors = {pair: passage.width for pair, passage in widest(passages(labels, grid)).items()}
+    found = passages(labels, grid)
+    doors = {pair: passage.width for pair, passage in widest(found).items()}
     ways = {frozenset((edge.source, edge.target)): None for edge in graph.edges if edge.source != edge.target}
     places = []
     for name in graph.names:
@@ -78,6 +79,7 @@ def _facts(labels: Labels, grid: Grid, graph: Graph) -> dict[str, Any]:
         "places": places,
         "apart": [sorted(pair, key=in_order) for pair in ways if pair not in doors],
         "touching": [sorted(pair, key=in_order) for pair in doors if pair not in ways],
+        "undivided": undivided(labels, grid, found),
     }
 
 
@@ -93,5 +95,12 @@ def _tell(facts: dict[str, Any]) -> None:
         print()
     for one, other in facts["apart"]:
         print(f"note: the graph has a way between {one!r} and {other!r}, and in the draft they do not touch")
+    crowded = facts["undivided"]
+    if crowded:
+        from mdm.maps.passages import route_sentence  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+        print(f"note: {route_sentence(len(crowded), len(facts['places']))}")
     for one, other in facts["touching"]:
+        if one in crowded and other in crowded:
+            continue
         print(f"note: {one!r} and {other!r} touch in the draft, and the graph has no way between them")

@@ -34,12 +34,14 @@ if TYPE_CHECKING:
     from mdm.maps.files.image import Image
     from mdm.maps.files.yaml_tree import Entry
 
-__all__ = ["image_of", "load_grid"]
+__all__ = ["free_grey", "image_of", "load_grid"]
 
 _MODES = ("trinary", "scale", "raw")
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 _TRUTH = {"0": False, "1": True, "false": False, "true": True, "no": False, "yes": True}
 _WHAT = "the map"
+_GREY, _MANY = 0.1, 0.01
+"""How dark a grey is at least, and the share of cells that are many."""
 _ROUNDING = 1e-6
 """A threshold that is met but for rounding is met; neighbouring brightnesses of 16 bits differ by more."""
 
@@ -53,6 +55,30 @@ def load_grid(path: str | Path) -> Grid:
         FormatError: If a file is missing or malformed.
         MapError: If the resolution is not positive, or PyYAML, or Pillow for a PNG, is not installed.
     """
+    return _read(path)[0]
+
+
+def free_grey(path: str | Path) -> tuple[float, int, float] | None:
+    """Return the grey that a threshold makes free though there is a brighter free colour: most likely the unknown.
+
+    Returns:
+        Its brightness of 255, the number of its cells, and the threshold; None where there is no such grey.
+
+    Raises:
+        FormatError: If a file is missing or malformed.
+        MapError: If PyYAML or Pillow is missing where it is needed.
+    """
+    grid, darkness, free = _read(path)
+    shades, counts = np.unique(darkness[grid.free].round(3), return_counts=True)
+    many = counts >= _MANY * darkness.size
+    if many.sum() < 2 or shades[many][-1] < _GREY:
+        return None
+    grey = shades[many][-1]
+    return round(float(255 * (1 - grey)), 1), int(counts[many][-1]), free
+
+
+def _read(path: str | Path) -> tuple[Grid, NDArray[np.float64], float]:
+    """Return the grid, how dark each cell is, and the threshold below which it is free."""
     source = Source(path)
     root = read_yaml(source)
     for key, entry in root.mapping(_WHAT).items():
@@ -80,7 +106,7 @@ def load_grid(path: str | Path) -> Grid:
         root.need("negate", _WHAT).fail("with the mode raw servers differ on negate: invert the image instead")
     darkness, known = _darkness(image, mode, negate=negate)
     free_cells = known & (darkness <= free + _ROUNDING)
-    return Grid(frame, free_cells, known & ~free_cells & (darkness >= occupied - _ROUNDING))
+    return Grid(frame, free_cells, known & ~free_cells & (darkness >= occupied - _ROUNDING)), darkness, free
 
 
 def image_of(path: str | Path) -> Path:

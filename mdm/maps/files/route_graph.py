@@ -2,14 +2,21 @@
 
 By rule nodes have a number and no name. A place is called by the `name` in its metadata, where it has one, else by its
 number; likewise a way, whose label is else `to` and the name of its target. Goals have no yaw: it is 0.
+
+A route's nodes need not be places. Those that have the same `zone` in their metadata are one place of that name, whose
+goal is the node in their middle. Nodes on one point are one place too, with the name of the first. Ways within a place
+are left out.
 """
 
 from __future__ import annotations
 
+import math
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from mdm.errors import MapWarning
 from mdm.maps.files.gathered import Gathered
 from mdm.maps.graph import Edge, Graph, Node, Pose
 from mdm.number import is_number
@@ -22,6 +29,8 @@ if TYPE_CHECKING:
 
 __all__ = ["read_route_graph"]
 
+_TOLD = 5
+"""Pairs of nodes on one point that are told."""
 _SHOWN = 80
 """Letters of a value that an error shows."""
 
@@ -62,20 +71,27 @@ def read_route_graph(source: Source) -> Graph:
     except RecursionError:
         source.fail("values are nested too deep")
     gathered = Gathered()
-    names = _add_nodes(source, features, gathered)
+    names = _add_places(source, features, gathered)
     for index, feature in enumerate(features):
         kind, fail = feature.geometry.type, _failing(source, index, feature)
         if kind in {"MultiLineString", "LineString"}:
-            gathered.add_edge(_edge(feature, names, fail), fail)
+            edge = _edge(feature, names, fail)
+            if edge.source != edge.target or feature.properties.startid == feature.properties.endid:
+                gathered.add_edge(edge, fail)
         elif kind != "Point":
             fail(f"a Point, a LineString or a MultiLineString was expected, not a {kind}")
     return gathered.graph(source.fail)
 
 
-def _add_nodes(source: Source, features: list[_Feature], gathered: Gathered) -> dict[int, str]:
-    """Gather the places; return their names by their numbers."""
+def _add_places(source: Source, features: list[_Feature], gathered: Gathered) -> dict[int, str]:
+    """Gather the places; return the place of each node, by the nodes' numbers."""
     names: dict[int, str] = {}
     frames: dict[str, None] = {}
+    nodes: dict[str, list[Pose]] = {}  # of each place
+    there: dict[Pose, str] = {}  # the place that has a point
+    zones: set[str] = set()
+    failing: dict[str, Callable[[str], NoReturn]] = {}
+    twins: list[str] = []
     for index, feature in enumerate(features):
         if feature.geometry.type != "Point":
             continue
@@ -85,8 +101,25 @@ def _add_nodes(source: Source, features: list[_Feature], gathered: Gathered) -> 
             fail(f"the nodes lie in different frames: {', '.join(frames)}")
         if number in names:
             fail("a second node has this id")
-        names[number] = _name(feature, fail) or str(number)
-        gathered.add_node(Node(names[number], _pose(feature, fail)), fail)
+        pose, zone = _pose(feature, fail), _text(feature, "zone", fail)
+        own = zone or _text(feature, "name", fail) or str(number)
+        name = own if zone else there.setdefault(pose, own)
+        if name in nodes and name == own and not (zone and name in zones):
+            fail(f"a second place is called {name!r}")
+        if name != own:
+            twins.append(f"{name!r} and {own!r}")
+        if zone:
+            zones.add(zone)
+        names[number] = name
+        nodes.setdefault(name, []).append(pose)
+        failing.setdefault(name, fail)
+    for name, poses in nodes.items():
+        x, y = (sum(values) / len(poses) for values in zip(*((pose.x, pose.y) for pose in poses), strict=True))
+        middle = min(poses, key=lambda pose: math.hypot(pose.x - x, pose.y - y))
+        gathered.add_node(Node(name, middle), failing[name])
+    if twins:
+        text = f"{source.path}: nodes on one point are one place: {', '.join(twins[:_TOLD])}"
+        warnings.warn(MapWarning(text + (f" and {len(twins) - _TOLD} more" * (len(twins) > _TOLD))), stacklevel=2)
     return names
 
 
@@ -97,7 +130,7 @@ def _edge(feature: _Feature, names: dict[int, str], fail: Callable[[str], NoRetu
     for number in (start, end):
         if number not in names:
             fail(f"the edge leads from {start} to {end}, and there is no node {number}")
-    label = _name(feature, fail) or f"to {names[end]}"
+    label = _text(feature, "name", fail) or f"to {names[end]}"
     return Edge(names[start], names[end], label, feature.properties.cost)
 
 
@@ -108,11 +141,12 @@ def _failing(source: Source, index: int, feature: _Feature) -> Callable[[str], N
     return fail
 
 
-def _name(feature: _Feature, fail: Callable[[str], NoReturn]) -> str | None:
-    name = (feature.properties.metadata or {}).get("name")
-    if name is None:
+def _text(feature: _Feature, key: str, fail: Callable[[str], NoReturn]) -> str | None:
+    """Return a text of a feature's metadata, where it has one."""
+    value = (feature.properties.metadata or {}).get(key)
+    if value is None:
         return None
-    return name if isinstance(name, str) and name else fail(f"the name is {name!r}; a text was expected")
+    return value if isinstance(value, str) and value else fail(f"the {key} is {value!r}; a text was expected")
 
 
 def _pose(feature: _Feature, fail: Callable[[str], NoReturn]) -> Pose:

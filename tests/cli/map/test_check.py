@@ -78,6 +78,26 @@ def test_many_problems_of_a_kind_are_counted(mdm, floor, tmp_path):
     assert output[11] == "  and 20 more"
 
 
+def test_a_threshold_that_makes_what_is_unknown_free(mdm, floor):
+    """Nav2's map_saver proposes 0.25, and writes 205 for what is unknown: a darkness of 0.196."""
+    grid = Path(floor[0])
+    with Pillow.open(grid.parent / "map.pgm") as picture:
+        before = picture.convert("L")
+    before.paste(205, (30, 0, 40, 40))
+    before.save(grid.parent / "map.pgm")
+    lines = [line for line in grid.read_text().splitlines() if not line.startswith(("free", "occupied"))]
+    for free, told in ((0.25, True), (0.195, False)):
+        grid.write_text("\n".join([*lines, "occupied_thresh: 0.65", f"free_thresh: {free}", ""]))
+        output = mdm("map", "check", *floor, "--radius", "0.2")[1]
+        words = (
+            "  free_thresh, 0.25, makes all 400 cells of the grey 205 free, and there are brighter ones: is that what"
+        )
+        assert any(line.startswith(words) for line in output) is told
+        if told:
+            assert output[0] == "greys"
+            assert output[1].endswith("Then give a smaller one: 0.196")
+
+
 def test_a_free_colour_that_is_no_place_s(mdm, floor, tmp_path):
     """Such as a place whose goal lies on a slip of the brush."""
     labels = Pillow.open(floor[1])

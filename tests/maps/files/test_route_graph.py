@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from mdm.errors import FormatError
+from mdm.errors import FormatError, MapWarning
 from mdm.maps import Edge, Pose, load_graph
 
 
@@ -48,10 +48,39 @@ def test_an_edge_that_is_given_twice_is_one(tmp_path):
     assert len(load(tmp_path, [*NODES, line(3, 1, 2), line(4, 1, 2)]).edges) == 1
 
 
+def test_nodes_on_one_point_are_one_place(tmp_path):
+    """As in the graph of a depot that Nav2 ships: what leads to the second leads to the first."""
+    features = [*NODES, point(7, 3, 4), line(10, 1, 7), line(11, 7, 1), line(12, 2, 7), line(13, 7, 2)]
+    with pytest.warns(MapWarning, match="nodes on one point are one place: 'kitchen' and '7'"):
+        graph = load(tmp_path, features)
+    assert graph.names == ("1", "kitchen")
+    assert graph.edges == (Edge("1", "kitchen", "to kitchen"), Edge("kitchen", "1", "to 1"))
+
+
+def test_nodes_of_one_zone_are_one_place(tmp_path):
+    """Its goal is the node in the middle, and ways are those from zone to zone."""
+    zones = [point(number, x, 0, metadata={"zone": "aisle"}) for number, x in ((1, 0), (2, 5), (3, 11))]
+    dock = point(4, 20, 0, metadata={"zone": "dock", "name": "left out"})
+    ways = [line(10 + one, one, one + 1) for one in (1, 2, 3)] + [line(20 + one, one + 1, one) for one in (1, 2, 3)]
+    graph = load(tmp_path, [*ways, *zones, dock, point(5, 30, 0), line(30, 4, 5), line(31, 1, 4)])
+    assert graph.names == ("aisle", "dock", "5")
+    assert graph.node("aisle").goal == Pose(5.0, 0.0)
+    assert set(graph.edges) == {
+        Edge("aisle", "dock", "to dock"),
+        Edge("dock", "aisle", "to aisle"),
+        Edge("dock", "5", "to 5"),
+    }
+
+
 @pytest.mark.parametrize(
     ("features", "message"),
     [
         ([], "no places"),
+        ([*NODES, point(3, 0, 0, metadata={"zone": ["a"]})], "features[2], id 3: the zone is ['a']; a text was"),
+        (
+            [*NODES, point(3, 0, 0, metadata={"zone": "kitchen"})],
+            "features[2], id 3: a second place is called 'kitchen",
+        ),
         ([*NODES, point(2, 0, 0)], "features[2], id 2: a second node has this id"),
         (
             [*NODES, point(3, 0, 0, metadata={"name": "kitchen"})],

@@ -18,7 +18,6 @@ UNTESTED_ALONE = {
     "runtime/weak.py": "an empty base",
     "actors/layer.py": "a base: its layers are tested",
     "team/centre.py": "with its outposts: test_centralised",
-    "team/outpost.py": "with its centre: test_centralised",
     "team/layer.py": "a base: replicas and centralised teams are tested",
     "cli/map/floor.py": "with the verbs that load a floor: test_check",
     "cli/map/drawing.py": "with the verbs that draw: test_check, test_show",

@@ -13,7 +13,7 @@ import msgspec
 from msgspec import Meta
 
 from mdm.runtime import ActorStatistics
-from mdm.team.transport.bounds import Life, Name, Number, Text
+from mdm.team.transport.bounds import Life, Name, Number, Order, Text
 
 if TYPE_CHECKING:
     from mdm.actors import Ensemble
@@ -40,7 +40,7 @@ class Said(msgspec.Struct, frozen=True, array_like=True, gc=False):
     number: Number
     tick: Number
     part: bytes | None
-    command: Name | None
+    command: Order | None
     token: Name = ""
     life: Life = 0
     step: Number = 0
@@ -74,7 +74,7 @@ class Decided(msgspec.Struct, frozen=True, array_like=True, gc=False):
     impossible: Text | None
     inputs: dict[Name, bytes]
     missing: tuple[Name, ...]
-    command: Name | None
+    command: Order | None
     digest: Text
     taken: dict[Name, Number]
     token: Name = ""

@@ -54,7 +54,7 @@ class Centre(TeamLayer):
         self._open: int | None = None
         self._closed = -1
         self._late = 0
-        self._last = Decided(0, False, 0, None, None, {}, (), None, "", {})
+        self._last = self._spread_last = Decided(0, False, 0, None, None, {}, (), None, "", {})
         self._on: tuple[dict[str, bytes], tuple[str, ...], str | None, str] = ({}, (), None, "")
         self._started = self._barred = 0
         self._asked = self._stopped = False
@@ -292,7 +292,10 @@ class Centre(TeamLayer):
 
     def _spread(self, decided: Decided) -> None:
         """Send a new decision to all, and tell of it here."""
-        self._last = decided = msgspec.structs.replace(decided, digest=self.copy.digest())
+        decided = msgspec.structs.replace(decided, digest=self.copy.digest())
+        if self._last.step == decided.step:
+            self._last = decided
+        self._spread_last = decided
         self._say(decided)
         life = (1, self.agent, self.link.transport.incarnation)
         self.tell(
@@ -302,8 +305,8 @@ class Centre(TeamLayer):
         )
 
     def _put(self) -> None:
-        """Send the last decision once more."""
-        self._say(self._last)
+        """Send the last decision once more; not one that waits to be sent, for they are sent in order."""
+        self._say(self._spread_last)
 
     def _say(self, decided: Decided) -> None:
         """Send a decision, with what was taken from each agent."""

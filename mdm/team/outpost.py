@@ -13,6 +13,7 @@ from mdm.team.agreement.hold import BARS, HOLD, STARTS, STOP
 from mdm.team.centralised import CentralisedStatistics, Decided, Said, controlling, encode
 from mdm.team.commands import PENDING
 from mdm.team.layer import TeamLayer
+from mdm.team.transport.bounds import can_be
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
@@ -151,6 +152,10 @@ class Outpost(TeamLayer):
             self.malformed += 1
             self.link.refuse_sample(sample, f"decides on action {decided.action}, which the model has not")
             return
+        if decided.started > decided.step:
+            self.malformed += 1
+            self.link.refuse_sample(sample, f"tells at step {decided.step} of a start at step {decided.started}")
+            return
         if sample.incarnation != self.link.live.get(self._controller):
             return  # it is not there yet, or has another configuration
         if sample.incarnation != self._life:
@@ -161,25 +166,55 @@ class Outpost(TeamLayer):
                 self._waits = 0  # it knows of no stop that a life of the controller before it decided
             if self.parts.takes == "state" and self.team.event_driven:
                 self.say(self.own)  # a controller that has just begun knows nothing
-        taken = decided.taken.get(self.agent, 0)
-        self._number = max(self._number, taken)  # more than was said, where another spoke in this agent's name
-        if self._waiting and taken >= self._waiting[0].number:
-            self._waiting.popleft()
-            self._say()
+        self._take_taken(decided)
         if (void := decided.void.get(self.agent)) and self.commands.outcomes.get(void) == PENDING:
             self.tell_void(void, "a stop came before it")
         self._obey(decided)
 
+    def _take_taken(self, decided: Decided) -> None:
+        """Take note of what the controller has from this agent, and say what is next.
+
+        Where it has more than was said, or has a command under that number which is none, another has spoken in this
+        agent's name: what waits is then said under new numbers.
+        """
+        taken, waiting = decided.taken.get(self.agent, 0), self._waiting
+        if not can_be(taken, self.runtime.clock.now(), 1000):
+            return
+        if not waiting:
+            self._number = max(self._number, taken)
+        elif taken >= waiting[0].number:
+            first = waiting[0]
+            life, number, _ = decided.bars.get(self.agent, (0, 0, 0))
+            barred = life == self.link.transport.incarnation and number >= first.number
+            if taken <= self._number and (barred or first.command not in BARS):
+                waiting.popleft()
+            else:
+                self._renumber(max(taken, self._number))
+            self._say()
+
+    def _renumber(self, last: int) -> None:
+        """Give what waits the numbers after another."""
+        numbers = {said.number: last + place for place, said in enumerate(self._waiting, 1)}
+        self._waiting = deque(msgspec.structs.replace(said, number=numbers[said.number]) for said in self._waiting)
+        self._number = last + len(numbers)
+        if self._waits is not None:
+            self._waits = numbers.get(self._waits, self._waits)
+
     def _obey(self, decided: Decided) -> None:
-        """Carry out this agent's component of what was decided, once."""
+        """Carry out this agent's component of what was decided, once.
+
+        The messages of a life come in order. Where the controller is at an earlier step than it said before, or has
+        decided something else at the same, it did not say that: what it decides now counts as when it is heard first.
+        """
         now = self.runtime.clock.now()
         last, self._last = self._last, decided
+        if last is not None and (decided.step < last.step or (decided.step == last.step and not _same(decided, last))):
+            last = None
+            self._since = min(self._since, decided.step)
         control, safety = self.ensemble.control, self.ensemble.safety
-        late = last is not None and decided.step < last.step
         held = self._still
-        if not late:
-            self._settle(decided)
-        if late or (last is not None and decided.step == last.step):
+        self._settle(decided)
+        if last is not None and decided.step == last.step:
             safety.reopen(_CONTROLLER, now)
             return
         control.running = decided.running
@@ -218,7 +253,7 @@ class Outpost(TeamLayer):
                 self._queue(None, HOLD)
                 self._waits = self._number
             elif life == self.link.transport.incarnation and number >= self._waits:
-                self._waits, self._since = None, step
+                self._waits, self._since = None, min(step, decided.step)
         elif not decided.running:
             self._still, self._since = True, decided.step
         if self._still and self._waits is None and decided.running and decided.started > self._since:
@@ -275,3 +310,11 @@ class Outpost(TeamLayer):
             late=self._unsaid,
             malformed=self.malformed,
         )
+
+
+def _same(one: Decided, other: Decided) -> bool:
+    """Return whether two decisions of the same step are the same, whatever they tell of the agents besides."""
+    return (one.running, one.epoch, one.action, one.command, one.token, one.started) == (
+        *(other.running, other.epoch, other.action),
+        *(other.command, other.token, other.started),
+    )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import msgspec
 
 from mdm.errors import Error
-from mdm.team.transport.bounds import Life, Name, Number, Text
+from mdm.team.transport.bounds import Life, Name, Number, Order, Text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,7 +87,7 @@ class Commit(msgspec.Struct, frozen=True, array_like=True, tag="commit", gc=Fals
     previous: Term
     inputs: Annotated[dict[Name, bytes], msgspec.Meta(max_length=256)]
     missing: Members
-    command: Name | None
+    command: Order | None
     by: Name
     digest: Text
     token: Name = ""
@@ -152,7 +152,7 @@ class Command(msgspec.Struct, frozen=True, array_like=True, tag="command", gc=Fa
 
     term: Term
     step: Number
-    command: Name
+    command: Order
     token: Name = ""
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, TypeAlias
 
 from msgspec import Meta
 
-__all__ = ["DAY", "HOUR", "Life", "Name", "Number", "Offset", "Text", "can_be"]
+__all__ = ["DAY", "HOUR", "Life", "Name", "Number", "Offset", "Order", "Text", "can_be"]
 
 HOUR = 3_600_000_000_000
 """Nanoseconds by which counts and numbers may be ahead of the receiver's clock."""
@@ -29,6 +29,9 @@ Life: TypeAlias = Annotated[int, Meta(ge=0, le=(1 << 63) - 1)]
 
 Name: TypeAlias = Annotated[str, Meta(max_length=256)]
 """The name of an agent, a predicate or a command."""
+
+Order: TypeAlias = Annotated[str, Meta(pattern=r"^(begin|hold|reset|resume|start|stop)\Z")]
+"""A command of a team. Any other word orders nothing; least of all does it start one."""
 
 Text: TypeAlias = Annotated[str, Meta(max_length=4096)]
 """A sentence or a digest."""

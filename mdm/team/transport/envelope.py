@@ -31,6 +31,8 @@ _MOST_KEYS = 4096
 _NONE = -2  # a number that no other follows
 _FAR = 1024  # further behind than that an owner's messages do not come, whatever overtakes them
 _ENOUGH = 8
+_NO_START = b"no message begins so"
+_MOST_MISSING = 1 << 20
 _FRESH = 5_000_000_000  # nanoseconds for which a message is not taken for one that is sent again
 
 
@@ -98,15 +100,16 @@ class Packer:
 
 
 class _Last:
-    """The last message under a key: how it began, and its number."""
+    """The last message under a key: how it began, its number, and how many were left out if it was its owner's."""
 
-    __slots__ = ("incarnation", "length", "number", "owner", "start")
+    __slots__ = ("incarnation", "leap", "length", "number", "owner", "start")
 
-    def __init__(self, owner: str, incarnation: int, number: int, start: bytes) -> None:
+    def __init__(self, owner: str, incarnation: int, number: int, start: bytes, leap: int = 0) -> None:
         self.owner = owner
         self.incarnation = incarnation
         self.number = number
-        self.start = start
+        self.leap = leap
+        self.start = _NO_START if leap else start  # else the next is taken without a look at this
         self.length = len(start)
 
 
@@ -197,6 +200,7 @@ class Unpacker:
         if incarnation < present and incarnation != self._seen.get(owner):
             raise Refusal("stale", f"a message under {key} is of an earlier life of agent {owner!r}")
         self._begin(owner, incarnation)
+        leap = 0  # what one message tells that is far ahead counts when the next is there, and for so many at most
         if last is None:
             if len(self._last) >= _MOST_KEYS:
                 oldest = next(iter(self._last))
@@ -208,10 +212,14 @@ class Unpacker:
             if missed < 0:
                 self._doubt(key, number, last.number, fresh=0 < now < time + _FRESH)
                 missed = 0
-            missed -= self._excused.pop(key, 0)
+            elif missed > _FAR and last.leap == 0:
+                leap, missed = missed, 0
+            else:
+                missed = min(missed + last.leap, _MOST_MISSING)
+            missed -= 0 if leap else self._excused.pop(key, 0)
             if missed > 0:
                 self._missing(key, missed)
-        self._last[key] = _Last(owner, incarnation, number, data[:start])
+        self._last[key] = _Last(owner, incarnation, number, data[:start], leap)
         return Sample(key, owner, incarnation, data[start + _REST.size :], time)
 
     def _doubt(self, key: str, number: int, ahead: int, *, fresh: bool) -> None:

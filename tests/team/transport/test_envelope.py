@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import contextlib
+
 import pytest
 from hypothesis import given, strategies as st
 
@@ -145,6 +147,27 @@ def test_gaps_are_told_and_those_that_are_excused_are_not():
     receiver.excuse(KEY, 1)
     receiver.unpack(KEY, messages[9])
     assert told == [(KEY, 2), (KEY, 1)]
+
+
+def test_a_leap_counts_when_a_second_message_confirms_it_and_a_forged_one_never():
+    told = []
+    now = 10**12
+    sender, other = (Packer("robot1", 1, lambda: now) for _ in range(2))
+    receiver = reader(lambda key, count: told.append(count))
+    receiver.unpack(KEY, sender.pack(KEY, b""), now)
+    other._numbers[KEY] = 2**64 - 2
+    receiver.unpack(KEY, other.pack(KEY, b"forged"), now)
+    for _ in range(20):
+        with contextlib.suppress(Refusal):
+            receiver.unpack(KEY, sender.pack(KEY, b""), now)
+    assert sum(told) < 10
+    told.clear()
+    sender._numbers[KEY] += 5000
+    receiver.unpack(KEY, sender.pack(KEY, b""), now)
+    assert told == []
+    receiver.unpack(KEY, sender.pack(KEY, b""), now)
+    receiver.unpack(KEY, sender.pack(KEY, b""), now)
+    assert told == [5000]
 
 
 def test_numbers_begin_anew_in_a_new_life_and_the_old_one_is_stale():

@@ -175,13 +175,13 @@ class Copy:
 
     def _opened(self, agent: str, body: bytes) -> Part | None:
         """Return a part; None where it is none of this agent's."""
-        places = self.parts.of.get(agent, ())
+        places = self.parts.of.get(agent)
         try:
             part = _decode(body)
         except (msgspec.MsgspecError, ValueError):
             part = Part(0, ())
         sizes = self.parts.sizes
-        if len(part.values) == len(places):
+        if places is not None and len(part.values) == len(places):
             for place, value in zip(places, part.values, strict=True):
                 if value is not None and not 0 <= value < sizes[place]:
                     break

@@ -156,6 +156,19 @@ def test_what_is_no_part_of_an_agent_counts_as_missing(body):
     run_virtual(main)
 
 
+@pytest.mark.parametrize("build", [over_beliefs(problems.dec_tiger()), over_states])
+def test_a_part_of_an_agent_that_the_team_has_not_is_none(build):
+    async def main(runtime):
+        team = Team("rooms", ["a", "b"])
+        copy, ensemble = await copied(runtime, team, build)
+        await in_turn(ensemble, copy.command, BEGIN, 0)
+        await in_turn(ensemble, copy.step, {"c": copy.part(1, ())}, ("d",), 2)
+        assert copy.malformed == 1
+        assert copy.named({"c": copy.part(1, ())}) == {}
+
+    run_virtual(main)
+
+
 def test_idle_and_held_symbols_stand_for_agents_that_are_there_and_see_nothing():
     async def main(runtime):
         team = Team("tigers", ["left", "right"])

@@ -35,6 +35,7 @@ __all__ = [
     "Term",
     "decode",
     "encode",
+    "positions",
 ]
 
 
@@ -217,3 +218,16 @@ def decode(body: bytes) -> Message:
         return _decoder.decode(body)
     except (msgspec.MsgspecError, ValueError) as error:
         raise Error(f"this is no message of an agreement: {error}") from None
+
+
+def positions(message: Message) -> tuple[Position, ...]:
+    """Return the places in histories that a message tells of, besides a step of its own."""
+    match message:
+        case Begin() | Fetch():
+            return (message.position,)
+        case Joined() | Snapshot():
+            return message.lineage
+        case Entries():
+            return tuple([Position(commit.term, commit.step) for commit in message.commits])
+        case _:
+            return ()

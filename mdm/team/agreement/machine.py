@@ -18,6 +18,7 @@ from mdm.team.agreement.entries import (
     Joined,
     Snapshot,
     Stale,
+    positions,
 )
 from mdm.team.agreement.hold import STOP
 from mdm.team.agreement.proposals import Asked
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
     from mdm.team.agreement.entries import Message, Send
 
 __all__ = ["Agreement"]
+
+_STEP = 1000
+"""Nanoseconds that a step takes at least."""
 
 
 class Agreement(Recovery):
@@ -88,9 +92,14 @@ class Agreement(Recovery):
         return self._sent()
 
     def believes(self, message: Message, now: int) -> bool:
-        """Return whether the term of a message can be one, by this agent's clock and for this team."""
+        """Return whether the terms and steps of a message can be such, by this agent's clock and for this team."""
         term = message.term
-        return (term.leader in self.order or term == START.term) and can_be(term.number, now)
+        if not (term.leader in self.order or term == START.term) or not can_be(term.number, now):
+            return False
+        step = getattr(message, "step", None)
+        if step is not None:
+            return can_be(step, now, _STEP)
+        return all(at.term.number <= term.number and can_be(at.step, now, _STEP) for at in positions(message))
 
     def receive(self, sender: str, incarnation: int, message: Message, now: int) -> list[Send]:
         """Take a message of another agent."""

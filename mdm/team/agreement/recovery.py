@@ -26,6 +26,8 @@ class Recovery(Terms):
         if not self.begun and not for_leader:
             return
         if message.digest is not None:
+            if leading and self._is_ahead(sender, message.position.step, now):
+                return
             if for_leader or (leading and self._outvotes(sender, message.position.step, message.digest, now)):
                 self._send(sender, self._snapshot())
             return
@@ -87,14 +89,16 @@ class Recovery(Terms):
         placed = self.begun or (not self.sound and self.ballot is None)
         if placed and position.step < self.step and contains(history.lineage, position):
             return  # it is late: this agent's history is that of the term already
+        before = self.replica.snapshot()
         self.replica.restore(message.body)
+        if self.replica.digest() != message.digest:
+            self.replica.restore(before)
+            self._report("digest", f"the snapshot of {sender} after step {position.step} is not what it should be")
+            return
         history.replace(message.lineage, message.side)
         self.hold.restore(message.lineage, running=self.replica.running)
         self.proposals.forget(position.step)
-        self.sound = self.replica.digest() == message.digest
-        if not self.sound:
-            self._report("digest", f"the snapshot of {sender} after step {self.step} is not what it should be")
-            return
+        self.sound = True
         self.fetching = None
         if self.ballot is not None:
             self._recount(now)

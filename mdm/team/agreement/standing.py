@@ -88,6 +88,7 @@ class Standing:
         self._new_step()
         self.applied: dict[str, int] = {}
         self.doubts: dict[str, tuple[int, str]] = {}
+        self.ahead: dict[str, int] = {}
 
         self.timers: dict[str, int] = {}
         self.reports: list[tuple[str, str]] = []
@@ -143,7 +144,7 @@ class Standing:
         self.heard = max(self.heard, term.number)
         self.ballot = None
         self.released = False
-        self.applied, self.doubts = {}, {}
+        self.applied, self.doubts, self.ahead = {}, {}, {}
         self._new_step()
         for timer in ("call", "patience", "invite", "retry"):
             self.timers.pop(timer, None)

@@ -8,6 +8,9 @@ from mdm.team.agreement.standing import Standing
 
 __all__ = ["Steps"]
 
+_INSISTS = 4
+"""Messages one after the other by which a member says that it is ahead of its leader."""
+
 
 class Steps(Standing):
     """What an agent proposes, commits and applies within a term."""
@@ -66,7 +69,7 @@ class Steps(Standing):
 
     def _hears(self, sender: str, step: int, now: int) -> bool:
         """Return whether what a member says counts for the next step; it has applied the step before its own."""
-        if not self._is_led(sender) or step > self.step + 1:
+        if not self._is_led(sender) or self._is_ahead(sender, step - 1, now):
             return False
         self.applied[sender] = max(self.applied.get(sender, 0), step - 1)
         if step != self.history.position.step + 1:
@@ -75,8 +78,29 @@ class Steps(Standing):
         self._wait(now)
         return True
 
+    def _is_ahead(self, sender: str, step: int, now: int) -> bool:
+        """Return whether a member says that it has more than its leader; where it goes on so, all say what they have.
+
+        Nobody has. Either another has spoken in its name, or it took another history than this one for its leader's,
+        and would take no further step.
+        """
+        if step <= self.history.position.step:
+            if self.ahead:
+                self.ahead.pop(sender, None)
+            return False
+        self.ahead[sender] = self.ahead.get(sender, 0) + 1
+        if self.ahead[sender] >= _INSISTS:
+            told = f"{sender} says that it has applied step {step}, and {self.agent}, which leads, {self.step}"
+            self._report("history", f"{told}: all say anew what they have")
+            self._call(now)
+        return True
+
+    def _call(self, now: int) -> None:
+        """Call a new term."""
+        raise NotImplementedError
+
     def _on_applied(self, sender: str, message: Applied, now: int) -> None:
-        if self._is_led(sender) and message.step <= self.step:
+        if self._is_led(sender) and not self._is_ahead(sender, message.step, now):
             self.applied[sender] = max(self.applied.get(sender, 0), message.step)
             self._offer(now)
 

@@ -4,7 +4,21 @@ import pytest
 from team.lockstep import PATIENCE, RETRY, Lockstep
 
 from mdm.team.agreement import Term
-from mdm.team.agreement.entries import START, Applied, Begin, Command, Component, Ended, Joined, Position, Stale
+from mdm.team.agreement.entries import (
+    START,
+    Applied,
+    Begin,
+    Command,
+    Commit,
+    Component,
+    Ended,
+    Entries,
+    Fetch,
+    Joined,
+    Position,
+    Snapshot,
+    Stale,
+)
 
 
 def test_messages_of_who_is_not_seen_are_dropped():
@@ -62,6 +76,25 @@ def test_terms_are_believed_that_there_was_time_for():
     assert agreement.believes(Stale(Term(hour + 1, "b", 2)), 1_000_000)
     assert not agreement.believes(Stale(Term(1, "nobody", 2)), 0)
     assert agreement.believes(Stale(START.term), 0)
+
+
+def test_steps_are_believed_that_there_was_time_for_and_no_later_term_than_the_message_s():
+    agreement = Lockstep(3)["a"]
+    term, most = Term(3, "b", 2), 3_600_000_000
+    for step, early in ((most, True), (most + 1, False), (2**62 - 1, False)):
+        at = Position(term, step)
+        for message in (
+            Applied(term, step),
+            Component(term, step, None),
+            Begin(term, at, "", ()),
+            Fetch(term, at, None),
+            Joined(term, (START, at), 1, "", sound=True),
+            Snapshot(term, (START, at), 1, "", b""),
+            Entries(term, (Commit(term, step, term, {}, (), None, "", ""),)),
+        ):
+            assert agreement.believes(message, 0) == early
+    assert not agreement.believes(Begin(term, Position(Term(4, "b", 2), 1), "", ()), 0)
+    assert not agreement.believes(Joined(term, (Position(Term(4, "b", 2), 1),), 1, "", sound=True), 0)
 
 
 @pytest.mark.parametrize("said", [Applied, Component, Command])

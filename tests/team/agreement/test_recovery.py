@@ -1,9 +1,9 @@
 from __future__ import annotations
 
 import pytest
-from team.lockstep import PATIENCE, RETRY, Lockstep
+from team.lockstep import DEADLINE, PATIENCE, RETRY, Lockstep
 
-from mdm.team.agreement.entries import Entries, Fetch, Snapshot
+from mdm.team.agreement.entries import Entries, Fetch, Position, Snapshot
 
 
 def full(team, times=1, **options):
@@ -115,6 +115,32 @@ def test_an_older_snapshot_of_the_same_term_undoes_nothing():
     team["c"].fetching = "a"
     team.took("c", team["c"].receive("a", 1, old, team.now))
     assert team["c"].step == 4
+
+
+@pytest.mark.parametrize("forged", ["body", "digest", "far", "all"])
+def test_a_snapshot_that_the_leader_did_not_send_keeps_nobody_from_further_steps(forged):
+    """What is none is dropped, and asked for again; a history ahead of the leader's ends when a term is called."""
+    team = Lockstep(3)
+    full(team, 3)
+    true = team["a"]._snapshot()
+    far = (*true.lineage[:-1], Position(true.lineage[-1].term, 2**40))
+    digest = "4711" if forged in {"digest", "all"} else true.digest
+    lineage = far if forged in {"far", "all"} else true.lineage
+    body = true.body.replace(b"True", b"None") + b" " if forged == "body" else true.body
+    team.watched = False
+    team.oracle.applies = team.oracle.restores = team.oracle.hears = lambda *_: None  # it knows of true steps alone
+    team["c"].fetching = "a"
+    team.took("c", team["c"].receive("a", 1, Snapshot(true.term, lineage, true.side, digest, body), team.now))
+    for number in range(8):
+        for name in team.machines:
+            team.propose(name, b"%d" % number)
+        team.wait(2 * DEADLINE)
+    assert len(set(team.steps)) == 1
+    assert team.equal
+    assert team.roles == ["leading", "following", "following"]
+    before = team.steps
+    full(team)
+    assert team.steps == [step + 1 for step in before]
 
 
 @pytest.mark.parametrize("kind", [Fetch, Entries, Snapshot])

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.maps.check import check
 from mdm.maps.draft import draft
-from mdm.maps.files import load_graph, load_grid, load_map, save_labels
+from mdm.maps.files import load_graph, load_grid, load_map, save_graph, save_labels
 from mdm.maps.frame import Frame
 from mdm.maps.graph import Edge, Graph, Node, Pose
 from mdm.maps.grid import Grid
@@ -19,6 +19,7 @@ from mdm.maps.labels import Labels
 from mdm.maps.map import Map
 from mdm.maps.passages import Passage, passages
 from mdm.maps.problem import Problem
+from mdm.maps.propose import propose
 
 if TYPE_CHECKING:
     from mdm.maps.navigation import Navigation, Navigator, ReportingNavigator
@@ -47,6 +48,8 @@ __all__ = [
     "load_grid",
     "load_map",
     "passages",
+    "propose",
+    "save_graph",
     "save_labels",
 ]
 

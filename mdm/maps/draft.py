@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
     Regions = NDArray[np.intp]
 
-__all__ = ["draft"]
+__all__ = ["draft", "rooms"]
 
 _RISE = 0.3
 """Metres that a peak of clearance rises above a passage, or is none."""
@@ -72,6 +72,29 @@ def draft(grid: Grid, graph: Graph) -> Labels:
         raster[cells] = np.array([*inside, -1])[shares[cells]] + 1
     raster[~grid.free] = 0
     return Labels(grid.frame, raster, graph.names)
+
+
+def rooms(grid: Grid, reached: Mask, *, door: float, alike: float, least: float) -> Regions:
+    """Divide the free cells of a grid at what may be doors, without goals; return regions by one of their cells.
+
+    Regions are joined where the passage between them is no door, and where one is too small for a room.
+
+    Args:
+        grid: The floor.
+        reached: The cells that count for the size of a room.
+        door: The share of the clearance in the narrower of two regions from which a passage is no door,
+        alike: if the narrower has this share of the other's; a corridor that opens into a hall is another room.
+        least: The square metres of a room.
+    """
+    open_cells = _without_specks(grid)
+    clearance = Grid(grid.frame, open_cells, grid.occupied & ~open_cells).clearance()
+    regions = _peaks(clearance, open_cells)
+    forest, found = _forest(regions, clearance, open_cells)
+    for left, right, saddle in found:
+        forest.join_if_no_door(left, right, saddle, door, alike)
+    sizes = np.bincount(regions[reached], minlength=clearance.size).astype(np.float64) * grid.frame.resolution**2
+    forest.join_small(found, sizes, least)
+    return forest.joined(regions)
 
 
 def _seed(paths: Paths, name: str, x: float, y: float) -> tuple[int, int]:
@@ -143,6 +166,18 @@ def _neighbours(shape: tuple[int, ...]) -> list[tuple[tuple[slice, slice], tuple
 
 def _joined(regions: Regions, clearance: Vector, open_cells: Mask, seeds: Sequence[tuple[int, int]]) -> Regions:
     """Return regions joined as the module says, each by the index of one of its cells."""
+    forest, found = _forest(regions, clearance, open_cells)
+    for left, right, saddle in found:
+        forest.join_if_low(left, right, saddle)
+    for seed in seeds:
+        forest.seeded.add(forest.root(int(regions[seed])))
+    for left, right, _ in found:
+        forest.join_if_unseeded(left, right)
+    return forest.joined(regions)
+
+
+def _forest(regions: Regions, clearance: Vector, open_cells: Mask) -> tuple[_Forest, list[tuple[int, int, float]]]:
+    """Return regions, none of which is joined, and the passages between them with their clearance, the widest first."""
     ones, others, widths = [], [], []
     for here, there in _neighbours(clearance.shape):
         border = open_cells[here] & open_cells[there] & (regions[here] != regions[there])
@@ -154,18 +189,8 @@ def _joined(regions: Regions, clearance: Vector, open_cells: Mask, seeds: Sequen
     # Only the widest cell between two regions can join them: where it does not, no narrower one does.
     _, widest = np.unique((one * clearance.size + other)[order], return_index=True)
     order = order[np.sort(widest)]
-    passages = list(zip(one[order].tolist(), other[order].tolist(), width[order].tolist(), strict=True))
-    forest = _Forest(np.unique(regions[open_cells]).tolist(), clearance.ravel())
-    for left, right, saddle in passages:
-        forest.join_if_low(left, right, saddle)
-    for seed in seeds:
-        forest.seeded.add(forest.root(int(regions[seed])))
-    for left, right, _ in passages:
-        forest.join_if_unseeded(left, right)
-    roots = np.arange(clearance.size)
-    for region in forest.parents:
-        roots[region] = forest.root(region)
-    return roots[regions]
+    found = list(zip(one[order].tolist(), other[order].tolist(), width[order].tolist(), strict=True))
+    return _Forest(np.unique(regions[open_cells]).tolist(), clearance.ravel()), found
 
 
 class _Forest:
@@ -187,6 +212,36 @@ class _Forest:
         low, high = sorted((self.root(one), self.root(other)), key=lambda root: (self.peaks[root], root))
         if low != high and self.peaks[low] - saddle < _RISE:
             self.parents[low] = high
+
+    def join_if_no_door(self, one: int, other: int, saddle: float, door: float, alike: float) -> None:
+        """Join two where the passage between them is nearly as wide as the narrower is, and that as the other."""
+        low, high = sorted((self.root(one), self.root(other)), key=lambda root: (self.peaks[root], root))
+        narrow, wide = self.peaks[low], self.peaks[high]
+        if low != high and saddle >= door * narrow and narrow >= alike * wide:
+            self.parents[low] = high
+
+    def join_small(self, found: Sequence[tuple[int, int, float]], sizes: Vector, least: float) -> None:
+        """Join what is too small through its widest passage, until nothing is."""
+        areas: dict[int, float] = {}
+        for region in self.parents:
+            root = self.root(region)
+            areas[root] = areas.get(root, 0.0) + float(sizes[region])
+        joined = True
+        while joined:
+            joined = False
+            for left, right, _ in found:
+                one, other = sorted((self.root(left), self.root(right)), key=lambda root: (areas[root], root))
+                if one != other and areas[one] < least:
+                    self.parents[one] = other
+                    areas[other] += areas[one]
+                    joined = True
+
+    def joined(self, regions: Regions) -> Regions:
+        """Return for each cell the root of its region."""
+        roots = np.arange(regions.size)
+        for region in self.parents:
+            roots[region] = self.root(region)
+        return roots[regions]
 
     def join_if_unseeded(self, one: int, other: int) -> None:
         """Join two unless both hold a goal."""

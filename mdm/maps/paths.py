@@ -110,6 +110,24 @@ class Paths:
         They are those of `distances`, which looks at the whole floor. Here one looks at a window around both, and at a
         larger one until whatever leaves it would be longer: a short way on a large floor costs little.
         """
+        distances, one, _, _ = self._window(cell, target)
+        return float(distances[one])
+
+    def way(self, cell: tuple[int, int], target: tuple[int, int]) -> list[tuple[int, int]]:
+        """Return the cells where the shortest way from a cell to another one turns, with both ends; none where none is.
+
+        It costs as much as `length`.
+        """
+        distances, one, first, paths = self._window(cell, target)
+        if not math.isfinite(distances[one]):
+            return []
+        down, right = (int(number) for number in first)
+        return [cell, *((row + down, column + right) for row, column in paths.route(distances, one))]
+
+    def _window(
+        self, cell: tuple[int, int], target: tuple[int, int]
+    ) -> tuple[Vector, tuple[int, int], NDArray[np.intp], Paths]:
+        """Return the metres to a target in a window that holds the way, the cell there, its corner, and its paths."""
         ends = np.array([cell, target])
         low, high = ends.min(axis=0), ends.max(axis=0)
         around = max(_LEAST, int((high - low).max()) // 8)
@@ -119,9 +137,10 @@ class Paths:
             window = self.open[first[0] : last[0], first[1] : last[1]]
             one, other = ((int(row), int(column)) for row, column in ends - first)
             rows, columns = window.shape
-            distances, _ = Paths(Frame(rows, columns, self.frame.resolution), window).distances([other])
+            paths = Paths(Frame(rows, columns, self.frame.resolution), window)
+            distances, _ = paths.distances([other])
             if distances[one] <= self._least_outside(ends, first, last) * self.frame.resolution:
-                return float(distances[one])
+                return distances, one, first, paths
             around *= 2
 
     def _least_outside(self, ends: NDArray[np.intp], first: NDArray[np.intp], last: NDArray[np.intp]) -> float:

@@ -33,8 +33,9 @@ _SMOOTH = 2
 """Everything is drawn so many times as large, and made smaller at the end."""
 _LEAST = 3
 """The rank of texts that may be left out."""
-_WIDE = 2.0
-"""Metres of a passage through which one need not go in the middle."""
+_LINE = (150, 160, 185)
+_LINES = 90
+"""Pixels between the lines of the coordinates, at least."""
 _MOST = 24
 """Pixels of a cell."""
 
@@ -80,7 +81,7 @@ class Picture:
         self.frame = labels.frame
         self._names = labels.names
         self._corner = top, left
-        self._cell = min(max(size // max(bottom - top, right - left), 1), _MOST) * _SMOOTH
+        self._cell = min(max(round(size / max(bottom - top, right - left)), 1), _MOST) * _SMOOTH
         cells = _painted(labels, grid)[top:bottom, left:right]
         self._image = image.fromarray(cells).resize(
             ((right - left) * self._cell, (bottom - top) * self._cell), image.Resampling.NEAREST
@@ -93,20 +94,29 @@ class Picture:
         self._texts: list[tuple[int, str, Point, Ink, Ink]] = []
         self._marks: list[tuple[Pose, float, Ink, str]] = []
 
-    def passage(self, passage: Passage) -> None:
-        """Draw a passage: its border, and how wide it is."""
+    def passage(self, passage: Passage, *, told: bool = True) -> None:
+        """Draw a passage: its border, and, if that is to be told, how wide it is."""
         self._fill(passage.cells.tolist(), _BORDER)
-        self._write(f"{passage.width:.2f} m", self._at(*passage.middle), fill=_WIDTH, rank=_LEAST)
+        if told:
+            self._write(f"{passage.width:.2f} m", self._at(*passage.middle), fill=_WIDTH, rank=_LEAST)
 
-    def graph(self, graph: Graph, doors: Mapping[frozenset[str], Passage]) -> None:
-        """Draw the goals of a graph, and its ways as arrows with their labels, through passages that are known."""
+    def graph(self, graph: Graph, routes: Mapping[frozenset[str], Sequence[tuple[int, int]]]) -> None:
+        """Draw the goals of a graph, and its ways as arrows with their labels.
+
+        Args:
+            graph: The graph.
+            routes: For two places the cells where the way between them turns, from the goal of either to the other's;
+                where there is none a way is drawn straight.
+        """
         places = {node.name: self._place(node.goal) for node in graph.nodes}
         for x, y in places.values():
             self._take(x, y, 11, 11)
         for edge in graph.edges:
-            door = doors.get(frozenset((edge.source, edge.target)))
             start, end = places[edge.source], places[edge.target]
-            line = self._line(start, end, None if door is None else self._through(door, start, end))
+            between = [self._at(*cell) for cell in routes.get(frozenset((edge.source, edge.target)), ())][1:-1]
+            if len(between) > 1 and math.dist(start, between[0]) > math.dist(start, between[-1]):
+                between.reverse()
+            line = self._line(start, between, end)
             self._arrow(line)
             if edge.label != f"to {edge.target}":  # which the arrow says
                 self._write(edge.label, _along(line, 0.3), fill=_PAPER, rank=1)
@@ -161,6 +171,50 @@ class Picture:
         x, y = margin, self._image.height - margin
         self._draw.rectangle((x, y - 5 * unit, x + length * per_metre, y), fill=_INK, outline=_PAPER, width=round(unit))
         self._write(f"{length:g} m", (x + length * per_metre / 2, y - 18 * unit), fill=_PAPER, rank=2)
+
+    def coordinates(self) -> None:
+        """Draw lines of equal x and of equal y, at round metres, with their numbers at both ends."""
+        least = _LINES * self._unit / self._cell * self.frame.resolution
+        step = next(
+            metres * 10**power for power in range(-2, 9) for metres in (1, 2, 5) if metres * 10.0**power >= least
+        )
+        wide, high = self._image.width / self._cell, self._image.height / self._cell
+        ends = [
+            (self._corner[0] + down * high - 0.5, self._corner[1] + right * wide - 0.5)
+            for down in (0, 1)
+            for right in (0, 1)
+        ]
+        around = np.array([self.frame.centre(*end) for end in ends])
+        low, most = around.min(axis=0), around.max(axis=0)
+        for axis, name in enumerate("xy"):
+            for number in range(math.ceil(low[axis] / step), math.floor(most[axis] / step) + 1):
+                line = [np.array(point) for point in (low, most)]
+                for point in line:
+                    point[axis] = number * step
+                seen = self._within(*(self._at(*self.frame.locate(*point)) for point in line))
+                if seen is None:
+                    continue
+                self._draw.line(seen, fill=_LINE, width=max(round((2 if number == 0 else 0.8) * self._unit), 1))
+                for place in seen:
+                    self._write(f"{name} {number * step:g}", place, fill=_PAPER, rank=2)
+
+    def _within(self, start: Point, end: Point) -> tuple[Point, Point] | None:
+        """Return the part of a line that is in the picture, after Liang and Barsky; None where it is outside."""
+        first, last = 0.0, 1.0
+        for axis, size in enumerate(self._image.size):
+            along = end[axis] - start[axis]
+            for away, room in ((-along, start[axis]), (along, size - 1 - start[axis])):
+                if away == 0 and room < 0:
+                    return None
+                if away < 0:
+                    first = max(first, room / away)
+                elif away > 0:
+                    last = min(last, room / away)
+        if first >= last:
+            return None
+        across, down = end[0] - start[0], end[1] - start[1]
+        one, other = ((start[0] + part * across, start[1] + part * down) for part in (first, last))
+        return one, other
 
     def finished(self, title: str = "") -> Any:
         """Return the picture, as an image of Pillow's, with a title below it."""
@@ -223,34 +277,26 @@ class Picture:
         self._draw.polygon(shape(14 * self._unit), fill=_PAPER)
         self._draw.polygon(shape(10.5 * self._unit), fill=self._of(node.name))
 
-    def _through(self, passage: Passage, start: Point, end: Point) -> Point:
-        """Return where a line goes through a passage: in the middle, or in a wide one where that is no detour."""
-        points = [self._at(*passage.middle)]
-        if passage.width > _WIDE:
-            points = [self._at(row, column) for row, column in passage.cells.tolist()]
-        return min(points, key=lambda point: math.dist(start, point) + math.dist(point, end))
-
-    def _line(self, start: Point, end: Point, door: Point | None) -> list[Point]:
-        """Return the points of a line to the right of the straight one, through a door, short of both ends."""
+    def _line(self, start: Point, between: Sequence[Point], end: Point) -> list[Point]:
+        """Return the points of a line to the right of that through some points, short of both ends, with soft turns."""
         if start == end:
             start, end = (start[0] - 24 * self._unit, start[1]), (end[0] + 24 * self._unit, end[1])
-            door = (start[0] + end[0]) / 2, start[1] - 60 * self._unit
-        corner = door or ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
-        first, last = _towards(start, corner), _towards(corner, end)
-        aside = 5 * self._unit
-        start = start[0] + 18 * self._unit * first[0], start[1] + 18 * self._unit * first[1]
-        end = end[0] - 18 * self._unit * last[0], end[1] - 18 * self._unit * last[1]
-        start, end = _beside(start, first, aside), _beside(end, last, aside)
-        corner = _beside(corner, _towards(start, end), aside)
-        smooth = min(math.dist(start, corner), math.dist(corner, end), 60 * self._unit) / 2
-        before, after = _towards(start, corner), _towards(corner, end)
-        one = corner[0] - smooth * before[0], corner[1] - smooth * before[1]
-        other = corner[0] + smooth * after[0], corner[1] + smooth * after[1]
-        return [
-            *(_curve(start, start, one, step / 12) for step in range(12)),
-            *(_curve(one, corner, other, step / 12) for step in range(12)),
-            *(_curve(other, end, end, step / 12) for step in range(13)),
-        ]
+            between = [((start[0] + end[0]) / 2, start[1] - 60 * self._unit)]
+        corners = [start, *(point for point in between if point not in {start, end}), end]
+        first, last = _towards(corners[0], corners[1]), _towards(corners[-2], corners[-1])
+        gap = min(18 * self._unit, math.dist(start, end) / 3)
+        corners[0] = start[0] + gap * first[0], start[1] + gap * first[1]
+        corners[-1] = end[0] - gap * last[0], end[1] - gap * last[1]
+        corners = _moved_aside(corners, 5 * self._unit)
+        line = [corners[0]]
+        for before, corner, after in zip(corners, corners[1:], corners[2:], strict=False):
+            smooth = min(math.dist(before, corner), math.dist(corner, after), 60 * self._unit) / 2
+            come, go = _towards(before, corner), _towards(corner, after)
+            one = corner[0] - smooth * come[0], corner[1] - smooth * come[1]
+            other = corner[0] + smooth * go[0], corner[1] + smooth * go[1]
+            line += [_curve(one, corner, other, step / 12) for step in range(13)]
+        straight = line[-1], corners[-1]
+        return [*line, *(_curve(straight[0], straight[0], straight[1], step / 12) for step in range(1, 13))]
 
     def _arrow(self, line: list[Point]) -> None:
         tip, unit = line[-1], self._unit
@@ -321,6 +367,13 @@ def _curve(start: Point, bend: Point, end: Point, part: float) -> Point:
     """Return a point of a quadratic curve."""
     a, b, c = (1 - part) ** 2, 2 * part * (1 - part), part**2
     return a * start[0] + b * bend[0] + c * end[0], a * start[1] + b * bend[1] + c * end[1]
+
+
+def _moved_aside(corners: list[Point], distance: float) -> list[Point]:
+    """Return the corners of a line moved to its right."""
+    ahead = [_towards(one, other) for one, other in pairwise(corners)]
+    turns = [ahead[0], *(_towards((0, 0), (a[0] + b[0], a[1] + b[1])) for a, b in pairwise(ahead)), ahead[-1]]
+    return [_beside(corner, direction, distance) for corner, direction in zip(corners, turns, strict=True)]
 
 
 def _along(line: list[Point], part: float) -> Point:

@@ -56,6 +56,21 @@ def test_distances_are_those_of_a_plain_search(rows, columns, count, random):
 
 
 @given(st.integers(1, 12), st.integers(1, 12), st.randoms(use_true_random=False))
+def test_ways_run_straight_over_open_cells_from_end_to_end(rows, columns, random):
+    free = np.array([[random.random() < 0.7 for _ in range(columns)] for _ in range(rows)])
+    free[0, 0] = free[-1, -1] = True
+    start, end = (0, 0), (rows - 1, columns - 1)
+    way = Paths(Frame(rows, columns, 0.5), free).way(start, end)
+    length = plain(free, [end]).get(start, math.inf)
+    if not way:
+        assert length == math.inf
+        return
+    assert (way[0], way[-1]) == (start, end)
+    assert all(sees(free, one, other) for one, other in itertools.pairwise(way))
+    assert 0.5 * sum(math.dist(one, other) for one, other in itertools.pairwise(way)) <= length + 1e-9
+
+
+@given(st.integers(1, 12), st.integers(1, 12), st.randoms(use_true_random=False))
 def test_lengths_are_those_on_the_whole_floor(rows, columns, random):
     free = np.array([[random.random() < 0.7 for _ in range(columns)] for _ in range(rows)])
     free[0, 0] = True

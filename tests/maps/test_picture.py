@@ -10,9 +10,11 @@ import pytest
 from floor_file import write_floor
 from scipy import ndimage
 
+from mdm.cli.map.drawing import floor_picture
 from mdm.errors import MapError
-from mdm.maps import Frame, Graph, Labels, Node, Pose, load_map
-from mdm.maps.passages import passages, widest
+from mdm.maps import Edge, Frame, Graph, Grid, Labels, Node, Pose, load_map
+from mdm.maps.files.load import Parts
+from mdm.maps.passages import passages
 from mdm.maps.picture import Picture, around, colour
 
 WHOLE = (0, 0, 40, 40)
@@ -53,7 +55,8 @@ def test_goals_ways_passages_and_titles_change_the_picture(floor):
         draw(picture)
         return (pixels(picture) != plain).any(axis=2)
 
-    graph = drawn(lambda picture: picture.graph(floor.graph, widest(found)))
+    routes = {frozenset(("hall", "office")): [(29, 10), (20, 9), (9, 10)]}
+    graph = drawn(lambda picture: picture.graph(floor.graph, routes))
     for node in floor.graph.nodes:
         row, column = floor.labels.frame.locate(node.goal.x, node.goal.y)
         assert graph[round(20 * row) + 10, round(20 * column) + 10], node.name
@@ -69,6 +72,41 @@ def test_goals_ways_passages_and_titles_change_the_picture(floor):
     titled = Picture(floor.labels, floor.grid, WHOLE, size=800).finished("a sentence " * 30)
     assert titled.width == 800
     assert titled.height > 840
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_lines_of_coordinates_lie_at_round_metres(turned):
+    frame = Frame(80, 80, 0.1, -1.3, 2.2, math.pi / 2 if turned else 0.0)
+    labels = Labels(frame, np.zeros(frame.shape, dtype=np.uint16), ())
+    plain, picture = (Picture(labels, None, (0, 0, 80, 80), size=800) for _ in range(2))
+    picture.coordinates()
+    changed = (pixels(picture) != pixels(plain)).any(axis=2)
+    rows, columns = changed[:, 40:-40].mean(axis=1) > 0.9, changed[40:-40].mean(axis=0) > 0.9
+    found = {axis: np.flatnonzero(lines) for axis, lines in ((0, rows), (1, columns))}
+    for axis, lines in found.items():
+        row, column = np.where(axis == 0, lines, 400), np.where(axis == 1, lines, 400)
+        cells = zip((row + 0.5) / 10 - 0.5, (column + 0.5) / 10 - 0.5, strict=True)
+        xs, ys = np.array([frame.centre(*cell) for cell in cells]).T
+        metres = ys if (axis == 0) is not turned else xs
+        assert len({round(number) for number in metres}) == 8
+        assert abs(metres - metres.round()).max() < 0.03
+
+
+def test_narrow_gaps_are_not_written_all_over_a_map(tmp_path):
+    """Between two places the widest passage is told, and none that no robot fits through."""
+    raster = np.ones((40, 120), dtype=np.uint16)
+    raster[:, 60:] = 2
+    free = np.ones(raster.shape, dtype=bool)
+    free[:, 60] = False
+    free[2:40:3, 60] = True
+    free[12:19, 60] = free[24:33, 60] = True
+    frame = Frame(*raster.shape, 0.1)
+    labels, grid = Labels(frame, raster, ("a", "b")), Grid(frame, free, ~free)
+    graph = Graph((Node("a", Pose(3, 2)), Node("b", Pose(9, 2))), (Edge("a", "b", "to b"),))
+    drawn = np.asarray(floor_picture(Parts(labels, graph, grid, None, ()), 0.25)).astype(int)
+    plates = np.all(abs(drawn - (255, 243, 196)) <= 2, axis=2)
+    _, count = ndimage.label(ndimage.binary_dilation(plates, iterations=4))
+    assert count == 1
 
 
 def test_a_text_of_what_lies_outside_is_not_drawn(floor):

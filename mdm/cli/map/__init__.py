@@ -1,4 +1,4 @@
-"""``mdm map``: draft, check and show the map of a floor, and make a model from it."""
+"""``mdm map``: propose, draft, check and show the map of a floor, and make a model from it."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ if TYPE_CHECKING:
 
 __all__ = ["VERBS", "add_parser", "run"]
 
-VERBS = ("draft", "check", "show", "model")
+VERBS = ("goals", "draft", "check", "show", "model")
 
 
 def add_parser(verbs: Any) -> argparse.ArgumentParser:
     """Add the verb, its own verbs and their arguments."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "map",
-        help="draft, check and show the map of a floor, and make a model from it",
+        help="propose, draft, check and show the map of a floor, and make a model from it",
         description=(
-            "Draft, check and show the map of a floor: its grid, the labels of its places, and their graph; and make a "
-            "model from it, which mdm solve takes."
+            "Propose, draft, check and show the map of a floor: its grid, the labels of its places, their graph; and "
+            "make a model from it, which mdm solve takes."
         ),
         epilog="example: mdm map show map.yaml labels.png graph.xml -o floor.png",
     )

@@ -9,21 +9,26 @@ import numpy as np
 
 from mdm.errors import Error
 from mdm.formats.target import check_place, replacing
+from mdm.maps.labels import Labels
 from mdm.maps.passages import passages, widest
+from mdm.maps.paths import Paths
 from mdm.maps.picture import Picture, around
 
 if TYPE_CHECKING:
     from mdm.maps.files.load import Parts
+    from mdm.maps.grid import Grid
     from mdm.maps.passages import Passage
     from mdm.maps.picture import Window
     from mdm.maps.problem import Problem
 
-__all__ = ["check_output", "floor_picture", "keep", "problem_picture"]
+__all__ = ["check_output", "floor_picture", "grid_picture", "keep", "problem_picture"]
 
 _DETAIL = 800
 """Pixels of the longer side of a detail."""
 _USUAL, _LARGEST = 1200, 3000
 """Pixels of the longer side of a whole floor."""
+_OFF_WALLS = 0.2
+"""Metres that a way is drawn further from walls than a robot must be."""
 _APART = 70
 """Pixels between goals that are next to each other, in the middle."""
 
@@ -45,15 +50,37 @@ def keep(picture: Any, path: str | Path) -> None:
         picture.save(file, format="PNG", optimize=True)
 
 
-def floor_picture(parts: Parts, narrow: float) -> Any:
-    """Return a picture of a floor, without passages that are narrower than so many metres."""
+def floor_picture(parts: Parts, radius: float, *, coordinates: bool = False) -> Any:
+    """Return a picture of a floor, for a robot of a radius in metres.
+
+    Passages that are too narrow for it are left out, and of several between two places the widest is told.
+
+    Args:
+        parts: The floor.
+        radius: Of the robot, in metres.
+        coordinates: Whether there are lines of coordinates.
+    """
     cells = np.argwhere(parts.labels.raster > 0)
     corners = [*_goals(parts, parts.graph.names)]
     if len(cells):
         corners += [tuple(cells.min(axis=0)), tuple(cells.max(axis=0))]
     window = around(parts.labels.frame, corners, 1.0)
     picture = Picture(parts.labels, parts.grid, window, size=_size(parts, window))
-    _furnish(picture, parts, [passage for passage in _passages(parts) if passage.width >= narrow])
+    if coordinates:
+        picture.coordinates()
+    else:
+        picture.scale()
+    _furnish(picture, parts, [passage for passage in _passages(parts) if passage.width >= 2 * radius], radius)
+    return picture.finished()
+
+
+def grid_picture(grid: Grid) -> Any:
+    """Return a picture of a grid alone, of what is known of it, with lines of coordinates."""
+    known = np.argwhere(grid.free | grid.occupied)
+    window = around(grid.frame, [tuple(known.min(axis=0)), tuple(known.max(axis=0))] if len(known) else [], 1.0)
+    nothing = Labels(grid.frame, np.zeros(grid.frame.shape, dtype=np.uint16), ())
+    picture = Picture(nothing, grid, window, size=_USUAL)
+    picture.coordinates()
     return picture.finished()
 
 
@@ -64,13 +91,14 @@ def problem_picture(parts: Parts, problem: Problem, radius: float, metres: float
         return None
     picture = Picture(parts.labels, parts.grid, around(parts.labels.frame, corners, metres), size=_DETAIL)
     if problem.kind == "goals":
-        _furnish(picture, parts, [])
+        _furnish(picture, parts, [], radius)
         for name in problem.places:
             picture.circle(parts.graph.node(name).goal, radius)
     else:
         picture.shade(problem.cells)
-        _furnish(picture, parts, [])
+        _furnish(picture, parts, [], radius)
         picture.ring(problem.cells)
+    picture.scale()
     return picture.finished(problem.text)
 
 
@@ -85,11 +113,35 @@ def _size(parts: Parts, window: Window) -> int:
     return int(min(max(_USUAL, longer * _APART / max(near, 1.0)), _LARGEST))
 
 
-def _furnish(picture: Picture, parts: Parts, shown: list[Passage]) -> None:
+def _furnish(picture: Picture, parts: Parts, shown: list[Passage], radius: float) -> None:
+    best = widest(tuple(shown))
     for passage in shown:
-        picture.passage(passage)
-    picture.graph(parts.graph, widest(_passages(parts)))
-    picture.scale()
+        picture.passage(passage, told=best[frozenset(passage.places)] is passage)
+    picture.graph(parts.graph, _routes(parts, radius))
+
+
+def _routes(parts: Parts, radius: float) -> dict[frozenset[str], list[tuple[int, int]]]:
+    """Return where the ways between two places turn: those of a robot that keeps off walls, as far as it can."""
+    if parts.grid is None:
+        return {}
+    clearance = parts.grid.clearance()
+    frame, goals = parts.labels.frame, {}
+    for node in parts.graph.nodes:
+        cell = frame.cell(node.goal.x, node.goal.y)
+        if cell is not None:
+            goals[node.name] = cell
+    routes: dict[frozenset[str], list[tuple[int, int]]] = {}
+    for edge in parts.graph.edges:
+        pair = frozenset((edge.source, edge.target))
+        if len(pair) < 2 or pair in routes or not pair <= goals.keys():
+            continue
+        ends = goals[edge.source], goals[edge.target]
+        for metres in (radius + _OFF_WALLS, radius, 0.0):
+            paths = Paths(frame, parts.grid.free & (clearance >= metres))
+            if all(paths.open[cell] for cell in ends) and (way := paths.way(*ends)):
+                routes[pair] = way
+                break
+    return routes
 
 
 def _passages(parts: Parts) -> tuple[Passage, ...]:

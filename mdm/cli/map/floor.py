@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 __all__ = ["add_floor", "inputs", "load", "metres"]
 
 
-def add_floor(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments for the files of a floor."""
+def add_floor(parser: argparse.ArgumentParser, *, graph_needed: bool = True) -> None:
+    """Add the arguments for the files of a floor; a graph that is not needed comes as the labels if alone."""
     parser.add_argument("map", metavar="MAP.yaml", help="ROS's map.yaml, whose image is a PGM, PNG or BMP")
     parser.add_argument(
         "labels",
@@ -24,6 +24,7 @@ def add_floor(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "graph",
         metavar="GRAPH",
+        nargs=None if graph_needed else "?",
         help="the original's TopologicalMap (XML), LCAS's tmap2 (YAML), or Nav2's route graph (GeoJSON)",
     )
     parser.add_argument(
@@ -49,7 +50,7 @@ def inputs(arguments: argparse.Namespace) -> list[str]:
     """Return the files that are read, the image of the map too, none of which may be written."""
     from mdm.maps.files.occupancy import image_of  # noqa: PLC0415 - `mdm --help` needs no numpy
 
-    given = (arguments.map, getattr(arguments, "labels", None), arguments.graph, getattr(arguments, "names", None))
+    given = (arguments.map, *(getattr(arguments, name, None) for name in ("labels", "graph", "names")))
     return [path for path in given if path is not None] + [str(image_of(arguments.map))]
 
 

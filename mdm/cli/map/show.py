@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.map.floor import add_floor, inputs, load, metres
+from mdm.cli.usage import UsageError
 
 if TYPE_CHECKING:
     import argparse
@@ -25,15 +26,17 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         help="show the places and ways of a map",
         description=(
             "Show a map: its places with their areas, goals and ways, and how wide the passages between them are. A "
-            "passage's width is twice its largest clearance, true to a cell."
+            "passage's width is twice its largest clearance, true to a cell. Without a graph, show the map alone with "
+            "lines of coordinates, by which goals can be chosen."
         ),
         epilog="example: mdm map show map.yaml labels.png graph.xml -o floor.png",
     )
-    add_floor(parser)
+    add_floor(parser, graph_needed=False)
     parser.add_argument("-o", "--output", metavar="PNG", help="draw the map into a file (needs mdm[maps])")
     parser.add_argument(
         "--radius", metavar="M", type=metres, help="leave out passages that are too narrow for a robot of this radius"
     )
+    parser.add_argument("--coordinates", action="store_true", help="draw lines of coordinates, too")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
 
@@ -42,10 +45,14 @@ def run(arguments: argparse.Namespace) -> int:
     """Show the map; return the exit status."""
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
 
+    if arguments.graph is None:  # what is given alone beside the map is the graph
+        arguments.labels, arguments.graph = None, arguments.labels
     if arguments.output is not None:
         from mdm.cli.map.drawing import check_output  # noqa: PLC0415
 
         check_output(arguments.output, *inputs(arguments))
+    if arguments.graph is None:
+        return _show_grid(arguments)
     parts = load(arguments)
     facts = _facts(parts, 2 * (arguments.radius or 0.0))
     if arguments.json:
@@ -56,8 +63,44 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"note: {problem.text}")
     if arguments.output is not None:
         from mdm.cli.map.drawing import floor_picture, keep  # noqa: PLC0415
+        from mdm.maps.check import RADIUS  # noqa: PLC0415
 
-        keep(floor_picture(parts, 2 * (arguments.radius or 0.0)), arguments.output)
+        radius = RADIUS if arguments.radius is None else arguments.radius
+        keep(floor_picture(parts, radius, coordinates=arguments.coordinates), arguments.output)
+        if not arguments.json:
+            print(f"{arguments.output}: drawn")
+    return 0
+
+
+def _show_grid(arguments: argparse.Namespace) -> int:
+    """Show a map without places; return the exit status."""
+    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.maps import load_grid  # noqa: PLC0415
+
+    for option in ("names", "reach", "radius"):
+        if getattr(arguments, option) is not None:
+            raise UsageError(f"--{option} is for the places of a graph, and there is none")
+    grid = load_grid(arguments.map)
+    frame, cell = grid.frame, grid.frame.resolution**2
+    facts = {
+        "cells": list(frame.shape),
+        "resolution": frame.resolution,
+        "origin": [frame.x, frame.y, frame.yaw],
+        "free": float(grid.free.sum()) * cell,
+        "occupied": float(grid.occupied.sum()) * cell,
+        "unknown": float((~grid.free & ~grid.occupied).sum()) * cell,
+    }
+    if arguments.json:
+        print(as_json(facts))
+    else:
+        _tell_frame(facts)
+        print(f"{facts['free']:.1f} m² free, {facts['occupied']:.1f} m² occupied, {facts['unknown']:.1f} m² unknown")
+        if arguments.output is None:
+            print("\nnote: with -o PNG it is drawn with its coordinates; mdm map goals proposes rooms and goals")
+    if arguments.output is not None:
+        from mdm.cli.map.drawing import grid_picture, keep  # noqa: PLC0415
+
+        keep(grid_picture(grid), arguments.output)
         if not arguments.json:
             print(f"{arguments.output}: drawn")
     return 0
@@ -97,11 +140,16 @@ def _facts(parts: Parts, narrow: float) -> dict[str, Any]:
     }
 
 
-def _tell(facts: dict[str, Any]) -> None:
+def _tell_frame(facts: dict[str, Any]) -> None:
     rows, columns = facts["cells"]
     x, y, yaw = facts["origin"]
     turned = f", turned by {math.degrees(yaw):.1f}°" if yaw else ""
-    print(f"{columns} x {rows} cells of {facts['resolution']:g} m, the lower left corner at ({x:g}, {y:g}){turned}\n")
+    print(f"{columns} x {rows} cells of {facts['resolution']:g} m, the lower left corner at ({x:g}, {y:g}){turned}")
+
+
+def _tell(facts: dict[str, Any]) -> None:
+    _tell_frame(facts)
+    print()
     lines = [("place", "free", "goal", "ways")]
     for place in facts["places"]:
         area = "-" if place["area"] is None else f"{place['area']:.1f} m²"

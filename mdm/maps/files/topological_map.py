@@ -8,16 +8,38 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mdm.formats.markup import stream
+from mdm.formats.markup import escape, quoted, stream
 from mdm.formats.source import number
+from mdm.formats.target import write_text
 from mdm.maps.files.gathered import Gathered
 from mdm.maps.graph import Edge, Graph, Node, Pose
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from mdm.formats.markup import Element
     from mdm.formats.source import Source
 
-__all__ = ["read_topological_map"]
+__all__ = ["read_topological_map", "save_graph"]
+
+
+def save_graph(graph: Graph, path: str | Path) -> None:
+    """Write places, their goals and their ways as a `TopologicalMap`. Zones, tolerances and costs are left out.
+
+    Raises:
+        Error: If the file cannot be written.
+    """
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<TopologicalMap>"]
+    for node in graph.nodes:
+        goal = f"{node.goal.x!r} {node.goal.y!r} {node.goal.yaw!r}"
+        lines += [f"  <Node name={quoted(node.name)}>", f"    <Goal>{goal}</Goal>"]
+        lines += [
+            f"    <Connection label={quoted(edge.label)}>{escape(edge.target)}</Connection>"
+            for edge in graph.edges
+            if edge.source == node.name
+        ]
+        lines.append("  </Node>")
+    write_text(path, "\n".join([*lines, "</TopologicalMap>", ""]))
 
 
 def read_topological_map(source: Source) -> Graph:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
-from floor_file import GRAPH
+from floor_file import GRAPH, write_floor
 from PIL import Image as Pillow
 
 
@@ -62,6 +64,41 @@ def test_a_way_is_told_with_its_end_unless_its_name_says_it(mdm, floor):
     _, output, _ = mdm("map", "show", *floor)
     assert output[3].endswith("backoffice: office (0.40 m), Right: store (0.60 m)")
     assert output[4].endswith("  to hall (0.40 m)")
+
+
+def test_a_map_without_a_graph(mdm, floor, tmp_path):
+    """So that goals can be chosen: it is drawn with lines of coordinates."""
+    status, output, errors = mdm("map", "show", floor[0], "-o", tmp_path / "floor.png")
+    assert (status, errors) == (0, "")
+    assert output == [
+        "40 x 40 cells of 0.1 m, the lower left corner at (-1, 2)",
+        "14.0 m² free, 2.0 m² occupied, 0.0 m² unknown",
+        f"{tmp_path / 'floor.png'}: drawn",
+    ]
+    assert size(tmp_path / "floor.png") == (960, 960)
+    assert json.loads(mdm("map", "show", floor[0], "--json")[1][0])["free"] == pytest.approx(13.97)
+    status, _, errors = mdm("map", "show", floor[0], "--radius", "0.2")
+    assert (status, "--radius is for the places of a graph, and there is none" in errors) == (2, True)
+    assert mdm("map", "show", *floor, "--coordinates", "-o", tmp_path / "other.png")[0] == 0
+    assert (tmp_path / "other.png").read_bytes() != (tmp_path / "floor.png").read_bytes()
+
+
+def test_ways_are_drawn_along_paths(mdm, tmp_path):
+    """Around a shelf, not through it, though the straight line and the middle of the passage lie behind it."""
+    raster = np.full((60, 60), "hall", dtype="U8")
+    raster[:, 30:] = "store"
+    raster[:, [0, -1]] = raster[[0, -1]] = ""
+    raster[10:59, 22:38] = ""
+    graph = GRAPH.replace("0.0 3.0 0", "0.0 3.0 0").replace("2.0 3.5", "4.0 3.0").replace("0.0 5.0", "0.0 4.0")
+    graph = graph.replace('<Connection label="Up">office</Connection>', "")
+    graph = re.sub(r'<Node name="office">.*?</Node>', "", graph, flags=re.DOTALL)
+    files = write_floor(tmp_path / "shelf", raster=raster, graph=graph)
+    assert mdm("map", "show", *files, "-o", tmp_path / "shelf.png")[0] == 0
+    with Pillow.open(tmp_path / "shelf.png") as picture:
+        drawn = np.asarray(picture).astype(int)
+    side = drawn.shape[0] / 60
+    inside = drawn[round(14 * side) : round(56 * side), round(23 * side) : round(37 * side)]
+    assert (abs(inside - (58, 62, 72)).max(axis=2) <= 12).mean() > 0.999
 
 
 def test_pictures_never_destroy_input_and_are_png(mdm, floor, tmp_path):

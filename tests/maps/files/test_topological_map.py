@@ -6,7 +6,7 @@ import pytest
 from floor_file import GRAPH
 
 from mdm.errors import FormatError
-from mdm.maps import Edge, Pose, load_graph
+from mdm.maps import Edge, Graph, Node, Pose, load_graph, save_graph
 
 
 def load(tmp_path, text):
@@ -58,6 +58,16 @@ def test_what_is_wrong_is_told_with_its_place(tmp_path, old, new, message):
     with pytest.raises(FormatError) as caught:
         load(tmp_path, GRAPH.replace(old, new))
     assert message in str(caught.value)
+
+
+def test_a_graph_that_is_written_is_read_as_it_was(tmp_path):
+    names = ("a & b", '<"quoted">', "Küche")
+    nodes = tuple(Node(name, Pose(0.1 * index, -1e-7, 2 / 3)) for index, name in enumerate(names))
+    graph = Graph(nodes, (Edge(names[0], names[1], "to <it>"), Edge(names[2], names[0], "Up & down")))
+    save_graph(graph, tmp_path / "graph.xml")
+    assert load_graph(tmp_path / "graph.xml") == graph
+    with pytest.raises(FormatError, match="cannot be written|No such|no such"):
+        save_graph(graph, tmp_path / "nowhere" / "graph.xml")
 
 
 def test_a_map_without_places(tmp_path):

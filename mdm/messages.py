@@ -24,6 +24,7 @@ __all__ = [
     "EventUpdate",
     "Fault",
     "Heading",
+    "Idle",
     "Message",
     "Mode",
     "ModeName",
@@ -169,7 +170,8 @@ class Decision(Message, frozen=True, gc=False):
     """A decision with its stimulus, information state and action.
 
     ``cause`` names the stimulus: ``start``, ``resume``, ``reset``, ``state``, ``observation``, ``belief``, ``tick``,
-    ``episode`` (the stimulus after a horizon, which starts a new episode), ``release`` (the end of a safe mode), or
+    ``episode`` (the stimulus after a horizon, which starts a new episode), ``release`` (the end of a safe mode),
+    ``again`` (an action's end, or failure, after which it is decided once more where nothing else was decided), or
     ``team`` (what a team's controller, or this agent of a communicating team, has decided).
     """
 
@@ -221,6 +223,20 @@ class Mode(Message, frozen=True, gc=False):
     mode: ModeName
     since: int
     causes: tuple[Cause, ...] = ()
+
+
+class Idle(Message, frozen=True, gc=False):
+    """An ensemble that decides has nothing to do, or has again; ``since`` is when that began, in nanoseconds.
+
+    ``action`` is the one that has ended, empty where none was decided; ``intended`` whether its binding says
+    ``then="wait"``.
+    """
+
+    ensemble: str
+    idle: bool
+    since: int
+    action: str
+    intended: bool
 
 
 class Tick(Message, frozen=True, gc=False):

@@ -99,7 +99,8 @@ class ActionLayer(Layer):
 
     Attributes:
         idle: Whether nothing is done here, not even the safe action: other agents do it.
-        alarm: Told of an action that failed, timed out or was abandoned where nothing listens for that event.
+        begins: Told of an action that begins, by its name.
+        ends: Told how an action has ended, by its name, binding, status and a text; says whether it is given up.
     """
 
     # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
@@ -134,7 +135,8 @@ class ActionLayer(Layer):
         super().__init__(name)
         check_seconds(safe_timeout, "safe_timeout", key="safe_timeout")
         self.safe_timeout = float(safe_timeout)
-        self.alarm: Callable[[str], None] | None = None
+        self.begins: Callable[[str], None] = lambda _: None
+        self.ends: Callable[[str, Binding, ActionStatus, str], bool] = lambda *_: False
         self.idle = False
         self.names = names
         self.predicates = predicates
@@ -156,14 +158,15 @@ class ActionLayer(Layer):
         self._beside: dict[str, _Life] = {}
         self._left: dict[str, Work] = {}
         self._replaced: list[_Life] = []
-        # Whether any was left or replaced, so that what begins next may not be alone.
+        # Whether any was left or replaced, so that what begins next may not be alone, or its beginning is heeded.
         self._others = False
+        self._heeded = False
         self._idle: list[Callable[[], None]] = []
         self._halted = True
         self._admits = self._barred = False
         self._calling = False
         self._secure: Secured | None = None
-        self._begins: Callable[[], None] = lambda: None
+        self._secures: Callable[[], None] = lambda: None
         self._unsecured = False
         self._patience: Timer | None = None
 
@@ -172,6 +175,23 @@ class ActionLayer(Layer):
         """The names of the actions that are live now."""
         current = () if self._current is None else (self._current.name,)
         return (*current, *self._beside)
+
+    @property
+    def busy(self) -> bool:
+        """Whether an action is live or waits for the end of another, or none may begin."""
+        return self._halted or self._pending is not None or self._secure is not None or bool(self._living())
+
+    def name_of(self, joint: int) -> str:
+        """Return the name of this agent's component of a joint action."""
+        return self.names[joint if self._component is None else self._component(joint)]
+
+    def heed(self, *, heeded: bool) -> None:
+        """Tell of the beginning of each plain function, too, or no more."""
+        self._heeded = heeded
+        self._count_others()
+
+    def _count_others(self) -> None:
+        self._others = bool(self._heeded or self._replaced or self._left)
 
     @property
     def ended(self) -> dict[ActionStatus, int]:
@@ -211,8 +231,13 @@ class ActionLayer(Layer):
     def adopt(self, ensemble: Ensemble) -> None:
         """Let each binding be what it is as an action of an ensemble, whose layer this is; before the start."""
         own = {id(binding): binding.within(ensemble) for binding in self.bindings}
+        for binding in self.bindings:
+            own[id(binding)].sequel = binding.sequel
         self.bindings = tuple([own[id(binding)] for binding in self.bindings])
-        self._briefs = tuple([_Brief(binding) if binding.brief else None for binding in self.bindings])
+        if ensemble.liveness.counts:
+            self._briefs = (None,) * len(self.bindings)
+        else:
+            self._briefs = tuple([_Brief(binding) if binding.brief else None for binding in self.bindings])
         if self.safe is not None:
             self.safe = own.get(id(self.safe), self.safe)
 
@@ -266,7 +291,7 @@ class ActionLayer(Layer):
             patience: Seconds after which whatever still lives is abandoned.
         """
         self.latch()
-        self._secure, self._begins, self._unsecured = secured, begins, False
+        self._secure, self._secures, self._unsecured = secured, begins, False
         self._cancel_all()
         lives = tuple(life for life in self._living() if not life.secures)
         if lives:
@@ -316,7 +341,7 @@ class ActionLayer(Layer):
                 if self.safe is None or self.idle:
                     self._tell_secured(None)
                 else:
-                    self._begins()
+                    self._secures()
                     self._begin_life("safe action", self.safe, Action(self._now(), -1, -1), secures=True)
         elif self._current is None and self._pending is not None and self._is_free_for(self._pending[1]):
             pending, self._pending = self._pending, None
@@ -455,6 +480,8 @@ class ActionLayer(Layer):
         """Start a life. Hot path for plain functions."""
         self.started = number = self.started + 1
         life = _Life(number, name, binding, action, secures=secures)
+        if not secures:
+            self.begins(name)
         if self._left:
             self._tell_left(name)
         if self._lives.heard:
@@ -515,7 +542,7 @@ class ActionLayer(Layer):
         """Tell the action that begins next what it runs beside."""
         running = [repr(left) for left, work in self._left.items() if not work.done]
         self._left.clear()
-        self._others = bool(self._replaced)
+        self._count_others()
         if running:
             self.report("action", f"action {name!r} begins while {' and '.join(running)}, abandoned, still runs")
 
@@ -558,7 +585,7 @@ class ActionLayer(Layer):
     def _finish_replaced(self, life: _Life, status: ActionStatus, detail: str) -> None:
         """Take the end of what another action has replaced; that its life has ended is told already."""
         self._replaced.remove(life)
-        self._others = bool(self._replaced or self._left)
+        self._count_others()
         if life.grace is not None:
             life.grace.cancel()
         if status in _FAILED:
@@ -573,12 +600,13 @@ class ActionLayer(Layer):
             self._tell_secured(None if status == "succeeded" else text)
         if status in _FAILED:
             self.report("action", text)
-            if self.alarm is not None and not life.secures and not self._listened(life.name, status):
-                self.alarm(text)
+        gave_up = not life.secures and self.ends(life.name, life.binding, status, text)
         if self._lives.heard:
             self._tell(life, status, detail)
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(life.name, status)
+            if gave_up:
+                self._raise_end(life.name, "gave_up")
 
     def _tell_secured(self, failure: str | None) -> None:
         secured, self._secure = self._secure, None
@@ -586,11 +614,11 @@ class ActionLayer(Layer):
             self._unsecured = failure is not None
             self.runtime.dispatcher.deliver(Subscription(None, self, secured), failure)
 
-    def _listened(self, name: str, status: ActionStatus) -> bool:
+    def listened(self, name: str, status: str) -> bool:
         """Whether a predicate or event of the system depends on this end of an action."""
         return self.predicates is not None and f"{name}.{status}" in self.predicates.action_ends
 
-    def _raise_end(self, name: str, status: ActionStatus) -> None:
+    def _raise_end(self, name: str, status: str) -> None:
         event = f"{name}.{status}"
         if self.predicates is not None and event in self.predicates.action_ends:
             self.predicates.occur(event)

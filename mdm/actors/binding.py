@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any, Literal
 
+from mdm.actors.sequel import Sequel, Then
 from mdm.choice import check_choice, check_flag
 from mdm.errors import ConfigError
 from mdm.runtime.clock import check_seconds
@@ -38,10 +39,14 @@ class Binding:
             `Action` message.
         group: Of tasks of the same group, such as drives to goals, the next one begins before the running one is
             cancelled, so that what both drive need not stop in between. Any object that stands for the group.
+        then: What its end is followed by, see `Sequel`: ``decide`` again, or ``wait``, on purpose.
+        pause: Seconds before it is decided again.
+        attempts: Failures in a row after which it is given up.
 
     Attributes:
         plain: Whether it is a plain function.
         brief: Whether it is one that begins and ends alone, by a call.
+        sequel: What its end is followed by.
     """
 
     __slots__ = (
@@ -56,6 +61,7 @@ class Binding:
         "on_repeat",
         "plain",
         "resume",
+        "sequel",
         "takes_action",
         "target",
         "timeout",
@@ -72,6 +78,9 @@ class Binding:
         concurrent: bool = False,
         goes_on: Callable[..., bool] | None = None,
         group: object = None,
+        then: Then | None = None,
+        pause: float = 1.0,
+        attempts: int | None = None,
     ) -> None:
         for name, seconds in (("timeout", timeout), ("grace", grace)):
             if seconds is not None or name == "grace":
@@ -92,6 +101,7 @@ class Binding:
         self.goes_on = goes_on
         self._asks_action = goes_on is not None and _takes_action(goes_on)
         self.group = group
+        self.sequel = Sequel(then, pause, attempts)
         self.ensemble: Ensemble | None = None
         self.function: Callable[..., Any] = _no_call
         self.takes_action = False
@@ -110,7 +120,7 @@ class Binding:
         else:
             raise ConfigError(f"an action's target is a function or an ensemble, not {target!r}")
         self.plain = self.ensemble is None and kind_of(self.function) is None
-        self.brief = self.plain and not concurrent
+        self.brief = self.plain and not concurrent and not self.sequel.counts
 
     def continues(self, action: Action) -> bool:
         """Whether a running task goes on when the action is chosen again, by that message."""

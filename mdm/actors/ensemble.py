@@ -14,6 +14,7 @@ from mdm.actors.action_layer import SAFE_TIMEOUT, ActionLayer
 from mdm.actors.control.control_layer import ControlLayer
 from mdm.actors.control.drive import FixedRate
 from mdm.actors.layer import Layer
+from mdm.actors.liveness import Liveness
 from mdm.actors.observation_factor import ObservationFactor
 from mdm.actors.observation_layer import ObservationLayer
 from mdm.actors.options import ControlOptions, SafetyOptions
@@ -52,7 +53,8 @@ _ROOM = 20
 class EnsembleStatistics(ActorStatistics, frozen=True):
     """The mode of an ensemble, since when (nanoseconds) and why, and what it waits for.
 
-    ``waiting`` names the unknown predicates that keep it from deciding; ``safe_actions`` counts the safe action's runs.
+    ``waiting`` names the unknown predicates that keep it from deciding, or the pause before it decides again;
+    ``safe_actions`` counts the safe action's runs. ``idle`` is for how many seconds it has had nothing to do, in all.
     """
 
     mode: ModeName
@@ -60,6 +62,7 @@ class EnsembleStatistics(ActorStatistics, frozen=True):
     causes: tuple[Cause, ...]
     waiting: tuple[str, ...]
     safe_actions: int
+    idle: float = 0.0
 
 
 class Ensemble(Layer):
@@ -138,6 +141,7 @@ class Ensemble(Layer):
                 {id(b.ensemble): b.ensemble for b in self.action.bindings if b.ensemble is not None}.values()
             )
             self.safety = Safety(self, options)
+            self.liveness = Liveness(self, options)
         except ConfigError as error:
             raise ConfigError(error.message, key=".".join(filter(None, ("ensembles", name, error.key)))) from None
         self.state: StateLayer | None = None
@@ -434,8 +438,9 @@ class Ensemble(Layer):
             mode=modes.mode,
             since=modes.since,
             causes=self.causes,
-            waiting=self.safety.waiting.names,
+            waiting=self.safety.waiting.names + self.liveness.waiting,
             safe_actions=self.safety.runs,
+            idle=self.liveness.idle,
         )
 
     # -- Life ----------------------------------------------------------------------------------------------------

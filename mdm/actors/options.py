@@ -9,9 +9,10 @@ from mdm.options import ControllerOptions
 if TYPE_CHECKING:
     from mdm.actors.control.drive import Drive
 
-__all__ = ["ControlOptions", "LostTeammate", "Reaction", "SafetyOptions"]
+__all__ = ["ControlOptions", "FailureReaction", "LostTeammate", "Reaction", "SafetyOptions"]
 
 Reaction = Literal["safe", "continue"]
+FailureReaction = Literal["safe", "continue", "decide"]
 LostTeammate = Literal["continue", "hold", "safe_action"]
 
 
@@ -39,7 +40,8 @@ class SafetyOptions(ControlOptions, total=False):
     Attributes:
         safe_timeout: Seconds that the safe action may take (10 by default).
         on_failed_action: An action that failed, timed out or was abandoned, where no predicate or event depends on that
-            end: ``safe`` (the default where there is a safe action) or ``continue``.
+            end: ``safe`` (the default where there is a safe action) or ``continue``. With ``decide`` it is decided
+            again after each failure that nothing else is decided on, after the pause that the action's binding says.
         on_lost_input: A sensor's value that became older than its ``max_age``: the same two.
         on_unknown: A state, or a sensor of observations, that turns unknown otherwise: the same two.
         on_lost_teammate: In a team, what an agent that was there and has not left in order means to this one:
@@ -47,11 +49,15 @@ class SafetyOptions(ControlOptions, total=False):
             it is back), or ``safe_action``.
         after_safe: What becomes of the belief where the safe action is none of the model's: it starts anew (``reset``,
             the default), or goes on by prediction (``keep``).
+        idle_after: Seconds after which an ensemble that has nothing to do is told as a fault, unless the ended action's
+            binding says ``then="wait"``; infinite for never. By default 10, where that action takes time or has failed,
+            and the ensemble is of no team.
     """
 
     safe_timeout: float
-    on_failed_action: Reaction | None
+    on_failed_action: FailureReaction | None
     on_lost_input: Reaction | None
     on_unknown: Reaction | None
     on_lost_teammate: LostTeammate | None
     after_safe: Literal["reset", "keep"]
+    idle_after: float | None

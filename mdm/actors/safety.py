@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, get_args
 
 from mdm.actors.modes import Modes, Order
-from mdm.actors.options import LostTeammate, Reaction
+from mdm.actors.options import FailureReaction, LostTeammate, Reaction
 from mdm.actors.waiting import Waiting
 from mdm.choice import check_choice
 from mdm.errors import ConfigError
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Safety"]
 
-_REACTIONS = ("on_failed_action", "on_lost_input", "on_unknown")
+_FAILED = "on_failed_action"
+_REACTIONS = (_FAILED, "on_lost_input", "on_unknown")
 _OPTIONS = {"stale_input": "on_lost_input", "unknown_input": "on_unknown"}
 
 
@@ -75,10 +76,10 @@ class Safety:
     def _reaction(self, name: str, given: object) -> bool:
         """Whether a cause makes the ensemble safe."""
         if given is not None:
-            check_choice(given, get_args(Reaction), name, key=name)
+            check_choice(given, get_args(FailureReaction if name == _FAILED else Reaction), name, key=name)
         if given == "safe" and not self._has_safe_action:
             raise ConfigError(f"{name} asks for the safe action, but there is none", key="safe_action")
-        return self._has_safe_action and given != "continue"
+        return self._has_safe_action and given in {None, "safe"}
 
     def _lost_reaction(self, given: LostTeammate | None) -> LostTeammate | None:
         """What a lost teammate means; None where nothing was said."""
@@ -112,7 +113,6 @@ class Safety:
         self._lost.clear()
         self._channel = ensemble.channel("mode", Mode, retain=True)
         ensemble.control.guard = self
-        ensemble.action.alarm = self._on_failed_action
         if ensemble.predicates is not None:
             self._watch(ensemble.predicates)
         if self._told[0] != "stopped":
@@ -121,6 +121,7 @@ class Safety:
     def close(self) -> None:
         """End a life of the ensemble: nothing of it is left that could be made safe."""
         self._lives = False
+        self._ensemble.liveness.end()
 
     def _watch(self, manager: PredicateManager) -> None:
         """Notice sensors that become too old, and those of observations that turn unknown: no state tells of these."""
@@ -198,6 +199,8 @@ class Safety:
         self._ensemble.runtime.faults.publish(fault)
         if self._has_safe_action:
             self._obey(self.modes.endanger(fault.kind, fault.detail, fault.time), fault.time)
+        else:
+            self._ensemble.liveness.look()
         return self.modes.mode == "safe"
 
     def endanger(self, kind: str, detail: str, time: int) -> None:
@@ -219,6 +222,7 @@ class Safety:
         else:
             self._lose("unknown_input", f"the state turned unknown: {names}", time)
         if self.deciding:
+            self._ensemble.liveness.wait()
             self.waiting.begin()
 
     def _on_lost_input(self, kind: str, lost: frozenset[str], time: int) -> None:
@@ -243,8 +247,9 @@ class Safety:
         elif told:
             self._ensemble.runtime.faults.publish(fault)
 
-    def _on_failed_action(self, text: str) -> None:
-        if self.deciding and self._reactions["on_failed_action"]:
+    def fail(self, text: str) -> None:
+        """Take it that an action has failed, and that nothing else heeds that."""
+        if self.deciding and self._reactions[_FAILED]:
             self._endanger("action", text)
 
     @property
@@ -265,6 +270,7 @@ class Safety:
         for order in orders:
             if order is Order.SECURE:
                 self.waiting.end()
+                self._ensemble.liveness.end()
                 self.runs += 1
                 control.hold(self._done)
                 for below in self._ensemble.subensembles:
@@ -272,6 +278,7 @@ class Safety:
                 action.secure(self._on_secured, self._on_begin, patience=self._ensemble.settling)
             elif order is Order.HALT:
                 self.waiting.end()
+                self._ensemble.liveness.end()
                 control.let_go()
                 action.halt(self._ensemble.became_idle)
             elif order is Order.IDLE:
@@ -282,6 +289,7 @@ class Safety:
             elif not self._latched:
                 self._base = control.decisions
                 action.admit()
+                self._ensemble.liveness.look()
                 if order is Order.RESUME:
                     self._resume(time)
                 self._stale = False

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from mdm.actors import Drive, PredicateManager
+    from mdm.actors.sequel import SequelOptions
     from mdm.config.functions import Functions
     from mdm.config.problems import Problems
     from mdm.config.share import Share
@@ -42,6 +43,8 @@ _OPTIONS = [
     if option in EnsembleTable.__struct_fields__ and option not in {"drive", "rewards", "seed", "memory"}
 ]
 """Options of a control layer that pass from an ensemble's table unchanged."""
+_DRIVES = ("timeout", "grace", "then", "pause", "attempts")
+"""What a drive to a place may be told."""
 T = TypeVar("T")
 
 
@@ -357,8 +360,9 @@ class Ensembles:
                 continue
             index = int(action) if action.isdecimal() else action
             with self._problems.collecting(key):
+                sequel: SequelOptions = {"then": entry.then, "pause": entry.pause, "attempts": entry.attempts}
                 if entry.way is not None or entry.place is not None:
-                    bindings[index] = self._drive_to(entry, written)
+                    bindings[index] = self._drive_to(entry, written, sequel)
                     continue
                 target = self._target(entry, key, name, above)
                 if target is not None:
@@ -369,22 +373,23 @@ class Ensembles:
                         on_repeat=entry.on_repeat,
                         resume=entry.resume,
                         concurrent=entry.concurrent,
+                        **sequel,
                     )
         return bindings if len(bindings) == len(actions) else None
 
-    def _drive_to(self, entry: ActionTable, keys: Mapping[str, Any]) -> Binding:
+    def _drive_to(self, entry: ActionTable, keys: Mapping[str, Any], sequel: SequelOptions) -> Binding:
         """Return the action that takes a way of the map, or goes to a place."""
         what = "way" if entry.place is None else "place"
         for key in keys:
-            if key not in {what, "timeout", "grace"}:
-                raise ConfigError(f"{key!r} means nothing beside a {what}; its keys are {what}, timeout, grace")
+            if key not in {what, *_DRIVES}:
+                raise ConfigError(f"{key!r} means nothing beside a {what}; its keys are {what}, {', '.join(_DRIVES)}")
         if not self._located:
-            return Binding(nothing, timeout=entry.timeout, grace=entry.grace)
+            return Binding(nothing, timeout=entry.timeout, grace=entry.grace, **sequel)
         if self._navigation is None:
             raise ConfigError(f"a {what} needs what drives there: give a table [places] with a navigator")
         if entry.place is not None:
-            return self._navigation.go_to(entry.place, timeout=entry.timeout, grace=entry.grace)
-        return self._navigation.way(str(entry.way), timeout=entry.timeout, grace=entry.grace)
+            return self._navigation.go_to(entry.place, timeout=entry.timeout, grace=entry.grace, **sequel)
+        return self._navigation.way(str(entry.way), timeout=entry.timeout, grace=entry.grace, **sequel)
 
     def _target(self, entry: ActionTable, key: str, name: str, above: tuple[str, ...]) -> Any:
         if (entry.call is None) == (entry.ensemble is None):

@@ -80,6 +80,9 @@ class ActionTable(_Table, frozen=True):
     on_repeat: Literal["continue", "restart"] = "continue"
     resume: bool = False
     concurrent: bool = False
+    then: Literal["wait", "decide"] | None = None
+    pause: Seconds = 1.0
+    attempts: Annotated[int, Meta(ge=1)] | None = None
 
 
 class RestartTable(_Table, frozen=True):
@@ -123,11 +126,12 @@ class EnsembleTable(_Table, frozen=True):
     local: bool = False
     safe_action: str | None = None
     safe_timeout: Seconds = 10.0
-    on_failed_action: Literal["safe", "continue"] | None = None
+    on_failed_action: Literal["safe", "continue", "decide"] | None = None
     on_lost_input: Literal["safe", "continue"] | None = None
     on_unknown: Literal["safe", "continue"] | None = None
     on_lost_teammate: Literal["continue", "hold", "safe_action"] | None = None
     after_safe: Literal["reset", "keep"] = "reset"
+    idle_after: Annotated[float, Meta(gt=0)] | None = None
     supervision: Any = "escalate"
     search: Any = None
     states: dict[str, Any] = {}

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import inspect
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, Unpack
 
 from mdm.actors.binding import Binding
+from mdm.actors.sequel import Sequel
 from mdm.choice import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.logic import similar
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from mdm.actors import PredicateManager
     from mdm.actors.ensemble import Ensemble
+    from mdm.actors.sequel import SequelOptions
     from mdm.maps.graph import Graph, Node, Pose
     from mdm.messages import Action
 
@@ -123,7 +125,12 @@ class Navigation:
     # -- What users call -----------------------------------------------------------------------------------------
 
     def actions(
-        self, *, stay: str | None = None, timeout: float | None = None, grace: float = 5.0
+        self,
+        *,
+        stay: str | None = None,
+        timeout: float | None = None,
+        grace: float = 5.0,
+        **sequel: Unpack[SequelOptions],
     ) -> dict[str, Binding]:
         """Return an action for each label of the graph's ways, to be bound in an ensemble.
 
@@ -131,39 +138,48 @@ class Navigation:
             stay: The name of one more action, which stops the robot where it is.
             timeout: Seconds that a drive may take.
             grace: Seconds that a drive has to end when it is cancelled.
+            sequel: What a drive's end is followed by, see `Sequel`: ``then``, ``pause``, ``attempts``.
 
         Raises:
             ConfigError: If a way has the name of the action that stays.
         """
-        bound = {label: self.way(label, timeout=timeout, grace=grace) for label in self.graph.labels}
+        bound = {label: self.way(label, timeout=timeout, grace=grace, **sequel) for label in self.graph.labels}
         if stay is not None:
             if stay in bound:
                 raise ConfigError(f"{stay!r} is a way of the map: give the action that stays another name", key="stay")
             bound[stay] = Binding(_stay)
         return bound
 
-    def way(self, label: str, *, timeout: float | None = None, grace: float = 5.0) -> Binding:
+    def way(
+        self, label: str, *, timeout: float | None = None, grace: float = 5.0, **sequel: Unpack[SequelOptions]
+    ) -> Binding:
         """Return the action that takes the way of a label, from wherever the robot is.
 
         Args:
             label: Of one way at least.
             timeout: Seconds that a drive may take.
             grace: Seconds that a drive has to end when it is cancelled.
+            sequel: What a drive's end is followed by, see `Sequel`: ``then``, ``pause``, ``attempts``.
 
         Raises:
             ConfigError: If no way has this label.
         """
         if label not in self.graph.labels:
             raise ConfigError(f"no way is called {label!r}; there are {', '.join(map(repr, self.graph.labels))}")
-        return _Way(self, label, None, timeout=timeout, grace=grace)
+        bound = _Way(self, label, None, timeout=timeout, grace=grace)
+        bound.sequel = Sequel(**sequel)
+        return bound
 
-    def go_to(self, name: str, *, timeout: float | None = None, grace: float = 5.0) -> Binding:
+    def go_to(
+        self, name: str, *, timeout: float | None = None, grace: float = 5.0, **sequel: Unpack[SequelOptions]
+    ) -> Binding:
         """Return the action that goes to a place, wherever the robot is.
 
         Args:
             name: The place's.
             timeout: Seconds that a drive may take.
             grace: Seconds that a drive has to end when it is cancelled.
+            sequel: What a drive's end is followed by, see `Sequel`: ``then``, ``pause``, ``attempts``.
 
         Raises:
             MapError: If there is no such place.
@@ -174,7 +190,7 @@ class Navigation:
             return self._drive(node, Heading(self._now(), "", None, name, "told to go there from anywhere"))
 
         _call(go, "go_to", name)
-        return Binding(go, group=self if self.replaces else None, timeout=timeout, grace=grace)
+        return Binding(go, group=self if self.replaces else None, timeout=timeout, grace=grace, **sequel)
 
     def place(self) -> str:
         """Return the name of the place where the robot is, as the predicates have it.

@@ -15,7 +15,7 @@ import msgspec
 from mdm.choice import check_flag
 from mdm.compiled import is_compiled
 from mdm.errors import Error
-from mdm.messages import Decision, Fault, Mode, StateChange
+from mdm.messages import Decision, Fault, Idle, Mode, StateChange
 from mdm.runtime.actor import Actor
 from mdm.runtime.channel import Channel, Subscription
 from mdm.runtime.clock import Clock, WallClock
@@ -144,6 +144,7 @@ class Runtime:
         self.lives = self.channel("lives", StateChange)
         self.decisions = self.channel("decisions", Decision)
         self.modes = self.channel("modes", Mode)
+        self.idles = self.channel("idles", Idle)
         self._log = log if log is None or isinstance(log, Log) else Log(log, debug=debug)
         virtual = isinstance(self.clock, VirtualClock)
         self._emergency = Emergency(lambda detail: self._alarm("emergency", detail), threads=not virtual)

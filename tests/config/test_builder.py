@@ -117,11 +117,29 @@ def test_what_is_no_configuration(tmp_path, make, words):
         load_system(path)
 
 
+def test_what_an_end_is_followed_by_reaches_its_binding(folder):
+    text = GOOD.replace("timeout = 3.0,", 'then = "decide", pause = 2.0, attempts = 4,')
+    system = load_system(written(folder, text, "robot.toml"))
+    sequel = system.ensembles["below"].action.bindings[0].sequel
+    assert (sequel.then, sequel.pause, sequel.attempts) == ("decide", 2.0, 4)
+
+
+@pytest.mark.parametrize(
+    "wrong", ['then = "again"', "pause = 0.0", "attempts = 0", "attempts = 1.5", 'pause = "long"', "then = true"]
+)
+def test_what_an_end_cannot_be_followed_by(folder, wrong):
+    text = GOOD.replace("timeout = 3.0", wrong)
+    with pytest.raises(ConfigError) as caught:
+        load_system(written(folder, text, "robot.toml"))
+    assert caught.value.problems[0].key.startswith("ensembles.below.actions.Work")
+
+
 def test_the_options_of_safety_reach_their_ensemble(folder, monkeypatch):
     options = {
         "on_impossible": "safe_action",
         "safe_timeout": 3.0,
-        "on_failed_action": "continue",
+        "on_failed_action": "decide",
+        "idle_after": 2.5,
         "on_lost_input": "continue",
         "on_unknown": "continue",
         "after_safe": "keep",

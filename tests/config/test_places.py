@@ -82,6 +82,16 @@ def problems(tmp_path, text, **options):
     return [(problem.key, problem.message) for problem in caught.value.problems]
 
 
+def test_ways_and_places_say_what_their_ends_are_followed_by(tmp_path):
+    text = FILE.replace('way = "Right"', 'way = "Right", then = "decide", pause = 2.0')
+    text = text.replace("timeout = 60.0", "attempts = 3")
+    right, home = load_system(file(tmp_path, text)).ensembles["robot"].action.bindings
+    assert [(b.sequel.then, b.sequel.pause, b.sequel.attempts) for b in (right, home)] == [
+        ("decide", 2.0, None),
+        (None, 1.0, 3),
+    ]
+
+
 def test_places_are_predicates_and_ways_are_actions(tmp_path):
     system = load_system(file(tmp_path))
     right, home = system.ensembles["robot"].action.bindings

@@ -409,6 +409,25 @@ class ControlLayer(Layer):
         if self.running:
             self.output.repeat(time, self._state)
 
+    @property
+    def asks(self) -> bool:
+        """Whether it waits for its planner's answer."""
+        return self._open is not None
+
+    def decide_again(self, time: int) -> None:
+        """Decide once more on what is known, as one decision more of the episode, where inputs alone have it decide.
+
+        Nothing was observed, so that no belief is updated by it. What a team has decided is done once more.
+        """
+        if self.lead is not None:
+            self.repeat(time)
+        elif self.running and self._event_driven and not self.blind and self._open is None:
+            cause = "again"
+            if self.controller.over:
+                cause = "episode"
+                self._begin_episode()
+            self._decide(time, cause, state=self._state)
+
     def snapshot(self) -> bytes:
         """Return what it takes to go on from here elsewhere; for whoever leads the layer."""
         held = [self.controller.snapshot(), self.running, self._state, self.output.acted]

@@ -17,7 +17,7 @@ __all__ = ["ACTION_END", "Declarations", "Kind"]
 
 Kind = Literal["predicate", "event"]
 
-ACTION_END = re.compile(r".+\.(running|succeeded|failed|preempted|timed_out|abandoned)")
+ACTION_END = re.compile(r".+\.(running|succeeded|failed|preempted|timed_out|abandoned|gave_up)")
 
 
 class Declarations:

@@ -1,0 +1,245 @@
+"""Liveness: an ensemble that decides has a live action, or waits for something that it names, or is idle and says so.
+
+Nothing of it is on the way from an input to an action: an ensemble is looked at when an action that takes time has
+ended, behind all that this brings about.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from mdm.actors.sequel import Due, Sequel, Tries
+from mdm.errors import ConfigError
+from mdm.messages import Fault, Idle
+from mdm.number import is_number
+from mdm.runtime.channel import Subscription
+
+if TYPE_CHECKING:
+    from mdm.actors.binding import Binding
+    from mdm.actors.ensemble import Ensemble
+    from mdm.actors.options import SafetyOptions
+    from mdm.messages import ActionStatus
+    from mdm.runtime import Timer
+
+__all__ = ["IDLE_AFTER", "Liveness"]
+
+IDLE_AFTER = 10.0
+"""Seconds of idleness after which it is told as a fault, where an action that takes time has ended."""
+
+_FAILED = frozenset({"failed", "timed_out", "abandoned"})
+
+
+class Liveness:
+    """Decides again where that is declared, and notices an ensemble that has nothing to do.
+
+    Args:
+        ensemble: Whose.
+        options: See `SafetyOptions`.
+
+    Attributes:
+        retries: Whether failed actions are followed by a decision, whatever their bindings say.
+        since: Nanoseconds since when the ensemble is idle; None where it is not.
+    """
+
+    def __init__(self, ensemble: Ensemble, options: SafetyOptions) -> None:
+        self.retries = options.get("on_failed_action") == "decide"
+        self.since: int | None = None
+        self._ensemble = ensemble
+        self._idle_after = _seconds(options.get("idle_after"))
+        self._tries = Tries()
+        self._total = 0
+        self._rest = "", False
+        self._ended: dict[str, tuple[ActionStatus, Binding]] = {}
+        self._again: Timer | None = None
+        self._why = ""
+        self._decisions = 0
+        self._patience: Timer | None = None
+        self._looks: Subscription[int] = Subscription(None, ensemble, self._look)
+        ensemble.action.begins = self.began
+        ensemble.action.ends = self.ended
+
+    @property
+    def idle(self) -> float:
+        """Seconds for which the ensemble has been idle, all in all."""
+        now = 0 if self.since is None else self._ensemble.runtime.clock.now() - self.since
+        return (self._total + now) / 1e9
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """What it waits for before it decides again, in words."""
+        return (self._why,) if self._again is not None else ()
+
+    # -- What is noticed -----------------------------------------------------------------------------------------
+
+    @property
+    def counts(self) -> bool:
+        """Whether the end of each plain function is to be noticed, too, which costs a decision some microseconds."""
+        return self.retries or (self._idle_after is not None and self._idle_after != math.inf)
+
+    def began(self, name: str) -> None:
+        """Take it that an action begins."""
+        self._cancel_again()
+        self._end_rest()
+        self._ended.pop(name, None)
+
+    def ended(self, name: str, binding: Binding, status: ActionStatus, text: str) -> bool:
+        """Take the end of an action; return whether it is given up for now."""
+        ensemble, safety, due = self._ensemble, self._ensemble.safety, Due()
+        stands = binding.brief and status == "succeeded" and not self.counts  # a plain function: what it has set
+        if stands or not safety.deciding:
+            return False
+        self._ended[name] = status, binding
+        if status != "preempted":
+            failed = status in _FAILED
+            due = self._tries.ended(name, binding.sequel, failed=failed, retries=self.retries)
+            if failed and not ensemble.action.listened(name, status):
+                safety.fail(text)
+            if due.gave_up:
+                self._give_up(name, text, binding.sequel)
+            elif due.pause is not None and self._decides_alone and self._chosen == name:
+                self._plan(due.pause, name, status)
+        self.look()
+        return due.gave_up
+
+    def look(self) -> None:
+        """See whether anything is done, behind all that the running turn brings about."""
+        runtime = self._ensemble.runtime
+        runtime.dispatcher.deliver_behind(self._looks, runtime.clock.now())
+
+    def end(self) -> None:
+        """Take it that the ensemble does not decide."""
+        self._cancel_again()
+        self._end_rest()
+        self._ended.clear()
+
+    def wait(self) -> None:
+        """Take it that it waits for its state."""
+        self._end_rest()
+
+    # -- Deciding again ------------------------------------------------------------------------------------------
+
+    @property
+    def _decides_alone(self) -> bool:
+        """Whether nothing but an input has it decide: at a fixed rate the next tick does."""
+        return self._ensemble.control.event_driven
+
+    def _plan(self, pause: float, name: str, status: ActionStatus) -> None:
+        self._cancel_again()
+        ensemble = self._ensemble
+        self._decisions = ensemble.control.decisions
+        self._why = f"a pause of {pause:g} s, for action {name!r} {status.replace('_', ' ')}"
+        self._again = ensemble.call_later(pause, self._decide_again)
+        ensemble.action.heed(heeded=True)
+
+    def _cancel_again(self) -> None:
+        if self._again is not None:
+            self._again.cancel()
+            self._again = None
+            self._ensemble.action.heed(heeded=self.since is not None)
+
+    def _decide_again(self) -> None:
+        ensemble, safety = self._ensemble, self._ensemble.safety
+        now = ensemble.runtime.clock.now()
+        self._cancel_again()
+        if safety.modes.mode == "safe":  # by the failure itself
+            safety.reopen(frozenset({"action"}), now)
+        elif safety.deciding and ensemble.control.decisions == self._decisions:
+            ensemble.control.decide_again(now)
+        self.look()
+
+    def _give_up(self, name: str, text: str, sequel: Sequel) -> None:
+        ensemble = self._ensemble
+        if ensemble.action.listened(name, "gave_up"):
+            return
+        detail = f"action {name!r} is given up after {sequel.attempts} failures in a row; the last: {text}"
+        ensemble.action.report("action", detail)
+        ensemble.safety.endanger("action", detail, ensemble.runtime.clock.now())
+
+    # -- Idleness ------------------------------------------------------------------------------------------------
+
+    def _look(self, time: int) -> None:
+        ensemble = self._ensemble
+        control = ensemble.control
+        if (
+            self.since is not None
+            or self._again is not None
+            or not (ensemble.safety.deciding and self._decides_alone)
+            or ensemble.action.busy
+            or control.blind
+            or control.asks
+            or (control.acted is not None and self._end is None)  # what it has set stands
+        ):
+            return
+        self.since = time
+        self._rest = ("" if self._end is None else self._chosen), self._meant
+        ensemble.action.heed(heeded=True)
+        self._tell(idle=True, time=time)
+        after = self._limit()
+        if after is not None:
+            self._patience = ensemble.call_later(after, lambda: self._complain(after))
+
+    def _limit(self) -> float | None:
+        """Seconds after which it is told as a fault; None where it is not."""
+        ensemble = self._ensemble
+        if self._meant or self._idle_after == math.inf:
+            return None
+        if self._idle_after is not None:
+            return self._idle_after
+        if ensemble.control.lead is not None:  # its part may be done while others do theirs
+            return None
+        end = self._end
+        bindings = ensemble.action.bindings if end is None else (end[1],)
+        failed = end is not None and end[0] in _FAILED
+        return IDLE_AFTER if failed or not all(binding.plain for binding in bindings) else None
+
+    @property
+    def _meant(self) -> bool:
+        return self._end is not None and self._end[1].sequel.then == "wait"
+
+    @property
+    def _chosen(self) -> str:
+        """The action that was decided last in this episode; empty where there is none."""
+        acted = self._ensemble.control.acted
+        return "" if acted is None else self._ensemble.action.name_of(acted)
+
+    @property
+    def _end(self) -> tuple[ActionStatus, Binding] | None:
+        """How the action has ended that was decided last, and its binding; None where it stands, or there is none."""
+        return self._ended.get(self._chosen)
+
+    def _complain(self, after: float) -> None:
+        self._patience = None
+        ensemble = self._ensemble
+        end, why = self._end, "it can decide, and nothing has been decided"
+        if end is not None:
+            why = f"action {self._chosen!r} {end[0].replace('_', ' ')}, and nothing has been decided since"
+        detail = f"idle for {after:g} s: {why}"
+        ensemble.runtime.faults.publish(Fault(ensemble.runtime.clock.now(), ensemble.path, "idle", detail))
+
+    def _end_rest(self) -> None:
+        if self.since is None:
+            return
+        now = self._ensemble.runtime.clock.now()
+        self._total += now - self.since
+        if self._patience is not None:
+            self._patience.cancel()
+            self._patience = None
+        self._tell(idle=False, time=now)
+        self.since = None
+        self._ensemble.action.heed(heeded=self._again is not None)
+
+    def _tell(self, *, idle: bool, time: int) -> None:
+        ensemble = self._ensemble
+        channel = ensemble.runtime.idles
+        if channel.heard:
+            assert self.since is not None
+            channel.publish(Idle(time, ensemble.path, idle, self.since, *self._rest))
+
+
+def _seconds(given: object) -> float | None:
+    if given is None:
+        return None
+    if not is_number(given) or not given > 0:
+        raise ConfigError(f"idle_after is a number of seconds above 0, or infinite, not {given!r}", key="idle_after")
+    return float(given)

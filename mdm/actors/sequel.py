@@ -1,0 +1,105 @@
+"""What an action's end is followed by: declared by its binding, counted by plain data.
+
+No actor, no clock and no event loop is known here: ends are handed in, and what is due is returned.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple, TypedDict
+
+from mdm.choice import check_choice
+from mdm.errors import ConfigError
+from mdm.runtime.clock import check_seconds
+
+__all__ = ["LONGEST_PAUSE", "Due", "Sequel", "SequelOptions", "Then", "Tries"]
+
+Then = Literal["wait", "decide"]
+
+LONGEST_PAUSE = 60.0
+"""Seconds to which the pause between failures grows at most, where it does not begin longer."""
+
+
+class SequelOptions(TypedDict, total=False):
+    """The arguments of a `Sequel`."""
+
+    then: Then | None
+    pause: float
+    attempts: int | None
+
+
+class Sequel:
+    """What a binding declares of its action's end.
+
+    Args:
+        then: ``decide``: where nothing else is decided within the pause, decide again on the same state or belief.
+            ``wait``: wait for the next input, on purpose. By default it waits, too, and is told as idle.
+        pause: Seconds before it is decided again, doubled with each failure in a row up to `LONGEST_PAUSE`.
+        attempts: Failures in a row after which it is not decided again: ``Go.gave_up`` occurs, and where nothing
+            depends on that, the ensemble goes safe. None by default: there are always more.
+
+    Raises:
+        ConfigError: If an option is not what it may be.
+    """
+
+    __slots__ = ("attempts", "pause", "then")
+
+    def __init__(self, then: Then | None = None, pause: float = 1.0, attempts: int | None = None) -> None:
+        if then is not None:
+            check_choice(then, ("wait", "decide"), "then", key="then")
+        check_seconds(pause, "pause", key="pause")
+        if attempts is not None and (type(attempts) is not int or attempts < 1):
+            raise ConfigError(f"attempts is a number from 1 on, or None, not {attempts!r}", key="attempts")
+        self.then: Then | None = then
+        self.pause = float(pause)
+        self.attempts = attempts
+
+    @property
+    def counts(self) -> bool:
+        """Whether each end counts, a success of a plain function, too."""
+        return self.then == "decide" or self.attempts is not None
+
+
+class Due(NamedTuple):
+    """What is due after an action's end.
+
+    Attributes:
+        pause: Seconds after which to decide again, or None.
+        gave_up: Whether it has failed as often as it may.
+    """
+
+    pause: float | None = None
+    gave_up: bool = False
+
+
+class Tries:
+    """Counts how often the same action has failed in a row, and says what follows each end."""
+
+    __slots__ = ("_failures", "_name")
+
+    def __init__(self) -> None:
+        self._name = ""
+        self._failures = 0
+
+    def ended(self, name: str, sequel: Sequel, *, failed: bool, retries: bool = False) -> Due:
+        """Take the end of an action that nobody asked for.
+
+        Args:
+            name: The action's.
+            sequel: What its binding declares.
+            failed: Whether it failed.
+            retries: Whether failures are followed by a decision, whatever the binding says.
+        """
+        if name != self._name:
+            self._name, self._failures = name, 0
+        again = sequel.then == "decide"
+        if not failed:
+            self._failures = 0
+            return Due(sequel.pause if again else None)
+        self._failures += 1
+        if sequel.attempts is not None and self._failures >= sequel.attempts:
+            self._failures = 0  # whatever begins it again gives it as many anew
+            return Due(gave_up=True)
+        if not (again or retries):
+            return Due()
+        longest = max(LONGEST_PAUSE, sequel.pause)
+        return Due(min(sequel.pause * 2.0 ** min(self._failures - 1, 64), longest))

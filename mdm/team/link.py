@@ -288,6 +288,8 @@ class Link(Actor):
         return self.runtime.clock.now() - self._since > self._lease + _SETTLED * 1e9, max(len(self.live), 1)
 
     def _opened(self, sample: Sample) -> Beat | None:
+        if self._seen.get(sample.owner, sample.incarnation) != sample.incarnation:
+            return None  # of a life that is not here, or not yet: it beats again
         try:
             return _decode(sample.body)
         except (msgspec.MsgspecError, ValueError):

@@ -10,6 +10,7 @@ import pytest
 import mdm
 from mdm.team.link import Beat, Link
 from mdm.team.team import Team
+from mdm.team.transport.envelope import Packer
 from mdm.team.transport.keys import join
 from mdm.team.transport.network import Network
 from mdm.testing import probe, run_virtual
@@ -170,6 +171,29 @@ def test_a_live_agent_does_not_turn_to_another_configuration_in_one_life():
         assert a.refusal is None
         assert [fault.kind for fault in faults] == ["incredible"]
         assert "says what its agent did not say before in this life: model is rooms at a" in faults[0].detail
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("facts", [{"model": "rooms"}, {"model": "doors"}])
+def test_a_beat_of_a_life_that_is_not_here_parts_nobody(facts):
+    async def main(runtime):
+        network = Network(runtime.clock)
+        a, b = await alone(runtime, network), network.transport("b")
+        told, user = [], mdm.Actor("user")
+        await runtime.start(user)
+        a.watch(lambda link: told.append((tuple(link.live), link.refusal)), user)
+        await b.open()
+        beats(b, model="rooms")
+        await asyncio.sleep(0.05)
+        told.clear()
+        said = Beat(TEAM.names, dict.fromkeys(TEAM.names, 1), facts, settled=True, company=3)
+        forged = Packer("b", 2**62, runtime.clock.now).pack(join("team", "b", "beat"), msgspec.msgpack.encode(said))
+        a.transport.arrive(join("team", "b", "beat"), forged)
+        await asyncio.sleep(0.05)
+        assert told == []
+        assert tuple(a.live) == ("a", "b")
+        assert a.differing == {}
 
     run_virtual(main)
 

@@ -100,7 +100,8 @@ class ActionLayer(Layer):
     Attributes:
         idle: Whether nothing is done here, not even the safe action: other agents do it.
         begins: Told of an action that begins, by its name.
-        ends: Told how an action has ended, by its name, binding, status and a text; says whether it is given up.
+        ends: Told how an action has ended, by its name, binding, status, whether it took time, and in words; says
+            whether it is given up.
     """
 
     # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
@@ -136,7 +137,7 @@ class ActionLayer(Layer):
         check_seconds(safe_timeout, "safe_timeout", key="safe_timeout")
         self.safe_timeout = float(safe_timeout)
         self.begins: Callable[[str], None] = lambda _: None
-        self.ends: Callable[[str, Binding, ActionStatus, str], bool] = lambda *_: False
+        self.ends: Callable[[str, Binding, ActionStatus, bool, str], bool] = lambda *_: False
         self.idle = False
         self.names = names
         self.predicates = predicates
@@ -600,7 +601,8 @@ class ActionLayer(Layer):
             self._tell_secured(None if status == "succeeded" else text)
         if status in _FAILED:
             self.report("action", text)
-        gave_up = not life.secures and self.ends(life.name, life.binding, status, text)
+        lasted = life.work is not None or life.binding.ensemble is not None
+        gave_up = not life.secures and self.ends(life.name, life.binding, status, lasted, text)
         if self._lives.heard:
             self._tell(life, status, detail)
         if self.predicates is not None and self.predicates.action_ends:

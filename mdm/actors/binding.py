@@ -46,6 +46,7 @@ class Binding:
     Attributes:
         plain: Whether it is a plain function.
         brief: Whether it is one that begins and ends alone, by a call.
+        lasts: Whether it takes time, as far as can be told before it is called.
         sequel: What its end is followed by.
     """
 
@@ -58,6 +59,7 @@ class Binding:
         "goes_on",
         "grace",
         "group",
+        "lasts",
         "on_repeat",
         "plain",
         "resume",
@@ -120,6 +122,7 @@ class Binding:
         else:
             raise ConfigError(f"an action's target is a function or an ensemble, not {target!r}")
         self.plain = self.ensemble is None and kind_of(self.function) is None
+        self.lasts = not self.plain
         self.brief = self.plain and not concurrent and not self.sequel.counts
 
     def continues(self, action: Action) -> bool:

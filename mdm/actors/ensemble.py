@@ -209,6 +209,7 @@ class Ensemble(Layer):
             yield f"ensemble {self.name!r} has no {wanted}: it waits for code that publishes what it decides on"
         if given[other] is not None:
             yield f"ensemble {self.name!r} has {other}, but its policy decides on {wanted}"
+        yield from self.liveness.notes()
 
     def tree(self) -> str:
         """Return the ensemble and those below it, a line each, indented, with the action that each is bound to."""

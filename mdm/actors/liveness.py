@@ -7,7 +7,7 @@ ended, behind all that this brings about.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from mdm.actors.sequel import Due, Sequel, Tries
 from mdm.errors import ConfigError
@@ -16,6 +16,8 @@ from mdm.number import is_number
 from mdm.runtime.channel import Subscription
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from mdm.actors.binding import Binding
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.options import SafetyOptions
@@ -28,6 +30,14 @@ IDLE_AFTER = 10.0
 """Seconds of idleness after which it is told as a fault, where an action that takes time has ended."""
 
 _FAILED = frozenset({"failed", "timed_out", "abandoned"})
+
+
+class _End(NamedTuple):
+    """How an action has ended."""
+
+    status: ActionStatus
+    binding: Binding
+    lasted: bool
 
 
 class Liveness:
@@ -50,7 +60,7 @@ class Liveness:
         self._tries = Tries()
         self._total = 0
         self._rest = "", False
-        self._ended: dict[str, tuple[ActionStatus, Binding]] = {}
+        self._ended: dict[str, _End] = {}
         self._again: Timer | None = None
         self._why = ""
         self._decisions = 0
@@ -70,6 +80,34 @@ class Liveness:
         """What it waits for before it decides again, in words."""
         return (self._why,) if self._again is not None else ()
 
+    def notes(self) -> Iterator[str]:
+        """Yield which actions can end with nothing that decides afterwards, unless an input changes."""
+        ensemble = self._ensemble
+        control = ensemble.control
+        if not control.event_driven or control.lead is not None:
+            return
+        used = self._used()
+        pairs = [*zip(ensemble.action.names, ensemble.action.bindings, strict=True)]
+        lasting = [(name, binding) for name, binding in pairs if binding.lasts and binding.ensemble is None]
+        unsaid = [name for name, binding in lasting if binding.sequel.then is None]
+        succeed = {name for name in unsaid if f"{name}.succeeded" not in used}
+        fail = {name for name in unsaid if not self.retries and f"{name}.failed" not in used}
+        for which, word in ((succeed & fail, "ended"), (succeed - fail, "succeeded"), (fail - succeed, "failed")):
+            if which:
+                yield (
+                    f"ensemble {ensemble.name!r}: when {' or '.join(filter(which.__contains__, unsaid))} has {word}, "
+                    f'nothing decides afterwards unless an input changes: say then = "decide" or "wait" at the action'
+                )
+
+    def _used(self) -> set[str]:
+        """Return the inputs that the ensemble's decisions depend on."""
+        ensemble, used = self._ensemble, set[str]()
+        declared = None if ensemble.predicates is None else ensemble.predicates.declared
+        names = [name for factor in (ensemble.state.own if ensemble.state else ()) for name in factor.predicates]
+        observed = ensemble.observation.own if ensemble.observation else ()
+        names += [name for factor in observed for name in factor.events if name is not None]
+        return used if declared is None else used.union(*map(declared.inputs_of, names))
+
     # -- What is noticed -----------------------------------------------------------------------------------------
 
     @property
@@ -83,13 +121,14 @@ class Liveness:
         self._end_rest()
         self._ended.pop(name, None)
 
-    def ended(self, name: str, binding: Binding, status: ActionStatus, text: str) -> bool:
-        """Take the end of an action; return whether it is given up for now."""
+    def ended(self, name: str, binding: Binding, status: ActionStatus, lasted: bool, text: str) -> bool:
+        """Take the end of an action, which took time or not; return whether it is given up for now."""
         ensemble, safety, due = self._ensemble, self._ensemble.safety, Due()
-        stands = binding.brief and status == "succeeded" and not self.counts  # a plain function: what it has set
+        # What a plain function has set stands.
+        stands = not (lasted or binding.sequel.counts or self.counts) and status == "succeeded"
         if stands or not safety.deciding:
             return False
-        self._ended[name] = status, binding
+        self._ended[name] = _End(status, binding, lasted)
         if status != "preempted":
             failed = status in _FAILED
             due = self._tries.ended(name, binding.sequel, failed=failed, retries=self.retries)
@@ -189,13 +228,15 @@ class Liveness:
         if ensemble.control.lead is not None:  # its part may be done while others do theirs
             return None
         end = self._end
-        bindings = ensemble.action.bindings if end is None else (end[1],)
-        failed = end is not None and end[0] in _FAILED
-        return IDLE_AFTER if failed or not all(binding.plain for binding in bindings) else None
+        if end is None:
+            lasting = any(binding.lasts for binding in ensemble.action.bindings)
+        else:
+            lasting = end.lasted or end.status in _FAILED
+        return IDLE_AFTER if lasting else None
 
     @property
     def _meant(self) -> bool:
-        return self._end is not None and self._end[1].sequel.then == "wait"
+        return self._end is not None and self._end.binding.sequel.then == "wait"
 
     @property
     def _chosen(self) -> str:
@@ -204,7 +245,7 @@ class Liveness:
         return "" if acted is None else self._ensemble.action.name_of(acted)
 
     @property
-    def _end(self) -> tuple[ActionStatus, Binding] | None:
+    def _end(self) -> _End | None:
         """How the action has ended that was decided last, and its binding; None where it stands, or there is none."""
         return self._ended.get(self._chosen)
 
@@ -213,7 +254,7 @@ class Liveness:
         ensemble = self._ensemble
         end, why = self._end, "it can decide, and nothing has been decided"
         if end is not None:
-            why = f"action {self._chosen!r} {end[0].replace('_', ' ')}, and nothing has been decided since"
+            why = f"action {self._chosen!r} {end.status.replace('_', ' ')}, and nothing has been decided since"
         detail = f"idle for {after:g} s: {why}"
         ensemble.runtime.faults.publish(Fault(ensemble.runtime.clock.now(), ensemble.path, "idle", detail))
 

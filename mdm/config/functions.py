@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
     from mdm.config.problems import Problems
 
-__all__ = ["Functions", "find_function", "nothing"]
+__all__ = ["Functions", "Lasting", "find_function", "nothing"]
 
 
 class Functions:
@@ -25,7 +27,8 @@ class Functions:
     Args:
         folder: The file's folder, whose modules take precedence.
         problems: Where problems are noted.
-        callbacks: Whether functions are imported; otherwise each is one that does nothing.
+        callbacks: Whether functions are imported; otherwise each is one that does nothing, for as long as somebody says
+            where the source of its module says that it is async.
         look: Whether functions that are not imported are looked for in the source of their modules; each is then one
             of that name.
     """
@@ -47,8 +50,10 @@ class Functions:
             if self._callbacks:
                 return find_function(reference, self._folder)
             if self._look:
-                look_for(reference, self._folder)
-                return _named(reference)
+                return _named(reference, lasting=look_for(reference, self._folder))
+            with suppress(ConfigError):  # nothing need be there
+                if look_for(reference, self._folder):
+                    return Lasting()
             return nothing
         return None
 
@@ -94,11 +99,38 @@ def _refuse_shadowed(name: str, folder: Path) -> None:
         raise ConfigError(f"another module {name!r} is already loaded, from {place}: rename the one beside the file")
 
 
-def _named(reference: str) -> Callable[[], None]:
-    """Return a function that does nothing, of a name and module."""
+class Lasting:
+    """Stands for an async function that is not to be called: it lasts until somebody says how it ends."""
 
-    def stand_in() -> None: ...
+    def __init__(self) -> None:
+        self._ends: list[asyncio.Future[None]] = []
 
+    async def __call__(self) -> None:
+        """Do nothing until the end."""
+        end = asyncio.get_running_loop().create_future()
+        self._ends.append(end)
+        try:
+            await end
+        finally:
+            self._ends.remove(end)
+
+    def end(self, error: Exception | None = None) -> None:
+        """End all that last: they fail with an error, where one is given."""
+        for end in self._ends:
+            if not end.done() and error is None:
+                end.set_result(None)
+            elif not end.done() and error is not None:
+                end.set_exception(error)
+
+
+def _named(reference: str, *, lasting: bool) -> Callable[[], Any]:
+    """Return a function that does nothing, of a name and module; async where it is to last."""
+
+    def brief() -> None: ...
+
+    async def long() -> None: ...
+
+    stand_in: Callable[[], Any] = long if lasting else brief
     stand_in.__module__, _, stand_in.__qualname__ = reference.partition(":")
     stand_in.__name__ = stand_in.__qualname__.rpartition(".")[2]
     return stand_in

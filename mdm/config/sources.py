@@ -13,8 +13,11 @@ from mdm.logic import similar
 __all__ = ["look_for"]
 
 
-def look_for(reference: str, folder: Path) -> None:
+def look_for(reference: str, folder: Path) -> bool:
     """Check that there seems to be a function ``module:name``; what only running the module would tell is believed.
+
+    Returns:
+        Whether the source says that it is an async function, and so takes time.
 
     Raises:
         ConfigError: If there is no such module, its source is not Python, or it defines no such name.
@@ -24,7 +27,7 @@ def look_for(reference: str, folder: Path) -> None:
         raise ConfigError(f"a function must be given as 'module:name', not {reference!r}")
     source = _source(module, folder)
     if source is None:
-        return
+        return False
     try:
         tree = ast.parse(source.read_bytes(), source)
     except (SyntaxError, ValueError) as error:
@@ -33,6 +36,7 @@ def look_for(reference: str, folder: Path) -> None:
     name = attribute.partition(".")[0]
     if names is not None and name not in names:
         raise ConfigError(f"module {module!r} has no {name!r}{similar(name, names)}")
+    return any(isinstance(node, ast.AsyncFunctionDef) and node.name == attribute for node in tree.body)
 
 
 def _source(module: str, folder: Path) -> Path | None:

@@ -190,7 +190,9 @@ class Navigation:
             return self._drive(node, Heading(self._now(), "", None, name, "told to go there from anywhere"))
 
         _call(go, "go_to", name)
-        return Binding(go, group=self if self.replaces else None, timeout=timeout, grace=grace, **sequel)
+        bound = Binding(go, group=self if self.replaces else None, timeout=timeout, grace=grace, **sequel)
+        bound.lasts = True
+        return bound
 
     def place(self) -> str:
         """Return the name of the place where the robot is, as the predicates have it.
@@ -323,6 +325,7 @@ class _Way(Binding):
         group = navigation if navigation.replaces else None
         super().__init__(go, on_repeat="restart", goes_on=goes_on, group=group, timeout=timeout, grace=grace)
         self.takes_action = True  # though it can do without
+        self.lasts = True
 
     def within(self, ensemble: Ensemble) -> Binding:
         """Return the way as an action of an ensemble, whose decisions say where it begins."""

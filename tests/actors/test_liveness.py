@@ -315,6 +315,21 @@ def test_a_plain_function_stands():
     run_virtual(main)
 
 
+def test_a_function_that_returns_what_takes_time_is_idle_when_that_has_ended():
+    """As the drives of a map are."""
+
+    async def main(runtime):
+        ensemble = robot({"Up": lambda: asyncio.sleep(2)})
+        faults = probe(runtime.faults)
+        await runtime.start(ensemble)
+        ensemble.publish_state(0)
+        await asyncio.sleep(60)
+        assert [when for when, _ in idle_faults(faults)] == [12.0]
+        assert ensemble.statistics().idle == 58.0
+
+    run_virtual(main)
+
+
 def test_a_plain_function_counts_where_that_is_asked_for():
     async def main(runtime):
         ensemble = robot({"Slow": lambda: None}, idle_after=4.0)

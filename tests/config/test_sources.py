@@ -34,6 +34,11 @@ def test_functions_that_there_seem_to_be(folder, reference):
     look_for(reference, folder)
 
 
+def test_async_functions_are_known_by_their_source(folder):
+    (folder / "slow.py").write_text("async def go(): ...\ndef stop(): ...\nclass Arm:\n    async def lift(self): ...\n")
+    assert [look_for(f"slow:{name}", folder) for name in ("go", "stop", "Arm.lift")] == [True, False, False]
+
+
 @pytest.mark.parametrize(
     ("reference", "words"),
     [

@@ -6,11 +6,14 @@ from typing import IO, TYPE_CHECKING, Any, Literal
 
 import msgspec
 
+from mdm.config.functions import Lasting
 from mdm.errors import Error
 from mdm.messages import Observation, State
 from mdm.models.matrices import distribution
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from mdm.actors import Ensemble
     from mdm.config import System
 
@@ -54,6 +57,8 @@ class Stimulus:
         for name in line.predicates or ():
             system.predicates.declared.check_input(name, "predicate")
         for name in line.events or ():
+            if any(_ends(system, name)):
+                continue
             system.predicates.declared.check_input(name, "event")
 
     def apply(self, system: System) -> None:
@@ -65,8 +70,11 @@ class Stimulus:
             with system.predicates.batch():
                 for name, value in (line.predicates or {}).items():
                     system.predicates.sense(name, value)
-                if line.events:
-                    system.predicates.occur(*line.events)
+                declared = system.predicates.declared
+                others = [event for event in line.events or () if not _end(system, event)]
+                heard = [event for event in others if event in declared.used or event in declared.names]
+                if heard:
+                    system.predicates.occur(*heard)
         now = system.runtime.clock.now()
         if self._state is not None:
             ensemble.channel("state", State, retain=True).publish(State(now, *self._state))
@@ -74,6 +82,27 @@ class Stimulus:
             ensemble.publish_belief(line.belief)
         if self._observation is not None:
             ensemble.channel("observation", Observation).publish(Observation(now, *self._observation))
+
+
+def _ends(system: System, event: str) -> Iterator[tuple[Ensemble, Lasting]]:
+    """Yield the actions that last until told to end, of which an event such as ``Go.succeeded`` is the end."""
+    name, _, status = event.rpartition(".")
+    for ensemble in system.ensembles.values() if status in {"succeeded", "failed"} else ():
+        action = ensemble.action
+        if name in action.names:
+            function = action.bindings[action.names.index(name)].function
+            if isinstance(function, Lasting):
+                yield ensemble, function
+
+
+def _end(system: System, event: str) -> bool:
+    """End the live actions that an event is the end of; return whether there were any."""
+    ended = False
+    for ensemble, lasting in _ends(system, event):
+        if event.rpartition(".")[0] in ensemble.action.live:
+            lasting.end(None if event.endswith(".succeeded") else Error("as the stimulus says"))
+            ended = True
+    return ended
 
 
 def _state(ensemble: Ensemble, given: Any) -> tuple[int, tuple[int, ...]]:

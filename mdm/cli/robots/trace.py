@@ -6,6 +6,7 @@ Equal input gives equal bytes. Use it to inspect or compare policies and to test
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from mdm.cli.robots.stimulus import Stimulus
     from mdm.config import System
-    from mdm.messages import Decision
+    from mdm.messages import Decision, Fault
     from mdm.runtime import Runtime
 
 __all__ = ["add_parser", "run"]
@@ -42,7 +43,8 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         description=(
             "Read JSON lines from standard input, one stimulus a line, and print one JSON line a decision. A stimulus "
             'has any of "time" (seconds), "observation", "state", "belief", "predicates" ({"name": true}), "events" '
-            '(["name"]) and "control" ("start", "stop", "reset", "release").'
+            '(["name"]) and "control" ("start", "stop", "reset", "release"). Async functions of the file stand for '
+            'actions that take time: they end by an event such as "Go.succeeded" or "Go.failed", and not by themselves.'
         ),
         epilog="example: echo '{\"observation\": 0}' | mdm trace --model tiger.pomdp --policy tiger.vf",
     )
@@ -84,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     async def main() -> None:
         async with Runtime(log=None) as runtime:
-            runtime.faults.subscribe(lambda fault: print(f"mdm trace: {fault.detail}", file=sys.stderr))
+            runtime.faults.subscribe(partial(_tell, runtime))
             runtime.decisions.subscribe(_printer(runtime, several=len(system.ensembles) > 1))
             await runtime.start(system)
             await _feed(runtime, system, stimuli)
@@ -92,12 +94,22 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         run_program(main, virtual=True)
     except ActorFailure as failure:
-        if isinstance(failure.__cause__, OSError):
+        if isinstance(failure.__cause__, OSError | Error):
             raise failure.__cause__ from None
         raise
     if problem is not None:
         raise Error(problem)
     return 0
+
+
+def _tell(runtime: Runtime, fault: Fault) -> None:
+    """Print a fault; a turn that has no end is the end of the trace."""
+    from mdm.errors import Error  # noqa: PLC0415
+
+    if fault.kind == "endless_turn":
+        runtime.abort(Error(f"{fault.detail}: what an action's end leads to must not bring about that end at once"))
+    else:
+        print(f"mdm trace: {fault.detail}", file=sys.stderr)
 
 
 def _system(arguments: argparse.Namespace) -> System:
@@ -151,6 +163,7 @@ async def _feed(runtime: Runtime, system: System, stimuli: list[Stimulus]) -> No
         if wait > 0:
             await runtime.clock.sleep(wait / 1e9)
         stimulus.apply(system)
+        await runtime.clock.sleep(0)  # what ends by it comes to its end first
     # A timer of the last rank, so that ticks of the last instant still happen.
     await runtime.clock.sleep(0, rank=2)
 

@@ -18,7 +18,54 @@ def test_check_notes_what_an_ensemble_waits_for(mdm, tmp_path):
     status, lines, _ = mdm("check", tmp_path / "robot.toml")
     assert status == 0
     assert "note: ensemble 'robot' has no states: it waits for code that publishes what it decides on" in lines[0]
-    assert mdm("check", EXAMPLES / "patrol" / "patrol.toml")[1][0].endswith("no problems found")
+    _, lines, _ = mdm("check", EXAMPLES / "patrol" / "patrol.toml")
+    assert not any("waits for code" in line for line in lines)
+
+
+GOING = """
+[predicates]
+At = { set = "Go.succeeded", reset = "Back.succeeded" }
+On = {}
+Off = {}
+
+[events]
+Stuck = "Back.failed or Back.timed_out"
+
+[ensembles.robot]
+policy = [0, 1, 2]
+states.at = ["At", "Off", "On"]
+actions = { Go = "going:go", Back = { call = "going:back" }, Stop = "going:stop" }
+"""
+CODE = "1 / 0\nasync def go(): ...\nasync def back(): ...\ndef stop(): ...\n"
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({}, ["Go or Back has failed"]),
+        ({'set = "Go.succeeded"': 'set = "Go.failed"'}, ["Back has failed", "Go has succeeded"]),
+        (
+            {'"Go.succeeded", reset = "Back.succeeded"': '"Stuck", reset = "false"'},
+            ["Go has ended", "Back has succeeded"],
+        ),
+        ({'"going:back"': '"going:back", then = "decide"'}, ["Go has failed"]),
+        ({'"going:back"': '"going:back", then = "wait"'}, ["Go has failed"]),
+        ({"policy =": 'on_failed_action = "decide"\npolicy ='}, []),
+        ({"policy =": "drive = 2.0\npolicy ="}, []),
+        ({'"going:go"': '"going:stop"'}, ["Back has failed"]),
+    ],
+)
+def test_check_notes_what_can_end_with_nothing_that_decides_afterwards(mdm, tmp_path, changed, told):
+    text = GOING
+    for old, new in changed.items():
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "robot.toml").write_text(text)
+    (tmp_path / "going.py").write_text(CODE)
+    status, lines, errors = mdm("check", tmp_path / "robot.toml")
+    assert (status, errors) == (0, "")
+    notes = [line.partition("when ")[2].partition(", nothing")[0] for line in lines if "nothing decides" in line]
+    assert sorted(notes) == sorted(told)
 
 
 @pytest.mark.parametrize("file", ["tiger.pomdp", "tiger.vf", "tiger.toml", "patrol/patrol.toml", "patrol/top.policy"])

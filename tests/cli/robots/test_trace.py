@@ -142,6 +142,48 @@ def test_arguments_that_do_not_go_together_are_wrong_usage(mdm, arguments):
     assert errors.splitlines()[-1].startswith("mdm trace: error: ")
 
 
+SHUTTLE = """
+[predicates]
+At = { set = "Go.succeeded", reset = "Back.succeeded" }
+Away = "not At"
+
+[ensembles.robot]
+policy = [0, 1]
+states.at = ["Away", "At"]
+actions = { Go = "shuttle:go", Back = "shuttle:back" }
+"""
+
+
+def shuttle(tmp_path, code):
+    (tmp_path / "robot.toml").write_text(SHUTTLE)
+    if code is not None:
+        (tmp_path / "shuttle.py").write_text(code)
+    return tmp_path / "robot.toml"
+
+
+def test_trace_of_actions_that_take_time_ends_them_by_stimuli(mdm, tmp_path):
+    """Each seemed to succeed at once, which led to the other one: a turn without end."""
+    path = shuttle(tmp_path, "1 / 0\nasync def go(): ...\nasync def back(): ...\n")
+    stimuli = [
+        {"time": 1},
+        {"time": 2, "events": ["Go.succeeded"]},
+        {"time": 3, "events": ["Back.failed"]},
+        {"time": 4, "events": ["Back.succeeded"]},
+    ]
+    status, decisions, told = traced(mdm, path, stdin="\n".join(map(json.dumps, stimuli)))
+    assert status == 0
+    assert [(d["time"], d["action_name"]) for d in decisions] == [(0.0, "Go"), (2.0, "Back"), (4.0, "Go")]
+    assert "action 'Back' failed" in told
+
+
+def test_trace_of_a_turn_without_end_ends_with_a_sentence(mdm, tmp_path):
+    status, _, told = traced(mdm, shuttle(tmp_path, "def go(): ...\ndef back(): ...\n"), stdin='{"time": 1}')
+    assert status == 1
+    (line,) = told.splitlines()
+    assert line.startswith("mdm trace: ")
+    assert "must not bring about that end at once" in line
+
+
 def test_trace_releases_a_robot_that_is_safe(mdm, tmp_path):
     path = tmp_path / "robot.toml"
     path.write_text(

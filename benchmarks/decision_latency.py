@@ -304,18 +304,69 @@ async def saturate(runtime: mdm.Runtime, count: int) -> list[dict[str, Any]]:
     ]
 
 
+class Signalling(Callback):
+    """Tells when it was called, also to a thread that waits for it."""
+
+    def __init__(self) -> None:
+        self.called = threading.Semaphore(0)
+
+    def __call__(self) -> None:
+        """Be the callback."""
+        self.at = now()
+        self.called.release()
+
+
+async def from_threads(runtime: mdm.Runtime, rounds: int, repeats: int) -> list[dict[str, Any]]:
+    """Measure what a thread's stimulus takes while the event loop waits, beside bare calls in the loop."""
+    callback, bare = Signalling(), Signalling()
+    ensemble, sensor = robot("threaded", callback)
+    await runtime.start(ensemble)
+    callback.called = threading.Semaphore(0)  # the start decides, too
+    loop = asyncio.get_running_loop()
+    cases: dict[str, tuple[Signalling, Callable[[int], object]]] = {
+        "sensor set in a thread": (callback, lambda index: sensor.set(index % 2 == 0)),
+        "set in the loop, by call_soon_threadsafe": (
+            callback,
+            lambda index: loop.call_soon_threadsafe(sensor.set, index % 2 == 0),
+        ),
+        "call_soon_threadsafe of a function alone": (bare, lambda _: loop.call_soon_threadsafe(bare)),
+    }
+    latencies: dict[str, list[float]] = {name: [] for name in cases}
+
+    def measured(called: Signalling, stimulus: Callable[[int], object]) -> list[float]:
+        found = []
+        for index in range(repeats):
+            began = now()
+            stimulus(index)
+            called.called.acquire()
+            found.append(called.at - began)
+            time.sleep(0.0005)  # as sensors do: a loop that is awake already would be no fair start
+        return found
+
+    for turn in range(rounds + 1):  # the first warms up
+        for name, case in cases.items():
+            found = await asyncio.to_thread(measured, *case)
+            if turn:
+                latencies[name] += found
+    rows = [{"case": name, **quantiles(found)} for name, found in latencies.items()]
+    return [{**row, "times the function alone": row["median_us"] / rows[-1]["median_us"]} for row in rows]
+
+
 async def main() -> None:
     """Measure, print and write."""
     given = arguments(__doc__ or "")
     rounds, repeats = (1, 50) if given.quick else (10, 3000)
     async with mdm.Runtime(log=None) as runtime:
         compared = await compare(runtime, rounds, repeats)
+        threaded = await from_threads(runtime, rounds, repeats // 5)
         saturated = await saturate(runtime, 1000 if given.quick else 100_000)
     scaled = await scale([1, 10] if given.quick else [1, 10, 100, 300, 1000], 1 if given.quick else 7, repeats * 2)
     table("Stimulus to first line of the callback", compared)
+    table("The same from a thread, while the event loop waits", threaded)
     table("Many ensembles in one process", scaled)
     table("Saturation from another thread", saturated)
-    report("decision_latency", {"latency": compared, "ensembles": scaled, "saturation": saturated}, given.output)
+    results = {"latency": compared, "threads": threaded, "ensembles": scaled, "saturation": saturated}
+    report("decision_latency", results, given.output)
 
 
 if __name__ == "__main__":

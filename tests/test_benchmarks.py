@@ -58,6 +58,9 @@ def test_benchmark(tmp_path, name):
         assert {"mdm: the same, a batch of two sensors", "asyncio tasks, as tight as can be"} <= {
             row["case"] for row in results["latency"]
         }
+        *ours, bare = results["threads"]
+        assert len(ours) == 2
+        assert all(row["median_us"] > bare["median_us"] > 0 for row in ours)
         (saturation,) = results["saturation"]
         assert saturation["lost"] == 0
         assert saturation["stream took"] + saturation["stream dropped (counted)"] == saturation["states"] + 1

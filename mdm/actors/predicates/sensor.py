@@ -49,6 +49,9 @@ class Sensor:
     def set(self, value: bool | np.bool_ | None) -> None:
         """Say whether the predicate holds; None says that it is unknown.
 
+        In the event loop all that follows has happened when this returns, up to the first line of an action's callback.
+        In another thread this wakes the event loop, where it follows, and returns at once.
+
         Raises:
             Error: If the value is no truth value.
         """

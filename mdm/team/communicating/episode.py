@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -39,8 +39,17 @@ class Episode(msgspec.Struct, frozen=True, array_like=True, gc=False):
     token: Name = ""
 
     def supersedes(self, other: Episode | None) -> bool:
-        """Whether it counts in place of another: the later command does, and of two at once the earlier origin."""
-        return other is None or (self.number, -self.origin, self.by) > (other.number, -other.origin, other.by)
+        """Whether it counts in place of another: the later command does, and of two at once the earlier origin.
+
+        Of any two that differ one does, so that all come to the same. Those of one agent at one time differ where
+        another has spoken in its name: then a stop counts.
+        """
+        return other is None or self.rank > other.rank
+
+    @property
+    def rank(self) -> tuple[Any, ...]:
+        """What decides between two; no two that differ have the same."""
+        return self.number, -self.origin, self.by, not self.running, sorted(self.stops.items()), self.token
 
 
 class Stops:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
+import msgspec
 import numpy as np
 import pytest
 from team_robots import Robot, decider, over_beliefs, over_states, started
@@ -13,6 +14,8 @@ import mdm
 from mdm import problems
 from mdm.errors import ConfigError
 from mdm.team import Always, Budget, Knowledge, Never, OnChange, Team, ValueOfCommunication
+from mdm.team.communicating.episode import Word, encode
+from mdm.team.transport.envelope import Packer
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
 
@@ -477,3 +480,26 @@ def test_agents_talk_over_real_sessions():
     mdm.run(main)
     assert all(left == right for left, right in known())
     assert robots[0].replica.statistics().heard > 0
+
+
+@pytest.mark.parametrize("changed", [{"running": False}, {"token": "x"}, {"stops": {"left": 1}}])
+def test_two_in_episodes_that_another_made_unlike_agree_and_do_not_shout_at_each_other(changed):
+    async def main(runtime):
+        robots = left, right = await two(runtime)
+        new = msgspec.structs.replace(left.replica.episode, number=7)
+        for owner, hearer, episode in ((left, right, new), (right, left, msgspec.structs.replace(new, **changed))):
+            word = Word(episode, owner.replica._configuration, (), owner.replica.stops.last)
+            packer, key = Packer(owner.name, owner.transport.incarnation, runtime.clock.now), owner.replica._key
+            packer._numbers[key] = hearer.transport.router.unpacker._last[key].number
+            hearer.transport.arrive(key, packer.pack(key, encode(word)))
+        before = sum(robot.transport.statistics().sent[robot.replica._key].messages for robot in robots)
+        await asyncio.sleep(2 * PERIOD)
+        said = sum(robot.transport.statistics().sent[robot.replica._key].messages for robot in robots)
+        assert said < before + 20
+        assert left.replica.episode == right.replica.episode
+        assert left.ensemble.mode == right.ensemble.mode
+        left.ensemble.start()
+        await asyncio.sleep(3 * PERIOD)
+        assert left.ensemble.mode == right.ensemble.mode == "deciding"
+
+    run_virtual(main)

@@ -1,6 +1,7 @@
 """Forged messages: what agents of a team really send, changed at random and sent in their name, on every key.
 
-``python -m team.forgery COUNT [SEED]`` sends so many to teams of each mode, and prints what they did to them.
+Questions, answers and signs of life are forged as well. ``python -m team.forgery COUNT [SEED]`` sends so many to teams
+of each mode, and prints what they did to them.
 """
 
 from __future__ import annotations
@@ -9,25 +10,32 @@ import asyncio
 import random
 import struct
 import sys
+from bisect import bisect_right
 from collections import Counter
+from operator import itemgetter
 
 import msgspec
-from team_robots import over_beliefs, started
+from team_robots import Robot, over_beliefs, over_states
 from teams import team as random_team
 
+import mdm
 from mdm.team.team import Team
+from mdm.team.transport.envelope import Packer
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
 
-NAMES = ("a", "b", "c")
 MODES = ("replicated", "centralised", "communicating")
+KINDS = ("observations", "states", "events")
 LEASE = 1.0
 OFTEN = 0.05
+OLDEST = 10
+STORM = 20_000
+"""Messages in a second that agents never send, but where they answer each other without an end."""
 TOGETHER = 400
 """Forged messages of one team, in a minute and more of its time."""
 
 NUMBERS = (-(2**63), -1, 0, 1, 2, 3, 64, 2**31, 2**62, 2**63 - 1, 2**64 - 1)
-TEXTS = ("", "a", "b", "c", "start", "stop", "x" * 300, "\x00", "mallory")
+TEXTS = ("", "a", "b", "c", "start", "stop", "hold", "reset", "resume", "begin", "x" * 300, "\x00", "mallory")
 HEAD = struct.Struct("<2sH?QB")
 TAIL = struct.Struct("<Qq")
 
@@ -39,11 +47,22 @@ class Tapped(Network):
         super().__init__(*args, **options)
         self.heard = {}
 
+        self.since = self.count = 0
+        self.forge = None
+        """Changes answers, while there is a forger."""
+
     def send(self, sender, receiver, deliver):
-        if getattr(deliver, "func", None) == receiver.arrive:
+        now = self.clock.now()
+        self.since, self.count = (self.since, self.count + 1) if now - self.since < 10**9 else (now, 1)
+        if self.count > STORM:
+            raise AssertionError(f"the agents send {STORM:,} messages in a second")
+        function = getattr(deliver, "func", None)
+        if function == receiver.arrive:
             key, data = deliver.args
             self.heard.setdefault(key, []).append(data)
-            del self.heard[key][:-50]
+            del self.heard[key][OLDEST : -5 * OLDEST]
+        elif getattr(function, "__name__", "") == "_take" and self.forge is not None:
+            deliver = self.forge(sender, deliver)
         super().send(sender, receiver, deliver)
 
 
@@ -53,17 +72,57 @@ class Forger:
     Args:
         network: A tapped one, on which the agents are.
         seed: Of its chances.
+        names: In whose name it sends: of all agents, or with certificates of the one whose certificate it has.
     """
 
-    def __init__(self, network, seed):
+    def __init__(self, network, seed, names):
         self.network = network
+        self.names = names
         self.random = random.Random(seed)
-        self.sent = 0
+        self.asker = Packer("asker", 1, network.clock.now)
 
     def send(self):
         """Send one more, of any key and in any form, to one agent or to all."""
+        kind = self.random.random()
+        if kind < 0.85:
+            self.put()
+        elif kind < 0.97:
+            self.ask()
+        else:
+            self.appear()
+
+    def answer(self, sender, deliver):
+        """Return in place of an answer on its way another one, at times."""
+        if self.random.random() < 0.8 or sender not in self.names:
+            return deliver
+        key, data = deliver.args
+        return type(deliver)(deliver.func, key, self.flip(data) if self.random.random() < 0.3 else self.reword(data))
+
+    def ask(self):
+        """Ask an agent what it answers, as whoever asks or as one of the team."""
         chance = self.random
-        key = chance.choice(sorted(self.network.heard))
+        other = chance.choice(self.network.others(""))
+        key = chance.choice(sorted(other.router.served()))
+        question = self.asker.seal(chance.choice([b"", b"token", chance.randbytes(70), b"\x80"]))
+        other.router.answer(key, self.flip(question) if chance.random() < 0.3 else question)
+
+    def appear(self):
+        """Have an agent see lives of others that there are not, for a moment."""
+        chance, clock = self.random, self.network.clock
+        receiver = chance.choice(self.network.others(""))
+        false = {chance.choice([*self.names, "d"]): chance.choice([0, 1, 2, 2**62, 2**64 - 1])}
+        receiver.router.see({**receiver.router.live, **false, receiver.agent: receiver.incarnation})
+        clock.call_at(clock.now() + 10**8, receiver.look)
+
+    def reword(self, data):
+        """Return a message whose body was changed, as its owner would send it next."""
+        start = HEAD.size + HEAD.unpack_from(data)[-1] + TAIL.size
+        return data[:start] + self.change_body(data[start:])
+
+    def put(self):
+        """Put a message as an agent."""
+        chance = self.random
+        key = chance.choice(sorted(key for key in self.network.heard if key.split("/")[2] in self.names))
         data = chance.choice(self.network.heard[key])
         owner = key.split("/")[2]
         receivers = self.network.others(owner)
@@ -71,7 +130,6 @@ class Forger:
             receivers = [chance.choice(receivers)]
         for receiver in receivers:
             receiver.arrive(key, self.forge(key, data, receiver))
-        self.sent += 1
 
     def forge(self, key, data, receiver):
         """Return a message that was changed."""
@@ -92,12 +150,25 @@ class Forger:
             life = chance.choice([life, life + 1, 1, 0, 2**64 - 1])
             number = chance.choice([number, number + 5, 2**63, 2**64 - 1])
             time = chance.choice([time, *NUMBERS[:-1]])
-        elif kind < 0.3:
+        elif kind < 0.4:
+            body = self.splice(body, chance.choice(self.network.heard[key])[start + TAIL.size :])
+        elif kind < 0.45:
             other = chance.choice(sorted(self.network.heard))
             body = chance.choice(self.network.heard[other])[start + TAIL.size :]
         else:
             body = self.change_body(body)
         return HEAD.pack(magic, version, step, life, length) + owner + TAIL.pack(number, time) + body
+
+    def splice(self, one, other):
+        """Return a body of which a field is that of another message under the same key, or all are: an old one."""
+        try:
+            one, other = msgspec.msgpack.decode(one), msgspec.msgpack.decode(other)
+        except (msgspec.MsgspecError, ValueError):
+            return other
+        if isinstance(one, list) and isinstance(other, list) and one and len(one) == len(other):
+            place = self.random.randrange(len(one))
+            other = self.random.choice([other, [*one[:place], other[place], *one[place + 1 :]]])
+        return msgspec.msgpack.encode(other)
 
     def flip(self, data):
         changed = bytearray(data)
@@ -141,36 +212,81 @@ class Forger:
         return chance.choice([None, 0, -1, "", [], {}, b"", 1.5, float("nan"), 1e308])
 
 
+class Watched(Robot):
+    """A robot that keeps when it began its actions."""
+
+    def __init__(self, *args, **options):
+        self.began = []
+        super().__init__(*args, **options)
+
+    def act(self, name):
+        begin = super().act(name)
+
+        def act():
+            self.began.append((self.runtime.clock.now(), name))
+            begin()
+
+        return act
+
+
+def undecided(robots, deciding):
+    """Return in sentences the actions that were begun without being what any of those who decide had decided last."""
+    told = [[(commit.time, commit.action.split()) for commit in robot.commits if commit.action] for robot in deciding]
+    wrong = []
+    for place, robot in enumerate(robots):
+        for time, name in robot.began:
+            until = [bisect_right(steps, time, key=itemgetter(0)) for steps in told]
+            last = [step for steps, end in zip(told, until, strict=True) for step in steps[max(end - 2, 0) : end]]
+            if all(action[place] != name for _, action in last):
+                wrong.append(f"{robot.name} began {name!r} at {time / 1e9:.3f} s, which nobody had decided")
+    return wrong
+
+
+def with_predicates(robot, agent, **options):
+    """A robot of `rooms` that also uses a predicate of the other one."""
+    ensemble = over_states(robot, agent, **options)
+    ensemble.predicates.define("Alone", ~mdm.P(f"{'ba'[agent]}/InLab"))
+    return ensemble
+
+
 def attacked(mode, seed, count=TOGETHER):
-    """Have a team be sent so many; return what is wrong afterwards, in sentences, and what its agents dropped."""
+    """Have a team be sent so many; return what is wrong afterwards, in sentences, and what its agents dropped.
+
+    Every other team has certificates: what is forged is then of one of its agents alone.
+    """
+    kind = "observations" if mode == "communicating" else KINDS[seed // 3 % 3]
+    names = ("a", "b") if kind == "states" else ("a", "b", "c")
+    liar = names[seed // 18 % len(names)] if seed // 9 % 2 else None
     wrong, dropped = [], Counter()
 
     async def main(runtime):
         network = Tapped(runtime.clock, seed=seed)
-        team = Team("team", NAMES, mode=mode, period=OFTEN, lease=LEASE)
-        build = over_beliefs(random_team(seed % 1000, agents=3))
-        robots = await started(runtime, team, network, build, member=shares)
+        team = Team("team", names, mode=mode, period=None if kind == "events" else OFTEN, lease=LEASE)
+        build = with_predicates if kind == "states" else over_beliefs(random_team(seed % 1000, agents=3))
+        robots = [Watched(team, name, network, build, member=lambda name: shares(name, names)) for name in names]
+        for robot in robots:
+            await robot.start(runtime)
+        living = asyncio.create_task(live(robots, kind, random.Random(seed)))
         await asyncio.sleep(2 * LEASE + 1)
         if not all(robot.did for robot in robots):
             wrong.append("something is wrong before")
-        forger = Forger(network, seed)
+        forger = Forger(network, seed, names if liar is None else [liar])
+        network.forge = forger.answer
         for _ in range(count):
             forger.send()
             await asyncio.sleep(forger.random.choice([0, 0, 0.001, 0.01, 0.1]))
+        network.forge = None
         await asyncio.sleep(2 * LEASE)
+        wrong.extend(await standing(robots, "two leases later"))
         for robot in robots:
             dropped.update(robot.transport.statistics().dropped)
-            if robot.ensemble.mode == "stopped" or robot.replica.still:
-                robot.ensemble.start()  # somebody has said in an agent's name that it stops
+            if robot.ensemble.mode == "stopped":  # somebody has said in an agent's name that it stops
+                robot.ensemble.start()
         await asyncio.sleep(2 * LEASE)
-        before = [len(robot.did) for robot in robots]
-        await asyncio.sleep(2 * LEASE)
-        for robot, had in zip(robots, before, strict=True):
-            if robot.member.life != "running":
-                wrong.append(f"{robot.name} has ended: {robot.faults[-1]}")
-            elif len(robot.did) == had:
-                causes = [str(cause) for cause in robot.ensemble.causes]
-                wrong.append(f"{robot.name} does nothing more: {robot.ensemble.mode} {causes} {robot.faults[-1]}")
+        wrong.extend(await standing(robots, "two leases after a start", started=True))
+        others = mode == "centralised" and liar not in {None, "a"}
+        wrong.extend(undecided(robots, robots[:1] if others else robots))
+        living.cancel()
 
     try:
         run_virtual(main)
@@ -179,9 +295,44 @@ def attacked(mode, seed, count=TOGETHER):
     return wrong, dropped
 
 
-def shares(name):
+async def live(robots, kind, chance):
+    """Have robots see something all the time."""
+    while True:
+        robot = chance.choice(robots)
+        if kind == "states":
+            robot.lab.set(chance.random() < 0.5)
+        else:
+            seen = [None] * len(robots)
+            seen[robots.index(robot)] = chance.randrange(2)
+            robot.observe(*seen)
+        await asyncio.sleep(0.02)
+
+
+async def standing(robots, when, *, started=False):
+    """Return in sentences who has ended, or takes no steps in half a lease; a stopped one need not before a start."""
+    before = [(len(robot.did), len(robot.commits)) for robot in robots]
+    await asyncio.sleep(LEASE / 2)
+    wrong = []
+    for robot, (done, steps) in zip(robots, before, strict=True):
+        stands = f"{robot.ensemble.mode} {[*map(str, robot.ensemble.causes)]}, {robot.replica.statistics()}"
+        if robot.member.life != "running":
+            wrong.append(f"{robot.name} has ended: {robot.faults[-1]}")
+        elif robot.ensemble.mode == "stopped" and not started:
+            continue
+        elif len(robot.commits) == steps:
+            wrong.append(f"{when} {robot.name} takes no steps: {stands}")
+        elif len(robot.did) == done:
+            wrong.append(f"{when} {robot.name} does nothing: {stands}")
+    return wrong
+
+
+def shares(name, names):
     """What each agent exports, and imports of the others."""
-    return {"exports": ["joint/belief"], "imports": [f"{other}/joint/belief" for other in NAMES if other != name]}
+    channel = "belief" if len(names) == 3 else "action"
+    return {
+        "exports": [f"joint/{channel}"],
+        "imports": [f"{other}/joint/{channel}" for other in names if other != name],
+    }
 
 
 def main(count, first=0):

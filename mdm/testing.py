@@ -38,7 +38,7 @@ def run_virtual(main: Callable[[Runtime], Coroutine[Any, Any, T]], **options: An
     results: list[T] = []
 
     async def program() -> T:
-        async with Runtime(**{"log": None, **options}) as runtime:
+        async with Runtime(**{"log": False, **options}) as runtime:
             results.append(await main(runtime))
         return results[0]
 

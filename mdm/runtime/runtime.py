@@ -22,6 +22,7 @@ from mdm.runtime.clock import Clock, WallClock
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.emergency import Emergency, check_emergency
 from mdm.runtime.executors import unwatch, watch
+from mdm.runtime.first_failures import FirstFailures
 from mdm.runtime.log import Log
 from mdm.runtime.sharing import Sharing
 from mdm.runtime.signals import Signals
@@ -93,9 +94,10 @@ class Runtime:
     Args:
         clock: Whose time; where none is given, a `VirtualClock` inside a program that `mdm.run` runs in virtual time,
             else a `WallClock`.
-        log: ``"console"`` or ``"json"`` lines on standard error, a structlog logger of your own, a `Log`, or None for
-            silence. It tells faults, modes, and the lives of the actors at the top. Lines are written on a thread of
-            their own; where nobody reads them, some are lost and counted.
+        log: ``"console"`` or ``"json"`` lines on standard error, a structlog logger of your own, or a `Log`: it tells
+            faults, modes, and the lives of the actors at the top. Lines are written on a thread of their own; where
+            nobody reads them, some are lost and counted. With None the first failure of each action is printed, and
+            nothing else; with False nothing at all.
         debug: Log decisions too, and the lives of all actors.
         watchdog: Seconds for which the event loop may stand still before a thread reports it, with the stack of what
             holds it, at once in the log and as a fault ``stall`` when the loop turns again; None for no watchdog. In
@@ -145,7 +147,8 @@ class Runtime:
         self.decisions = self.channel("decisions", Decision)
         self.modes = self.channel("modes", Mode)
         self.idles = self.channel("idles", Idle)
-        self._log = log if log is None or isinstance(log, Log) else Log(log, debug=debug)
+        self._first_failures = FirstFailures() if log is None else None
+        self._log = None if log is None or log is False else log if isinstance(log, Log) else Log(log, debug=debug)
         virtual = isinstance(self.clock, VirtualClock)
         self._emergency = Emergency(lambda detail: self._alarm("emergency", detail), threads=not virtual)
         if emergency is not None:
@@ -326,6 +329,8 @@ class Runtime:
         watch(loop)
         if self._log is not None:
             self._log.open(self)
+        if self._first_failures is not None:
+            self._first_failures.open(self)
         if self._watchdog is not None:
             self._watchdog.open(loop)
         # The tree has a task of its own, so that a cancelled program still stops it in order.
@@ -389,8 +394,9 @@ class Runtime:
             self.dispatcher.close()
             self.clock.close()
             unwatch(tree.get_loop())
-            if self._log is not None:
-                self._log.close()
+            for told in (self._log, self._first_failures):
+                if told is not None:
+                    told.close()
             self._signals.close()
 
     async def _end(self, tree: asyncio.Task[None], *, pressed: bool = False) -> None:

@@ -87,7 +87,7 @@ class Scenario:
     async def _live(self):
         """Be the program: enter the runtime, let things happen, and leave it, here or in another task."""
         journal, draw = self.journal, self.random
-        runtime = journal.runtime = mdm.Runtime(log=None)
+        runtime = journal.runtime = mdm.Runtime(log=False)
         elsewhere = draw.random() < 0.2
         began = None
         try:

@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
     stimuli, problem = read_stimuli(sys.stdin.buffer, system)
 
     async def main() -> None:
-        async with Runtime(log=None) as runtime:
+        async with Runtime(log=False) as runtime:
             runtime.faults.subscribe(partial(_tell, runtime))
             runtime.decisions.subscribe(_printer(runtime, several=len(system.ensembles) > 1))
             await runtime.start(system)

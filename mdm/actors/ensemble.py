@@ -548,7 +548,11 @@ def _agent_actions(
             raise ConfigError(f"there is no agent {agent!r}: without a model there is one, 0", key="agent")
         if isinstance(actions, Mapping) and actions and all(isinstance(key, str) for key in actions):
             if len(actions) != count:
-                raise ConfigError(f"the policy has {count} actions, but {len(actions)} are bound", key="actions")
+                are = "one is" if len(actions) == 1 else f"{len(actions)} are"
+                text = (
+                    f"the policy has {count} actions, but {are} bound ({', '.join(actions)}): each needs one, in order"
+                )
+                raise ConfigError(text, key="actions")
             return tuple(actions), None, 0
         return tuple(str(index) for index in range(count)), None, 0
     agents = space.factors

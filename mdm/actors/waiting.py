@@ -84,4 +84,6 @@ class Waiting:
         self.names = self._wanted()
         if self._waits and self.names and self.names != self._told:
             self._told = self.names
-            self._ensemble.report("waiting", f"cannot decide: unknown is {', '.join(self.names)}")
+            *most, last = self.names
+            names = f"{', '.join(most)} and {last} are" if most else f"{last} is"
+            self._ensemble.report("waiting", f"cannot decide while {names} unknown")

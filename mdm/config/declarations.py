@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from mdm.actors import PredicateManager
-from mdm.actors.predicates.declarations import ACTION_END
+from mdm.actors.predicates.declarations import ACTION_END, near_end
 from mdm.config.tables import EventTable, PredicateTable
 from mdm.errors import ConfigError
 from mdm.logic import Formula, parse, similar
@@ -122,7 +122,7 @@ class Declarations:
                     with self._problems.collecting(key):
                         self._share.check_name(name, self.manager.declared.names)
                 if self.manager.declared.knows(name) is None:
-                    hint = similar(name, self.manager.declared.names)
+                    hint = similar(name, self.manager.declared.names) or near_end(name)
                     user = key.partition(".")[2]
                     self._problems.add(f"{user!r} uses {name!r}, which is not declared{hint}", key)
         return len(self._problems) > before

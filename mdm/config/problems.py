@@ -87,7 +87,7 @@ class Problems:
         if text.startswith("Invalid enum value"):
             choices = ", ".join(map(repr, _choices(get_type_hints(kind)[field] if field else kind)))
             text = f"{text.removeprefix('Invalid enum value ')} is not one of {choices}"
-        self.add(text, f"{key}{place}")
+        self.add(text.replace(" | null", ""), f"{key}{place}")  # TOML has none
         return field or None
 
 

@@ -100,7 +100,7 @@ class MDP:
         )
         self._initial_belief = distribution(
             np.full(num_states, 1 / num_states) if initial_belief is None else initial_belief,
-            what="the start",
+            what="the initial belief",
             size=num_states,
         )
 

@@ -387,7 +387,9 @@ class Actor:
 
     async def __start(self, child: Actor) -> None:
         if self.__group is None:
-            raise Error(f"actor {self.path!r} does not run, so it cannot start {child.name!r}")
+            who = f"actor {self.path!r}" if self.path else "the runtime"
+            remedy = "" if self.path else ": start it inside `async with Runtime() as runtime`"
+            raise Error(f"{who} does not run, so it cannot start {child.name!r}{remedy}")
         await child.live_in(self.__group, self.runtime)
 
     async def live_in(self, group: TaskGroup, runtime: Runtime) -> None:

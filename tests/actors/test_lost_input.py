@@ -44,7 +44,7 @@ def test_with_continue_or_without_a_safe_action_the_old_action_goes_on_and_waiti
         sensor.set(None)
         await asyncio.sleep(2)
         assert one.action.live == ("A",)
-        assert [(fault.kind, fault.detail) for fault in faults] == [("waiting", "cannot decide: unknown is S")]
+        assert [(fault.kind, fault.detail) for fault in faults] == [("waiting", "cannot decide while S is unknown")]
 
     run_virtual(main)
 

@@ -33,9 +33,9 @@ def test_it_is_told_once_and_again_when_it_changes():
         await runtime.start(robot)
         assert robot.statistics().waiting == ("Q", "S")
         await asyncio.sleep(5)
-        assert waits(faults) == [(1.0, "cannot decide: unknown is Q, S")]
+        assert waits(faults) == [(1.0, "cannot decide while Q and S are unknown")]
         sensor.set(True)
-        assert waits(faults)[1:] == [(5.0, "cannot decide: unknown is Q")]
+        assert waits(faults)[1:] == [(5.0, "cannot decide while Q is unknown")]
         assert robot.statistics().waiting == ("Q",)
         other.set(True)
         await asyncio.sleep(5)
@@ -43,7 +43,7 @@ def test_it_is_told_once_and_again_when_it_changes():
         assert len(waits(faults)) == 2
         other.set(None)
         await asyncio.sleep(5)
-        assert waits(faults)[2:] == [(11.0, "cannot decide: unknown is Q")]
+        assert waits(faults)[2:] == [(11.0, "cannot decide while Q is unknown")]
 
     run_virtual(main)
 
@@ -77,7 +77,7 @@ def test_a_child_waits_once_it_is_started_and_a_stopped_one_does_not():
         await runtime.start(top)
         await asyncio.sleep(5)
         assert [fault.source for fault in faults] == ["top"]
-        assert faults[0].detail == "cannot decide: unknown is a state on top/state"
+        assert faults[0].detail == "cannot decide while a state on top/state is unknown"
         top.publish_state(0)
         await asyncio.sleep(5)
         assert [fault.source for fault in faults] == ["top", "top/child"]

@@ -134,6 +134,19 @@ def test_what_an_end_cannot_be_followed_by(folder, wrong):
     assert caught.value.problems[0].key.startswith("ensembles.below.actions.Work")
 
 
+def test_a_misspelt_end_of_an_action_is_told_with_the_near_one(folder):
+    text = GOOD.replace("[predicates]", '[predicates]\nTired = { set = "Work.succeded", reset = "A" }', 1)
+    with pytest.raises(ConfigError, match="uses 'Work.succeded', which is not declared; did you mean 'Work.suc"):
+        load_system(written(folder, text, "robot.toml"))
+
+
+def test_what_was_expected_is_nothing_that_toml_has_not(folder):
+    with pytest.raises(ConfigError) as caught:
+        load_system(written(folder, GOOD.replace("timeout = 3.0", 'timeout = "3"'), "robot.toml"))
+    assert "null" not in str(caught.value)
+    assert "Expected `float`" in str(caught.value)
+
+
 def test_the_options_of_safety_reach_their_ensemble(folder, monkeypatch):
     options = {
         "on_impossible": "safe_action",

@@ -93,7 +93,7 @@ def test_problems_are_collected_and_put_right():
             ("T of action '2': -1 in the row of '1' is not a probability", False),
             ("T of action '2': the row of '0' sums to 2, not to 1", True),
             ("T of action '2': the row of '1' sums to 2, not to 1", True),
-            ("the start sums to 0.5, not to 1", True),
+            ("the initial belief sums to 0.5, not to 1", True),
         ]
         for action in range(3):
             np.testing.assert_allclose(dense(model.transition_matrix(action)).sum(axis=1), 1)

@@ -69,7 +69,7 @@ def test_arrays_cannot_be_changed():
         ({"discount": 1.01}, "not 1.01"),
         ({"discount": "x"}, "at most 1, not 'x'"),
         ({"discount": True}, "at most 1, not True"),
-        ({"initial_belief": [0.5, 0.6]}, "the start sums to 1.1"),
+        ({"initial_belief": [0.5, 0.6]}, "the initial belief sums to 1.1"),
         ({"initial_belief": [1.0]}, "needs 2 numbers"),
         ({"states": ["a", "b", "c"]}, "for 2 states and 2 actions, but there are 3 and 2"),
     ],

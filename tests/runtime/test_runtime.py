@@ -198,3 +198,11 @@ def test_what_has_no_limit_of_its_own_is_broken_off_a_moment_after_a_cancellatio
     log = []
     assert run(main, virtual=True) == 10 * again
     assert log[-1] == ("stop", "endless")
+
+
+def test_an_actor_needs_a_runtime_that_was_entered():
+    async def main():
+        await Runtime(log=None).start(PredicateManager("robot"))
+
+    with pytest.raises(Error, match="the runtime does not run, so it cannot start 'robot': start it inside"):
+        run(main, virtual=True)

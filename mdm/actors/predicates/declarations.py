@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from typing import TYPE_CHECKING, Literal
 
@@ -13,11 +14,22 @@ if TYPE_CHECKING:
 
     from mdm.logic import Formula
 
-__all__ = ["ACTION_END", "Declarations", "Kind"]
+__all__ = ["ACTION_END", "Declarations", "Kind", "near_end"]
 
 Kind = Literal["predicate", "event"]
 
-ACTION_END = re.compile(r".+\.(running|succeeded|failed|preempted|timed_out|abandoned|gave_up)")
+
+_ENDS = ("running", "succeeded", "failed", "preempted", "timed_out", "abandoned", "gave_up")
+
+
+ACTION_END = re.compile(rf".+\.({'|'.join(_ENDS)})")
+
+
+def near_end(name: str) -> str:
+    """Return a hint at the end of an action that a wrong name is near, or an empty text."""
+    action, _, end = name.rpartition(".")
+    near = difflib.get_close_matches(end, _ENDS, n=1)
+    return f"; did you mean {f'{action}.{near[0]}'!r}?" if action and near else ""
 
 
 class Declarations:
@@ -168,6 +180,8 @@ class Declarations:
                 continue
             if ACTION_END.fullmatch(name):
                 network.add_event(name)
+            elif hint := near_end(name):
+                raise ConfigError(f"{name!r} is used, but not declared{hint}", key=name)
             elif "/" in name:
                 network.add_input(name, told.get(name))
         return network

@@ -52,7 +52,7 @@ class _Factored(MDP):
     def initial_belief(self) -> Vector:
         """The distribution of the first state: S numbers, read-only."""
         first = flattening.first_distribution(self.network)
-        return distribution(first, what="the start", size=len(self.network.states))
+        return distribution(first, what="the initial belief", size=len(self.network.states))
 
     @cached_property
     def matrix_size(self) -> MatrixSize:

@@ -329,7 +329,10 @@ def test_a_whole_team_is_run_under_the_scope_of_each_agent():
         ({"policy": PLAN, "rewards": [[0, 0, 0]]}, "a plan has no belief to expect rewards by"),
         ({"policy": PLAN, "false_negative": 0}, "false negatives need a POMDP"),
         ({"policy": PLAN, "on_no_observation": "x"}, "on_no_observation is 'predict', 'repeat' or"),
-        ({"policy": ROUND, "actions": {"a": nothing}}, "the policy has 2 actions, but 1 are bound"),
+        (
+            {"policy": ROUND, "actions": {"a": nothing}},
+            "the policy has 2 actions, but one is bound (a): each needs one, in order",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(options, words):

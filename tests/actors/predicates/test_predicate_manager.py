@@ -205,6 +205,10 @@ def test_wrong_declarations(declare, message):
     [
         (lambda m: (m.define("A", "B"), m.define("B", "A")), "cycle"),
         (lambda m: m.define("A", "Nothing"), "'Nothing', which is not declared"),
+        (
+            lambda m: m.latch("A", set="Go.faild", reset="Go.running"),
+            "'Go.faild' is used, but not declared; did you mean",
+        ),
     ],
 )
 def test_what_only_the_whole_shows_is_refused_at_start(declare, message):

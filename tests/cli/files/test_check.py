@@ -116,7 +116,7 @@ def test_check_tells_all_problems_of_a_model_at_once(mdm, tmp_path):
         "broken.pomdp:9:15: -0.5 is not a probability",
         "broken.pomdp:18:9: 'nowhere'",
         "no 'T' statement is given for action 'wait'",
-        "the start sums to 0.9",
+        "the initial belief sums to 0.9",
         "T of action 'go': the row of 'a' sums to 0.9, not to 1",
         "T of action 'go': the row of 'c' sums to 0, not to 1",
         "O of action 'go': the row of 'c' sums to 1.1, not to 1",

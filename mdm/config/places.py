@@ -53,6 +53,7 @@ def read_places(
             tolerance=table.tolerance,
             prefix=table.prefix,
             outside=table.outside,
+            tour=table.tour,
         )
         with problems.collecting("places.navigator"):
             reference = _navigator(table.navigator, share)

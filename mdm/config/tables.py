@@ -159,6 +159,7 @@ class PlacesTable(_Table, frozen=True):
     tolerance: Annotated[float, Meta(ge=0)] = 0.3
     prefix: str = ""
     outside: Literal["unknown", "keep"] = "unknown"
+    tour: list[str] = []
     navigator: str | dict[str, str] | None = None
 
 

@@ -28,7 +28,7 @@ RADIUS = 0.25
 """The radius of a robot, in metres, if nobody says another."""
 MARGIN = 0.3
 """How deep inside a place a robot must be that comes into it, in metres, if nobody says another."""
-_TOLD = ("entered", "left", "at_goal", "arrived", "reached")
+_TOLD = ("entered", "left", "at_goal", "arrived", "reached", "next")
 """What is told of a place, after its name and a dot."""
 _SLACK = 1e-9
 _SHOWN = 200

@@ -31,10 +31,23 @@ if TYPE_CHECKING:
     from mdm.maps.map import Map
     from mdm.models.matrices import Vector
 
-__all__ = ["POSITION", "FloorFactor", "arrivals", "chances", "durations", "latch", "model", "sightings"]
+__all__ = [
+    "NEXT",
+    "POSITION",
+    "FloorFactor",
+    "arrivals",
+    "chances",
+    "durations",
+    "latch",
+    "model",
+    "sightings",
+    "visits",
+]
 
 POSITION = "position"
 """The factor of the place."""
+NEXT = "next"
+"""The factor of the place of a tour to which a robot is to come next."""
 _ROUNDING = 1e-6
 _REACH = 4.0
 """Standard deviations beyond which a pose's error is left out."""
@@ -81,6 +94,30 @@ def latch(graph: Graph, name: str, *, on: str, off: str, reward: float = 1.0) ->
         transitions[index] = np.eye(2)[value]
         rewards[index, 1 - value, value] = _number(reward, f"the reward of {name!r}")
     return FloorFactor(name, ("no", "yes"), transitions, rewards)
+
+
+def visits(graph: Graph, order: Sequence[str], *, reward: float = 1.0) -> FloorFactor:
+    """Return the factor `NEXT`: to which place of a tour a robot is to come next, as a patrol of all places needs.
+
+    It changes where the robot comes to that place. `Places` tells the same of a robot that drives, see its `tour`.
+
+    Args:
+        graph: The places.
+        order: The places of the tour, after the last of which it begins anew.
+        reward: What each place earns that is come to in its turn.
+
+    Raises:
+        MapError: If there are fewer than two places, one is unknown or given twice, or the reward is no number.
+    """
+    if len(set(order)) < max(len(order), 2):
+        raise MapError(f"a tour takes two places or more, each of them once, not {', '.join(order) or 'none'}")
+    transitions = np.tile(np.eye(len(order)), (len(graph.nodes), 1, 1))
+    rewards = np.zeros_like(transitions)
+    for value, name in enumerate(order):
+        place, then = graph.names.index(graph.node(name).name), (value + 1) % len(order)
+        transitions[place, value] = np.eye(len(order))[then]
+        rewards[place, value, then] = _number(reward, "the reward of a visit")
+    return FloorFactor(NEXT, tuple(order), transitions, rewards)
 
 
 def model(

@@ -18,6 +18,8 @@ from mdm.runtime import Actor
 from mdm.runtime.clock import check_seconds
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from mdm.actors import PredicateManager
     from mdm.maps.labels import Labels
     from mdm.runtime import Supervision, Timer
@@ -40,7 +42,9 @@ class Places(Actor):
       and the event ``Kitchen.arrived``: when it comes there;
     - with that, the predicate ``Kitchen.reached``: of all goals this is the last one where the robot was; before it was
       at any, that of the place where it is, or of the nearest one by path. From the first pose on one is true: a state
-      factor over these tells where the robot comes from while it drives.
+      factor over these tells where the robot comes from while it drives;
+    - for a `tour`, of each of its places the predicate ``Kitchen.next``: of the tour, this place is the next. One is
+      true; when it is reached, that of the place after it.
 
     A border has a margin: the robot is in another place only where that is at least so far inside it. A cell of no
     place is of the last one, for at most the ``max_age``. A goal is left at the tolerance and the margin. Without a
@@ -60,11 +64,13 @@ class Places(Actor):
         prefix: What all names begin with, as ``IsIn`` in ``IsInKitchen`` and ``IsInKitchen.entered``.
         outside: What counts in cells of no place after the ``max_age``: the place is ``unknown``, or ``keep`` the last
             one until another is entered, as for zones that are islands.
+        tour: Places to come to one after the other, again and again.
         name: Its name among actors.
         supervision: What its failure means.
 
     Raises:
-        ConfigError: If a name is taken, or stands for something else in formulas.
+        ConfigError: If a name is taken, or stands for something else in formulas; or if the tour has fewer than two
+            places, one twice, or one without a goal.
         MapError: If a place has no cell as deep as the margin: it could not be entered.
 
     Attributes:
@@ -85,6 +91,7 @@ class Places(Actor):
         tolerance: float = 0.3,
         prefix: str = "",
         outside: Literal["unknown", "keep"] = "unknown",
+        tour: Sequence[str] = (),
         name: str = "places",
         supervision: Supervision = "escalate",
     ) -> None:
@@ -112,11 +119,15 @@ class Places(Actor):
         self._rooms = tuple(prefix + name for name in self.labels.names)
         self._goal_names = tuple(prefix + node.name for node in nodes)
         self._nodes = {node.name: index for index, node in enumerate(nodes)}
+        self._tour = _tour(tour, [node.name for node in nodes])
         self._declare(max_age)
         self._forget()
 
     def _declare(self, max_age: float) -> None:
-        goals = tuple(f"{name}.{what}" for name in self._goal_names for what in ("at_goal", "reached"))
+        goals = (
+            *(f"{name}.{what}" for name in self._goal_names for what in ("at_goal", "reached")),
+            *(f"{self._goal_names[index]}.next" for index in self._tour),
+        )
         for name in self._rooms:
             if "/" in name or ACTION_END.fullmatch(name):
                 stands = "another agent's predicate" if "/" in name else "the end of an action"
@@ -137,6 +148,7 @@ class Places(Actor):
         self._at: frozenset[int] = frozenset()  # the goals where it is
         self._last_at: frozenset[int] = frozenset()
         self._reached: int | None = None  # the last goal where it was
+        self._turn = 0  # how many places of the tour it has come to, without whole rounds
         self._heads_for: int | None = None  # the goal of the drive that is under way
         self._near_since: int | None = None  # since when it is near that
         self._arrives: asyncio.Future[bool] | None = None  # waits for a pose there
@@ -371,6 +383,10 @@ class Places(Actor):
             values[f"{name}.at_goal"] = index in self._at if self._located else None
             known = self._located and self._reached is not None
             values[f"{name}.reached"] = index == self._reached if known else None
+        if self._tour and self._located and self._reached == self._tour[self._turn]:
+            self._turn = (self._turn + 1) % len(self._tour)
+        for turn, index in enumerate(self._tour):
+            values[f"{self._goal_names[index]}.next"] = turn == self._turn if self._located else None
         told = self._told
         changes = tuple((name, value) for name, value in values.items() if told.get(name, told) is not value)
         self._told = values
@@ -410,6 +426,18 @@ class Places(Actor):
             self._tell()
         self._timer = None
         self._wait()
+
+
+def _tour(tour: Sequence[str], names: Sequence[str]) -> tuple[int, ...]:
+    """Return the goals of a tour by their numbers, after a check."""
+    for name in tour:
+        if name not in names:
+            raise ConfigError(
+                f"the tour comes to {name!r}, and there are goals in {', '.join(names) or 'none'}", key="tour"
+            )
+    if tour and len(set(tour)) < max(len(tour), 2):
+        raise ConfigError(f"a tour takes two places or more, each of them once, not {', '.join(tour)}", key="tour")
+    return tuple(names.index(name) for name in tour)
 
 
 def _check_depths(labels: Labels, margin: float) -> None:

@@ -261,3 +261,17 @@ def test_navigators_of_no_agent_or_not_of_this_one_are_refused(tmp_path, old, ne
 def test_a_navigator_per_agent_is_for_a_team(tmp_path):
     found = problems(tmp_path, FILE.replace('"wheels:Wheels"', '{ ada = "wheels:Wheels" }'))
     assert any(key == "places.navigator" and "for a team's file" in message for key, message in found)
+
+
+def test_a_tour_is_of_the_places(tmp_path):
+    path = file(tmp_path, FILE.replace('prefix = "In"\n', 'prefix = "In"\ntour = ["Hall", "Kitchen"]\n'))
+    system = load_system(path)
+
+    async def main(runtime):
+        await runtime.start(system)
+        await asyncio.sleep(0.2)
+        assert system.predicates.value("InKitchen.next") is True
+
+    run_virtual(main)
+    found = problems(tmp_path, FILE.replace('prefix = "In"\n', 'prefix = "In"\ntour = ["Hall", "Attic"]\n'))
+    assert any(key.startswith("places") and "the tour comes to 'Attic'" in message for key, message in found)

@@ -584,3 +584,40 @@ def test_nobody_is_told_of_faults_where_there_are_none():
         assert watched.faults == []
 
     watch(script)
+
+
+def test_a_tour_tells_which_place_is_next():
+    """Of those in the tour one at a time, from the first pose on, and anew after the last."""
+    floor = row_of_rooms("A", "B", "C", "D")
+
+    def following(watched):
+        values = watched.predicates.values()
+        return {name for name in "ABCD" if values.get(f"{name}.next")}
+
+    async def script(watched):
+        assert "B.next" not in watched.predicates.values()
+        assert watched.predicates.values()["A.next"] is None
+        watched.see(6.0)  # in B, of which the tour knows nothing
+        assert following(watched) == {"A"}
+        for x, expected in ((14.0, "A"), (2.0, "D"), (10.0, "D"), (14.0, "C"), (6.0, "C"), (10.0, "A"), (2.0, "D")):
+            watched.see(x)
+            assert following(watched) == {expected}, x
+        await asyncio.sleep(1)
+        assert watched.predicates.values()["D.next"] is None  # as all else
+        watched.see(6.0)
+        assert following(watched) == {"D"}
+
+    watch(script, floor, tour=["A", "D", "C"])
+
+
+@pytest.mark.parametrize(
+    ("tour", "words"),
+    [
+        (["Hall"], "a tour takes two places or more, each of them once, not Hall"),
+        (["Hall", "Kitchen", "Hall"], "a tour takes two places or more, each of them once"),
+        (["Hall", "Attic"], "the tour comes to 'Attic', and there are goals in Hall, Kitchen"),
+    ],
+)
+def test_tours_that_cannot_be_are_refused(tour, words):
+    with pytest.raises(ConfigError, match=words):
+        Places(TWO, mdm.PredicateManager(), tour=tour)

@@ -12,6 +12,8 @@ from mdm.cli.usage import UsageError, add_discount, count, seconds
 from mdm.errors import Error, MapError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from mdm.maps import Graph, Map
     from mdm.maps.model import FloorFactor
     from mdm.models import FactoredMDP, FactoredPOMDP
@@ -49,6 +51,14 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         type=_latch,
         dest="latches",
         help="a factor that is 'yes' from the place ON to the place OFF, else 'no'; each change earns the reward (1)",
+    )
+    parser.add_argument(
+        "--visit",
+        metavar="PLACE",
+        action="append",
+        default=[],
+        dest="visits",
+        help="a place to come to again and again, in the order of a short tour (the factor 'next'); 'all' for all",
     )
     parser.add_argument(
         "--factors",
@@ -93,11 +103,12 @@ def run(arguments: argparse.Namespace) -> int:
     taken = None
     if arguments.speed is not None:
         taken = arrivals(floor, speed=arguments.speed, radius=_given(arguments.radius, _RADIUS))
-    made = _made(arguments, floor, taken)
+    tour = _tour(arguments, floor)
+    made = _made(arguments, floor, taken, tour)
     save_model(made, arguments.output)
     if arguments.durations is not None and taken is not None:
         save_durations(durations(made, taken, stages=_given(arguments.stages, _STAGES)), arguments.durations)
-    facts = _facts(arguments, made, floor.graph, taken)
+    facts = {**_facts(arguments, made, floor.graph, taken), "tour": list(tour)}
     if arguments.json:
         print(as_json(facts))
     else:
@@ -127,8 +138,11 @@ def _check_usage(arguments: argparse.Namespace) -> None:
         ),
         (arguments.stages is not None and arguments.durations is None, "--stages is for --durations"),
         (
-            arguments.radius is not None and arguments.speed is None and arguments.noise is None,
-            "--radius is for --speed and --noise",
+            arguments.radius is not None
+            and arguments.speed is None
+            and arguments.noise is None
+            and not arguments.visits,
+            "--radius is for --speed, --noise and --visit",
         ),
         (
             arguments.durations is not None and Path(arguments.durations).suffix.lower() != ".npz",
@@ -152,7 +166,9 @@ def _check_usage(arguments: argparse.Namespace) -> None:
             raise UsageError(f"--{option} is given twice for {twice[0]!r}")
 
 
-def _made(arguments: argparse.Namespace, floor: Map, taken: Vector | None) -> FactoredMDP | FactoredPOMDP:
+def _made(
+    arguments: argparse.Namespace, floor: Map, taken: Vector | None, tour: Sequence[str]
+) -> FactoredMDP | FactoredPOMDP:
     """Return the model."""
     import numpy as np  # noqa: PLC0415
 
@@ -166,7 +182,7 @@ def _made(arguments: argparse.Namespace, floor: Map, taken: Vector | None) -> Fa
         seen = sightings(floor, arguments.noise, radius=_given(arguments.radius, _RADIUS))
     return model(
         floor.graph,
-        factors=_factors(arguments, floor.graph),
+        factors=_factors(arguments, floor.graph, tour),
         success=success,
         rewards=dict(arguments.rewards),
         sightings=seen,
@@ -176,12 +192,33 @@ def _made(arguments: argparse.Namespace, floor: Map, taken: Vector | None) -> Fa
     )
 
 
-def _factors(arguments: argparse.Namespace, graph: Graph) -> list[FloorFactor]:
+def _tour(arguments: argparse.Namespace, floor: Map) -> tuple[str, ...]:
+    """Return the places to come to in the order of a tour; none where none are given."""
+    from mdm.maps.model import arrivals  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.maps.tours import tour  # noqa: PLC0415
+
+    graph, given = floor.graph, arguments.visits
+    if not given:
+        return ()
+    lengths = None
+    if floor.grid is not None:
+        taken = arrivals(floor, speed=1.0, radius=_given(arguments.radius, _RADIUS))
+        lengths = {
+            (edge.source, edge.target): float(taken[graph.names.index(edge.source), graph.labels.index(edge.label)])
+            for edge in graph.edges
+        }
+    everywhere = given == ["all"] and "all" not in graph.names
+    return tour(graph, None if everywhere else given, lengths)
+
+
+def _factors(arguments: argparse.Namespace, graph: Graph, tour: Sequence[str]) -> list[FloorFactor]:
     """Return the factors beside the place: latches, then those of the user's function."""
     from mdm.config.functions import find_function  # noqa: PLC0415
-    from mdm.maps.model import FloorFactor, latch  # noqa: PLC0415
+    from mdm.maps.model import FloorFactor, latch, visits  # noqa: PLC0415
 
     factors = []
+    if tour:
+        factors.append(visits(graph, tour))
     for name, text in arguments.latches:
         on, off, reward = _places(graph, text)
         if on == off:
@@ -238,7 +275,7 @@ def _facts(
         "discount": made.discount,
         "discount_of": "a step" if arguments.durations is None else "a second",
         "ways": ways,
-        "earns": bool(arguments.rewards or arguments.latches or arguments.factors),
+        "earns": bool(arguments.visits or arguments.rewards or arguments.latches or arguments.factors),
     }
 
 
@@ -257,6 +294,10 @@ def _tell(facts: dict[str, Any]) -> None:
         for name, time, chance in lines:
             print(f"{name:{widths[0]}}  {time:>{widths[1]}}  {chance:>{widths[2]}}")
         print()
+    if facts["tour"]:
+        places = ", ".join(f'"{name}"' for name in facts["tour"])
+        print(f"tour      {', '.join(facts['tour'])}, and so on")
+        print(f"note: for the factor 'next', write into the table [places] of a TOML file: tour = [{places}]")
     if not facts["earns"]:
         print("note: nothing is earned in it, so that nothing is better than to do nothing: see --reward and --latch")
     if facts["durations"] is not None:

@@ -209,6 +209,31 @@ def test_factors_that_are_none(mdm, floor, tmp_path, function, words):
     assert not (tmp_path / "floor.npz").exists()
 
 
+def test_a_patrol_that_visits_all_places(mdm, floor, tmp_path):
+    """Wherever one begins in the model, by its policy one comes to the place that is next, and that then changes."""
+    model, policy = tmp_path / "floor.npz", tmp_path / "policy.npz"
+    status, output, errors = mdm("map", "model", *floor, "--visit", "all", "--radius", "0.2", "-o", model)
+    assert (status, errors) == (0, "")
+    assert "tour      hall, store, office, and so on" in output
+    assert any(line.endswith('[places] of a TOML file: tour = ["hall", "store", "office"]') for line in output)
+    assert mdm("solve", model, "-o", policy)[0] == 0
+    made, chosen = load_model(model), load_policy(policy)
+    places = ("hall", "office", "store")
+    assert [factor.names for factor in made.state_space.factors] == [places, places]
+    for state in range(9):
+        visited, here = set(), state
+        for _ in range(12):
+            here = int(np.argmax(made.transition_matrix(chosen.action(here))[here]))
+            visited.add(here // 3)
+        assert visited == {0, 1, 2}
+    both = ("--visit", "store", "--visit", "office", "--radius", "0.2")
+    facts = json.loads(mdm("map", "model", *floor, *both, "-o", model, "--json")[1][0])
+    assert facts["tour"] == ["store", "office"]
+    for given, words in (("attic", "there is no place 'attic'"), ("hall", "a tour takes two places or more")):
+        status, _, errors = mdm("map", "model", *floor, "--visit", given, "--radius", "0.2", "-o", model)
+        assert (status, words in errors, "Traceback" in errors) == (1, True, False)
+
+
 def test_places_with_slashes_and_colons(mdm, floor, tmp_path):
     graph = tmp_path / "graph.xml"
     graph.write_text(GRAPH.replace("hall", "a/b").replace("office", "c:2"))
@@ -264,7 +289,7 @@ def test_what_does_not_fit_the_map(mdm, floor, tmp_path, arguments, words):
         ("--speed 1 --period 1 --success 0.5", "leave --success out"),
         ("--stages 2", "--stages is for --durations"),
         ("--speed 1 --period 1 --stages 2", "--stages is for --durations"),
-        ("--radius 0.3", "--radius is for --speed and --noise"),
+        ("--radius 0.3", "--radius is for --speed, --noise and --visit"),
         ("--speed 1 --durations d.txt", "its file ends in .npz"),
         ("--speed 1 --durations floor.npz", "the same file"),
         ("--speed 1 --durations d.npz --discount 1", "time costs nothing"),

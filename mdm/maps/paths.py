@@ -164,19 +164,28 @@ class Paths:
             distances: The metres from each cell to where it leads, as `distances` returns them.
             cell: Where it begins.
         """
-        rows, columns = distances.shape
         way = [cell]
         while distances[way[-1]] > 0:
-            row, column = way[-1]
-            low, left = max(0, row - 1), max(0, column - 1)
-            window = distances[low : min(rows, row + 2), left : min(columns, column + 2)]
-            down, right = divmod(int(window.argmin()), window.shape[1])
-            if not distances[low + down, left + right] < distances[way[-1]]:
+            nearest = min(self._steps(way[-1]), key=distances.__getitem__, default=cell)
+            if not distances[nearest] < distances[way[-1]]:
                 raise MapError(f"there is no way from cell {cell}")
-            way.append((low + down, left + right))
+            way.append(nearest)
         turns, begin = [], 0
         for index in range(2, len(way)):
             if not sees(self.open, way[begin], way[index]):
                 begin = index - 1
                 turns.append(way[begin])
         return [*turns, way[-1]]
+
+    def _steps(self, cell: tuple[int, int]) -> list[tuple[int, int]]:
+        """Return the neighbours of a cell that one comes to in a step, diagonally only past two open cells."""
+        (row, column), (rows, columns) = cell, self.frame.shape
+        return [
+            (below, beside)
+            for below in range(max(0, row - 1), min(rows, row + 2))
+            for beside in range(max(0, column - 1), min(columns, column + 2))
+            if self.open[below, beside]
+            and self.open[row, beside]
+            and self.open[below, column]
+            and (below, beside) != cell
+        ]

@@ -22,6 +22,8 @@ class Committed(Message, frozen=True, gc=False):
         command: ``start``, ``stop``… where the step is one; else None.
         action: The joint action after it, None where there is none.
         digest: Of the copy after it.
+        caught_up: Whether others took it before this agent heard of it, which did nothing of it then; of the last one
+            of these it does the action from now on.
     """
 
     agent: str
@@ -33,6 +35,7 @@ class Committed(Message, frozen=True, gc=False):
     command: str | None
     action: str | None
     digest: str
+    caught_up: bool = False
 
     def line(self) -> bytes:
         """Return it as a line of JSON, with its time in seconds."""
@@ -41,4 +44,6 @@ class Committed(Message, frozen=True, gc=False):
         if self.command is not None:
             told["command"] = self.command
         told |= {"action": self.action, "digest": self.digest}
+        if self.caught_up:
+            told["caught_up"] = True
         return msgspec.json.encode(told) + b"\n"

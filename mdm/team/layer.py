@@ -296,6 +296,7 @@ class TeamLayer(Layer):
         *,
         action: int | None,
         digest: str,
+        caught_up: bool = False,
     ) -> None:
         """Tell of a step, where somebody listens."""
         if self.commits is None or not self.commits.heard:
@@ -312,6 +313,7 @@ class TeamLayer(Layer):
                 command=command,
                 action=None if action is None else self.ensemble.controller.symbols.action_name(action),
                 digest=digest,
+                caught_up=caught_up,
             )
         )
 

@@ -366,6 +366,7 @@ class Replica(TeamLayer):
                 *(term, commit.step, commit.inputs, commit.missing, commit.command),
                 action=self.ensemble.control.acted,
                 digest=self.copy.digest(),
+                caught_up=self._behind,
             )
 
     def _take_command(self, commit: Commit, now: int) -> None:

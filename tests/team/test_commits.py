@@ -35,6 +35,7 @@ def test_a_line_has_everything_in_names():
         "action": "listen listen",
         "digest": "abc",
     }
+    assert json.loads(committed(caught_up=True).line())["caught_up"] is True
     assert committed().line().endswith(b"}\n")
 
 

@@ -168,6 +168,13 @@ def test_who_comes_late_does_what_is_decided_now_and_nothing_of_before():
         await asyncio.sleep(1.0)
         assert right.did == ["listen"]
         assert history(right) == history(left)
+        assert not any(commit.caught_up for commit in left.commits)
+        assert all(commit.caught_up for commit in right.commits)
+        left.observe("hear-left", None)
+        right.observe(None, "hear-left")
+        await asyncio.sleep(1.0)
+        assert right.commits[-1].step > 5
+        assert not right.commits[-1].caught_up
 
     run_virtual(main)
 

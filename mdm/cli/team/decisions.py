@@ -30,6 +30,7 @@ class Line(msgspec.Struct, frozen=True):
     action: str | None
     digest: str
     command: str | None = None
+    caught_up: bool = False
 
     @property
     def place(self) -> str:
@@ -42,6 +43,8 @@ class Told(msgspec.Struct, frozen=True):
 
     Attributes:
         agents: The steps in each agent's file.
+        caught_up: Those of them that were not carried out there, since others had taken them before.
+        pauses: The longest time in seconds from one step that an agent carried out to its next; not after a stop.
         steps: The steps in any file.
         shared: The steps in more than one.
         differing: How many of these are not the same.
@@ -52,6 +55,8 @@ class Told(msgspec.Struct, frozen=True):
     """
 
     agents: dict[str, int]
+    caught_up: dict[str, int]
+    pauses: dict[str, float]
     steps: int
     shared: int
     differing: int
@@ -141,6 +146,8 @@ def _told(lines: list[Line]) -> Told:
     longest = max(follows, key=lambda pair: pair[1].time - pair[0].time, default=None)
     return Told(
         agents={agent: len(places) for agent, places in sorted(agents.items())},
+        caught_up={agent: sum(line.caught_up for line in lines if line.agent == agent) for agent in sorted(agents)},
+        pauses={agent: _pause([line for line in lines if line.agent == agent]) for agent in sorted(agents)},
         steps=len(steps),
         shared=sum(len(each) > 1 for each in steps.values()),
         differing=len(differences),
@@ -149,6 +156,12 @@ def _told(lines: list[Line]) -> Told:
         before=longest[0].place if longest else None,
         after=longest[1].place if longest else None,
     )
+
+
+def _pause(lines: list[Line]) -> float:
+    """Return the longest time from one step that an agent carried out to its next."""
+    done = sorted((line for line in lines if not line.caught_up), key=lambda line: line.time)
+    return max((after.time - before.time for before, after in pairwise(done) if before.command != "stop"), default=0.0)
 
 
 def _difference(lines: list[Line]) -> str | None:
@@ -163,7 +176,10 @@ def _difference(lines: list[Line]) -> str | None:
 
 
 def _text(ensemble: str, told: Told) -> list[str]:
-    agents = ", ".join(f"{count:,} of {agent}" for agent, count in told.agents.items())
+    agents = ", ".join(
+        f"{count:,} of {agent}" + (f", {told.caught_up[agent]:,} of them caught up" if told.caught_up[agent] else "")
+        for agent, count in told.agents.items()
+    )
     same = "the same at all of them" if told.difference is None else f"and {told.differing:,} of these differ"
     text = [
         f"{ensemble}: {told.steps:,} steps ({agents})",
@@ -174,4 +190,7 @@ def _text(ensemble: str, told: Told) -> list[str]:
         text.append("  (agents of a communicating team decide each on what it knows, and may differ; others may not)")
     if told.before is not None:
         text.append(f"  longest time without a decision: {told.pause:.3f} s, from {told.before}, to {told.after}")
+        longest = max(told.pauses, key=lambda agent: (told.pauses[agent], agent))
+        if told.pauses[longest] > told.pause:
+            text.append(f"  longest at one agent: {told.pauses[longest]:.3f} s at {longest}")
     return text

@@ -63,6 +63,20 @@ def test_after_a_stop_nobody_is_to_decide(folder):
     assert tell(read([folder / "a.jsonl"]))["joint"].pause == 0.5
 
 
+def test_steps_that_an_agent_caught_up_with_are_not_its_own(mdm, tmp_path):
+    """It was away for them: they count for no agent's time between decisions."""
+    (tmp_path / "a.jsonl").write_bytes(b"".join(line("a", step, 10.0 + 0.2 * step) for step in range(1, 11)))
+    again = [line("b", step, 12.0, caught_up=True) for step in range(2, 10)]
+    (tmp_path / "b.jsonl").write_bytes(b"".join([line("b", 1, 10.2), *again, line("b", 10, 12.19)]))
+    status, out, _ = mdm("team", "decisions", tmp_path)
+    assert (status, out[0]) == (0, "joint: 10 steps (10 of a, 10 of b, 8 of them caught up)")
+    assert out[2].startswith("  longest time without a decision: 0.200 s")
+    assert out[3] == "  longest at one agent: 1.990 s at b"
+    told = json.loads(mdm("team", "decisions", tmp_path, "--json")[1][0])["joint"]
+    assert told["caught_up"] == {"a": 0, "b": 8}
+    assert told["pauses"] == {"a": pytest.approx(0.2), "b": pytest.approx(1.99)}
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [

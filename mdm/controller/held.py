@@ -52,7 +52,7 @@ def opened(snapshot: bytes) -> Held:
     """
     try:
         return _decode(snapshot)
-    except (msgspec.MsgspecError, TypeError, ValueError) as error:
+    except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
         raise ModelError(f"this is not a snapshot of a controller: {error}") from None
 
 

@@ -12,7 +12,7 @@ from mdm.team.agreement.hold import BARS, HOLD, STARTS, STOP
 from mdm.team.centralised import CentralisedStatistics, Decided, encode
 from mdm.team.copy import BEGIN
 from mdm.team.layer import TeamLayer
-from mdm.team.transport.bounds import can_be
+from mdm.team.transport.bounds import UNREADABLE, can_be
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ class Centre(TeamLayer):
             return
         try:
             said = centralised.said(sample.body)
-        except (msgspec.MsgspecError, ValueError) as error:
+        except UNREADABLE as error:
             self._drop(sample, f"is none of a centralised team: {error}")
             return
         if not self._can_be(said):

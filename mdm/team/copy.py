@@ -14,7 +14,7 @@ from mdm.errors import ModelError
 from mdm.messages import Control, Observation, State
 from mdm.models.digest import of_parts
 from mdm.team.configuration import facts
-from mdm.team.transport.bounds import Name, Number, Offset
+from mdm.team.transport.bounds import UNREADABLE, Name, Number, Offset
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -178,7 +178,7 @@ class Copy:
         places = self.parts.of.get(agent)
         try:
             part = _decode(body)
-        except (msgspec.MsgspecError, ValueError):
+        except UNREADABLE:
             part = Part(0, ())
         sizes = self.parts.sizes
         if places is not None and len(part.values) == len(places):
@@ -282,7 +282,7 @@ class Copy:
         """
         try:
             held = _held(snapshot)
-        except (msgspec.MsgspecError, ValueError) as error:
+        except UNREADABLE as error:
             raise ModelError(f"this is not a copy of an ensemble: {error}") from None
         agents = {*held.silent, *(agent for agent, _ in (*held.gone, *held.ahead))}
         if strangers := agents - self.parts.of.keys():

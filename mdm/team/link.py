@@ -19,7 +19,7 @@ import msgspec
 from mdm.errors import Error
 from mdm.runtime import Actor, Subscription
 from mdm.team.configuration import brief, difference
-from mdm.team.transport.bounds import Life, Name, Number, Text
+from mdm.team.transport.bounds import UNREADABLE, Life, Name, Number, Text
 from mdm.team.transport.keys import join
 from mdm.team.transport.transport import LONGEST_CLOSE
 
@@ -252,7 +252,7 @@ class Link(Actor):
         while True:
             until = clock.now() + round(wait * 1e9)
             answers = await self.ask(key, body, seconds=wait)
-            with suppress(KeyError, msgspec.MsgspecError, ValueError):
+            with suppress(KeyError, *UNREADABLE):
                 return decode(answers[agent])
             await clock.sleep(max(until - clock.now(), 0) / 1e9)  # where nobody was there to wait for
             wait = min(2 * wait, _LONGEST_WAIT)
@@ -292,7 +292,7 @@ class Link(Actor):
             return None  # of a life that is not here, or not yet: it beats again
         try:
             return _decode(sample.body)
-        except (msgspec.MsgspecError, ValueError):
+        except UNREADABLE:
             if sample.owner in self.team.names:
                 self.refuse_sample(sample, "is no beat")
             return None
@@ -373,7 +373,7 @@ class Link(Actor):
         ensemble = self._ensembles.get(first or "")
         if ensemble is not None:
             answers = await self.ask(join(self.team.name, other, ensemble, "configuration"))
-            with suppress(KeyError, msgspec.MsgspecError, ValueError):
+            with suppress(KeyError, *UNREADABLE):
                 told = self._in_words(other, self._words[ensemble], _facts(answers[other])) or told
         if self.differing.get(other) == life:
             outranked = other in self._outranking

@@ -13,7 +13,7 @@ from mdm.team.agreement.hold import BARS, HOLD, STARTS, STOP
 from mdm.team.centralised import CentralisedStatistics, Decided, Said, controlling, encode
 from mdm.team.commands import PENDING
 from mdm.team.layer import TeamLayer
-from mdm.team.transport.bounds import can_be
+from mdm.team.transport.bounds import UNREADABLE, can_be
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ class Outpost(TeamLayer):
     def _on_decided(self, sample: Sample) -> None:
         try:
             decided = centralised.decided(sample.body)
-        except (msgspec.MsgspecError, ValueError) as error:
+        except UNREADABLE as error:
             self.malformed += 1
             self.link.refuse_sample(sample, f"is no decision: {error}")
             return

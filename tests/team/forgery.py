@@ -36,6 +36,8 @@ TOGETHER = 400
 
 NUMBERS = (-(2**63), -1, 0, 1, 2, 3, 64, 2**31, 2**62, 2**63 - 1, 2**64 - 1)
 TEXTS = ("", "a", "b", "c", "start", "stop", "hold", "reset", "resume", "begin", "x" * 300, "\x00", "mallory")
+DEEP = b"\x91" * 5000 + b"\xc0"
+"""Arrays within arrays."""
 HEAD = struct.Struct("<2sH?QB")
 TAIL = struct.Struct("<Qq")
 
@@ -103,7 +105,9 @@ class Forger:
         chance = self.random
         other = chance.choice(self.network.others(""))
         key = chance.choice(sorted(other.router.served()))
-        question = self.asker.seal(chance.choice([b"", b"token", chance.randbytes(70), b"\x80"]))
+        question = self.asker.seal(
+            chance.choice([b"", b"token", chance.randbytes(70), b"\x80", DEEP, b"\x93\x90\x90" + DEEP])
+        )
         other.router.answer(key, self.flip(question) if chance.random() < 0.3 else question)
 
     def appear(self):
@@ -150,6 +154,10 @@ class Forger:
             life = chance.choice([life, life + 1, 1, 0, 2**64 - 1])
             number = chance.choice([number, number + 5, 2**63, 2**64 - 1])
             time = chance.choice([time, *NUMBERS[:-1]])
+        elif kind < 0.27 and body and 0x90 <= body[0] < 0x9F:
+            body = bytes([body[0] + 1]) + body[1:] + DEEP
+        elif kind < 0.28:
+            body = DEEP
         elif kind < 0.4:
             body = self.splice(body, chance.choice(self.network.heard[key])[start + TAIL.size :])
         elif kind < 0.45:

@@ -441,7 +441,7 @@ class ControlLayer(Layer):
         """
         try:
             controller, running, state, acted = _opened(snapshot)
-        except (msgspec.MsgspecError, TypeError, ValueError) as error:
+        except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
             raise ModelError(f"this is not a snapshot of a control layer: {error}") from None
         for what, index, size in (
             ("state", state, self.controller.symbols.num_states),

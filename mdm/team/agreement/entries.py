@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import msgspec
 
 from mdm.errors import Error
-from mdm.team.transport.bounds import Life, Name, Number, Order, Text
+from mdm.team.transport.bounds import UNREADABLE, Life, Name, Number, Order, Text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -216,7 +216,7 @@ def decode(body: bytes) -> Message:
     """
     try:
         return _decoder.decode(body)
-    except (msgspec.MsgspecError, ValueError) as error:
+    except UNREADABLE as error:
         raise Error(f"this is no message of an agreement: {error}") from None
 
 

@@ -21,7 +21,7 @@ from mdm.team.communicating.knowledge import Knowledge, SharedHistory
 from mdm.team.communicating.recollection import Experience
 from mdm.team.layer import TeamLayer
 from mdm.team.ownership import acting
-from mdm.team.transport.bounds import HOUR, can_be
+from mdm.team.transport.bounds import HOUR, UNREADABLE, can_be
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
@@ -357,7 +357,7 @@ class Talker(TeamLayer):
     def _on_word(self, sample: Sample) -> None:
         try:
             word = decode(sample.body)
-        except (msgspec.MsgspecError, ValueError) as error:
+        except UNREADABLE as error:
             self._drop(sample, f"is no word: {error}")
             return
         if (reason := self._doubt(word)) is not None:

@@ -14,6 +14,7 @@ import numpy as np
 from mdm.errors import Error
 from mdm.runtime import Actor, Subscription
 from mdm.runtime.supervision import describe
+from mdm.team.transport.bounds import UNREADABLE
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
@@ -206,6 +207,6 @@ async def ask(
             try:
                 answer = msgspec.json.decode(answers[who])
                 found[who] = answer["result"] if "result" in answer else Error(answer["error"])
-            except (msgspec.MsgspecError, TypeError, KeyError):
+            except (*UNREADABLE, TypeError, KeyError):
                 found[who] = Error(f"agent {who!r} answers in another form: {answers[who][:40]!r}")
     return found

@@ -7,14 +7,14 @@ was heard of its owner for ``max_age``, or the owner is gone.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import msgspec
 
 from mdm.logic import similar
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate
 from mdm.runtime import Actor
-from mdm.team.transport.bounds import Name, Number
+from mdm.team.transport.bounds import UNREADABLE, Name, Number, Text
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
@@ -29,12 +29,18 @@ __all__ = ["Followed", "Told", "wanted"]
 
 PREDICATES = "predicates"
 
+_MOST_HINTS = 16
+"""Names that there are not for which similar ones are looked for: it takes time."""
+
+
+Names: TypeAlias = Annotated[tuple[Name, ...], msgspec.Meta(max_length=1024)]
+
 
 class Request(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Whose predicates and events somebody follows, by name."""
 
-    predicates: tuple[str, ...]
-    events: tuple[str, ...]
+    predicates: Names
+    events: Names
 
 
 class Reply(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -42,7 +48,7 @@ class Reply(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     number: Number
     values: dict[Name, bool | None]
-    unknown: dict[Name, str]
+    unknown: Annotated[dict[Name, Text], msgspec.Meta(max_length=2048)]
 
 
 class Change(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -113,7 +119,7 @@ class Told(Actor):
     def _answer(self, body: bytes) -> bytes:
         try:
             return _encode(self.reply(_request(body)))
-        except (msgspec.MsgspecError, ValueError):
+        except UNREADABLE:
             return b""
 
     def reply(self, asked: Request) -> Reply:
@@ -127,7 +133,7 @@ class Told(Actor):
                     known = [
                         other for one in self._managers for other, its in one.declared.names.items() if its == kind
                     ]
-                    unknown[name] = similar(name, known)
+                    unknown[name] = similar(name, known) if len(unknown) < _MOST_HINTS else ""
                     continue
                 self._names.setdefault(manager, set()).add(name)
                 if kind == "predicate":
@@ -283,7 +289,7 @@ class Followed(Actor):
     def _on_sample(self, sample: Sample) -> None:
         try:
             change = _change(sample.body)
-        except (msgspec.MsgspecError, ValueError) as error:
+        except UNREADABLE as error:
             self._link.refuse_sample(sample, f"is no change of predicates: {error}")
             return
         if sample.incarnation == self._life:

@@ -15,6 +15,7 @@ import numpy as np
 from mdm.errors import ConfigError, Error
 from mdm.messages import Action, ActionLife, Belief, Mode, Observation, Reward, State
 from mdm.runtime import Actor
+from mdm.team.transport.bounds import UNREADABLE
 from mdm.team.transport.keys import check_name, join
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ class Wire:
         """
         try:
             message = self._decode(body)
-        except (msgspec.MsgspecError, ValueError, TypeError, IndexError) as error:
+        except (*UNREADABLE, TypeError, ArithmeticError, LookupError) as error:
             raise Error(f"this is no {self.type.__name__} message: {error}") from None
         if message.__class__ is not self.type:
             raise Error(f"this is no {self.type.__name__} message")

@@ -8,9 +8,13 @@ from __future__ import annotations
 
 from typing import Annotated, TypeAlias
 
+import msgspec
 from msgspec import Meta
 
-__all__ = ["DAY", "HOUR", "Life", "Name", "Number", "Offset", "Order", "Text", "can_be"]
+__all__ = ["DAY", "HOUR", "UNREADABLE", "Life", "Name", "Number", "Offset", "Order", "Text", "can_be"]
+
+UNREADABLE = (msgspec.MsgspecError, ValueError, RecursionError)
+"""What decoders raise where bytes are no message; the last where values lie too deep within each other."""
 
 HOUR = 3_600_000_000_000
 """Nanoseconds by which counts and numbers may be ahead of the receiver's clock."""

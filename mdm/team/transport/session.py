@@ -20,6 +20,7 @@ import msgspec
 from mdm.errors import Error
 from mdm.runtime.clock import WallClock, check_seconds
 from mdm.runtime.virtual import VirtualEventLoop
+from mdm.team.transport.bounds import UNREADABLE
 from mdm.team.transport.envelope import LARGEST, Packer, check_size, is_step
 from mdm.team.transport.keys import check_expression, check_name, join
 from mdm.team.transport.mailbox import Mailbox
@@ -503,7 +504,7 @@ def _import_zenoh() -> Any:
 def _decode(answer: bytes) -> dict[str, list[int]]:
     try:
         return msgspec.msgpack.decode(answer, type=dict[str, list[int]])
-    except msgspec.MsgspecError:
+    except UNREADABLE:
         return {}
 
 

@@ -281,3 +281,16 @@ def test_a_reply_counts_unless_it_is_older_than_what_was_heard_meanwhile(number,
         assert manager.value("robot2/IsMoving") is known
 
     run_virtual(main)
+
+
+def test_nobody_has_an_agent_look_for_names_without_end():
+    """To look for similar names takes time, and the loop waits for it."""
+    manager = mdm.PredicateManager()
+    for number in range(100):
+        manager.sensor(f"Door{number}")
+    told = Told(SimpleNamespace(key=lambda *parts: "/".join(parts)), [manager])
+    told._listen = lambda: None
+    assert told._answer(msgspec.msgpack.encode([[f"Door{number}x" for number in range(2000)], []])) == b""
+    answer = msgspec.msgpack.decode(told._answer(msgspec.msgpack.encode([[f"Door{n}x" for n in range(1000)], []])))
+    assert len(answer[2]) == 1000
+    assert 0 < sum(1 for hint in answer[2].values() if hint) <= 16

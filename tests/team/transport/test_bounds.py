@@ -4,7 +4,24 @@ import msgspec
 import pytest
 from hypothesis import given, strategies as st
 
-from mdm.team.transport.bounds import HOUR, Life, Name, Number, Text, can_be
+from mdm.controller.held import Held, opened
+from mdm.errors import Error
+from mdm.messages import Belief
+from mdm.team import centralised
+from mdm.team.agreement import entries
+from mdm.team.communicating import episode
+from mdm.team.sharing.remote import Wire
+from mdm.team.transport.bounds import HOUR, UNREADABLE, Life, Name, Number, Text, can_be
+
+
+def _opened_by(decode):
+    def opening(body):
+        try:
+            return decode(body)
+        except UNREADABLE as error:
+            raise Error(str(error)) from None
+
+    return opening
 
 
 @pytest.mark.parametrize(
@@ -23,6 +40,27 @@ def test_what_is_none_is_refused_where_it_is_decoded(kind, taken, refused):
     for value in refused:
         with pytest.raises(msgspec.ValidationError):
             decode(msgspec.msgpack.encode(value))
+
+
+DEEP = b"\x91" * 5000 + b"\xc0"
+"""Arrays within arrays, deeper than Python calls go."""
+
+
+@pytest.mark.parametrize(
+    ("decode", "whole"),
+    [
+        (entries.decode, entries.encode(entries.Stale(entries.START.term))),
+        (_opened_by(centralised.said), centralised.encode(centralised.Said(0, 0, None, None))),
+        (_opened_by(episode.decode), episode.encode(episode.Word(episode.Episode(0, 0, "a", running=True), ""))),
+        (opened, msgspec.msgpack.encode(Held("", 0, None, False, None, None, None))),
+        (Wire(Belief).decode, msgspec.msgpack.encode({"time": 0, "probabilities": None})),
+    ],
+)
+def test_values_too_deep_within_each_other_are_refused_as_all_else_is(decode, whole):
+    head = whole[0] + 1  # an array of one more value, or a mapping
+    for body in (DEEP, bytes([head]) + whole[1:] + DEEP, bytes([head]) + whole[1:] + b"\xa1x" + DEEP):
+        with pytest.raises(Error):
+            decode(body)
 
 
 @given(st.integers(0, 2**62), st.integers(1, 10**9))

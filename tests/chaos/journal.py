@@ -58,6 +58,8 @@ class Journal:
         limits: How many seconds an action may take, where it heeds its cancellation.
         beside: The actions that run beside others.
         groups: The group of each action that is of one: what such a one replaces may still live.
+        then: What each action says of what its end is followed by.
+        patience: Seconds of idleness after which each ensemble is told to have nothing to do; None for the default.
         inside: Does something in the name of a robot's action, or None.
         raised: The texts of what was raised, each of which must be told.
         exits: The texts of those that end the program.
@@ -81,6 +83,8 @@ class Journal:
         self.lives, self.faults, self.modes, self.decisions = [], [], [], []
         self.blind, self.cautious, self.due, self.sent = {}, set(), {}, {}
         self.groups, self.inside, self._told = {}, None, {}
+        self.then, self.patience = {}, {}
+        self._living, self._last, self._begun = {}, {}, {}
         self.order = 0
 
     def now(self):
@@ -216,6 +220,39 @@ class Journal:
             told = self._told.get(self.path(name), "stopped")
             if robot.life == "running" and robot.mode != told:
                 self.wrong.append(f"{name} is {robot.mode}, but {told} was told")
+
+    def hear_life(self, life):
+        """Hear of the begin or the end of an action."""
+        living = self._living.setdefault(life.ensemble, {})
+        if life.status == "running":
+            living[life.life] = life.time
+        else:
+            took = life.time - living.pop(life.life, life.time)
+            self._last[life.ensemble] = life.action, life.status, took > 0, life.time
+
+    def check_liveness(self):
+        """Hold that whatever decides does something, or waits for what it names, or is idle and told so in time."""
+        for name, robot in self.robots.items():
+            path = self.path(name)
+            free = robot.life == "running" and not (robot.failing or robot.safety.ending or self.runtime.ending)
+            if free and robot.mode == "deciding" and robot.control.event_driven and robot.action.life == "running":
+                if self._living.get(path) or robot.action._pending or robot.statistics().waiting:
+                    continue
+                _, status, lasted, _ = last = self._last.get(path, ("", "", True, 0))
+                if robot.liveness.since is not None:
+                    self._check_told(name, robot.liveness.since, last)
+                elif lasted or status != "succeeded":
+                    self.wrong.append(f"{name} is deciding, does nothing since {last}, and says nothing of it")
+
+    def _check_told(self, name, since, last):
+        action, status, lasted, _ = last
+        patience = self.patience[name]
+        if patience is None and (lasted or status not in {"", "succeeded"}):
+            patience = 10.0
+        if patience is None or self.then.get(action) == "wait" or self.now() < since + patience * 1e9 + 1e6:
+            return
+        if not any(f.kind == "idle" and f.source == self.path(name) and f.time > since for f in self.faults):
+            self.wrong.append(f"{name} is idle since {since / 1e9:.1f} s, after {last}, and no fault tells of it")
 
     def hear_fault(self, fault):
         """Hear a fault: what it says to live must do so."""

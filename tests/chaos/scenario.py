@@ -17,7 +17,7 @@ from chaos.journal import Journal
 from chaos.oracles import SLACK, Oracles
 from chaos.pool import Pool
 from chaos.script import COMMANDS, STIMULI, Script
-from chaos.system import System
+from chaos.system import Lively, System
 
 import mdm
 from mdm.testing import probe
@@ -53,7 +53,9 @@ class Scenario:
         self.random = random.Random(seed)
         self.pool = Pool()
         self.journal = Journal(self.random)
-        self.system = System(self.random, self.journal, Actions(self.random, self.journal, self.pool))
+        self.system = System(
+            self.random, self.journal, Actions(self.random, self.journal, self.pool), Lively(seed, self.journal)
+        )
         self.script = Script(self.random, self.system, self.journal)
         self.ended_by, self.broken_off = None, False
 
@@ -127,6 +129,7 @@ class Scenario:
         for name in journal.robots:
             path = journal.path(name)
             journal.lives.append(probe(runtime.channel(f"{path}/lives", mdm.messages.ActionLife)))
+            runtime.channel(f"{path}/lives", mdm.messages.ActionLife).subscribe(journal.hear_life)
         await runtime.start(Witness(journal))
         for top in self.system.tops:
             if draw.random() < 0.2:

@@ -66,6 +66,7 @@ class Script:
         for _ in range(steps):
             await asyncio.sleep(draw.choice(PAUSES))
             self._journal.check_modes()
+            self._journal.check_liveness()
             if draw.random() < host:
                 act = asyncio.create_task(self._act(draw.choice(HOST), draw.choice(self._system.tops)))
                 self.tasks.append(act)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import random
 from functools import cache
 
 import numpy as np
@@ -120,6 +121,39 @@ def model(actions):
     )
 
 
+class Lively:
+    """Draws what ensembles do after an action's end, of two scenarios in five: the others are as they were before.
+
+    Args:
+        seed: The scenario's.
+        journal: Is told of it.
+    """
+
+    def __init__(self, seed, journal):
+        self._random = random.Random(seed)
+        self._journal = journal
+        self._asked = seed % 5 in {1, 3}
+
+    def reaction(self, other):
+        """Return what a failed action means."""
+        return "decide" if self._asked and self._random.random() < 0.4 else other
+
+    def patience(self):
+        """Return after how many seconds idleness is told."""
+        return self._random.choice([None, 2.0]) if self._asked else None
+
+    def sequel(self, action):
+        """Return what the end of an action is followed by."""
+        if not self._asked:
+            return {}
+        then = self._journal.then[action] = self._random.choice([None, "wait", "decide", "decide"])
+        return {
+            "then": then,
+            "pause": self._random.choice([0.5, 2.0]),
+            "attempts": self._random.choice([None, None, 2]),
+        }
+
+
 class System:
     """What runs.
 
@@ -127,6 +161,7 @@ class System:
         random: Draws it.
         journal: Knows its ensembles.
         actions: Makes their actions.
+        lively: Draws what their ends are followed by.
 
     Attributes:
         tops: The ensembles at the top of the runtime.
@@ -137,8 +172,8 @@ class System:
         told: The ensembles whose states code publishes.
     """
 
-    def __init__(self, random, journal, actions):
-        self._random, self._journal, self._actions = random, journal, actions
+    def __init__(self, random, journal, actions, lively):
+        self._random, self._journal, self._actions, self._lively = random, journal, actions, lively
         self.managers, self.states = {}, {}
         self.layered, self.grounded, self.told = set(), set(), set()
         shared, self.tops = self._manager("shared"), []
@@ -173,6 +208,7 @@ class System:
             self._journal.limits.pop(safe, None)
             self._journal.beside.discard(safe)
             self._journal.groups.pop(safe, None)
+            self._journal.then.pop(safe, None)
         else:
             safe = self._actions.make(draw.choice(SAFE_KINDS), name, "safe", safe=True)
         robot = Robot(
@@ -184,7 +220,8 @@ class System:
             safe_timeout=draw.choice([1.0, 3.0]),
             supervision=draw.choice(["escalate", "escalate", "stop", mdm.Restart(limit=3, within=60.0, backoff=0.5)]),
             drive=draw.choice(["event", "event", 2.0]),
-            on_failed_action=draw.choice(["safe", "continue"]),
+            on_failed_action=self._lively.reaction(draw.choice(["safe", "continue"])),
+            idle_after=self._journal.patience.setdefault(name, self._lively.patience()),
             on_lost_input=(lost := draw.choice(["safe", "safe", "continue"])),
             on_unknown=(unknown := draw.choice(["safe", "safe", "continue"])),
             deadline=draw.choice([None, None, 1.0]),
@@ -217,6 +254,7 @@ class System:
             concurrent=concurrent,
             on_repeat=draw.choice(["continue", "continue", "restart"]),
             group=name if of_group else None,
+            **self._lively.sequel(action),
         )
 
     def _seeing(self, name, manager, actions):

@@ -7,6 +7,7 @@ from chaos.scenario import Scenario
 
 from mdm import Actor, Ensemble, PredicateManager
 from mdm.actors.action_layer import ActionLayer
+from mdm.actors.liveness import Liveness
 from mdm.actors.safety import Safety
 from mdm.compiled import is_compiled
 from mdm.runtime.executors import Jobs, _Job
@@ -175,12 +176,26 @@ def begin_a_life_without_telling_that_it_is_stopped(patch):
     patch.setattr(Safety, "open", hushed)
 
 
+def never_decide_again(patch):
+    patch.setattr(Liveness, "_decide_again", lambda self: None)
+
+
+def do_not_look_whether_anything_is_done(patch):
+    patch.setattr(Liveness, "look", lambda self: None)
+
+
+def do_not_tell_of_idleness(patch):
+    patch.setattr(Liveness, "_complain", lambda self, after: None)
+
+
 FIRST = {
     trust_predicates_while_their_manager_is_down: 1197,
     put_off_what_is_replaced_behind_the_latch: 287,
     end_what_has_not_begun_to_start: 164,
     wait_below_what_starts_for_its_end: 1310,
     make_safe_before_the_layer_lives: 187,
+    drop_the_latch: 223,
+    never_decide_again: 293,
 }
 """The first scenarios that find the rarer ones; from 0 on it takes a minute or so."""
 
@@ -211,6 +226,9 @@ FIRST = {
         wait_below_what_starts_for_its_end,
         make_safe_before_the_layer_lives,
         begin_a_life_without_telling_that_it_is_stopped,
+        never_decide_again,
+        do_not_look_whether_anything_is_done,
+        do_not_tell_of_idleness,
     ],
 )
 def test_a_planted_fault_is_found(plant, monkeypatch):

@@ -43,6 +43,8 @@ Secured = Callable[[str | None], None]
 
 _FAILED = frozenset({"failed", "timed_out", "abandoned"})
 
+_own, _disown = OWNER.set, OWNER.reset
+
 
 class _Life:
     """One run of one action."""
@@ -111,6 +113,7 @@ class ActionLayer(Layer):
         "_component",
         "_current",
         "_halted",
+        "_jobs",
         "_lives",
         "_now",
         "_others",
@@ -166,6 +169,7 @@ class ActionLayer(Layer):
         self._halted = True
         self._admits = self._barred = False
         self._calling = False
+        self._jobs = Jobs()  # of the next plain function
         self._secure: Secured | None = None
         self._secures: Callable[[], None] = lambda: None
         self._unsecured = False
@@ -368,15 +372,17 @@ class ActionLayer(Layer):
         self._recent.append(self._now() - action.time)
         if len(self._recent) >= FULL:
             self._latencies.fold()
-        jobs = Jobs()
-        token = OWNER.set(jobs)  # as `Jobs.call` does, without a call of its own
+        jobs = self._jobs
+        token = _own(jobs)  # as `Jobs.call` does, without a call of its own
         try:
             self._calling = True
             result = brief.function(action) if brief.takes_action else brief.function()
             self._calling = False
-            OWNER.reset(token)
+            _disown(token)
+            self._jobs = Jobs()  # now, and not when the next function waits for it
         except BaseException as error:
-            OWNER.reset(token)
+            _disown(token)
+            self._jobs = Jobs()
             self._take_error(_Life(self.started, self.names[index], self.bindings[index], action), error)
             return
         if result is not None or self._halted:

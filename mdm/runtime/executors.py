@@ -28,11 +28,9 @@ class Jobs:
         ended: Called on the event loop when one of them has ended.
     """
 
-    __slots__ = ("count", "ended")
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.ended: Callable[[], object] | None = None
+    # Of the class until one of an object's own is set: to make an object then calls nothing, at half the cost.
+    count: int = 0
+    ended: Callable[[], object] | None = None
 
     def call(self, function: Callable[..., Any], *args: object) -> Any:
         """Call a function; what it and the tasks that it makes hand to executors counts."""

@@ -298,7 +298,20 @@ def gathered(drive):
     return asyncio.gather(asyncio.to_thread(drive), asyncio.sleep(3600))
 
 
-@pytest.mark.parametrize("begin", [asyncio.to_thread, handed_over, task_of, shielded, gathered])
+def without_the_loop(drive):
+    return asyncio.Task(asyncio.to_thread(drive))
+
+
+def a_moment_later(drive):
+    loop = asyncio.get_running_loop()
+    ended = loop.create_future()
+    loop.call_soon(lambda: loop.run_in_executor(None, drive))
+    return ended
+
+
+@pytest.mark.parametrize(
+    "begin", [asyncio.to_thread, handed_over, task_of, shielded, gathered, without_the_loop, a_moment_later]
+)
 def test_a_thread_of_an_action_ends_before_the_next_one_begins(begin):
     begun, free, log = threading.Event(), threading.Event(), []
 

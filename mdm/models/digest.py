@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from mdm.models.factored import Potential
     from mdm.models.mdp import MDP
 
-__all__ = ["digest", "of_parts"]
+__all__ = ["digest", "of_bytes", "of_parts"]
+
+_encode = msgspec.msgpack.Encoder().encode
 
 
 def of_parts(parts: Iterable[Any]) -> str:
@@ -37,6 +39,11 @@ def of_parts(parts: Iterable[Any]) -> str:
         else:
             total.update(msgspec.msgpack.encode(part, enc_hook=_plain))
     return total.hexdigest()
+
+
+def of_bytes(part: bytes) -> str:
+    """Return the digest of these bytes alone, the same as of `of_parts`, and sooner."""
+    return hashlib.blake2b(_encode(part), digest_size=16).hexdigest()
 
 
 def _plain(value: Any) -> Any:

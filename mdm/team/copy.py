@@ -12,7 +12,7 @@ import msgspec
 
 from mdm.errors import ModelError
 from mdm.messages import Control, Observation, State
-from mdm.models.digest import of_parts
+from mdm.models.digest import of_bytes
 from mdm.team.configuration import facts
 from mdm.team.transport.bounds import UNREADABLE, Name, Number, Offset
 
@@ -257,7 +257,7 @@ class Copy:
     def digest(self) -> str:
         """Return a hash of all that decides what further steps do; the same at every agent that took the same ones."""
         if self._digest is None:
-            self._digest = of_parts([self.snapshot()])
+            self._digest = of_bytes(self.snapshot())
         return self._digest
 
     def snapshot(self) -> bytes:

@@ -57,6 +57,7 @@ class TeamLayer(Layer):
         lost: The teammates that are lost.
         tick: The number of the last tick.
         commands: What became of commands.
+        told_held: Whether it has reported that it stays stopped.
     """
 
     def __init__(self, name: str, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
@@ -81,7 +82,7 @@ class TeamLayer(Layer):
         self._places = self.parts.of[self.agent]
         self._own: tuple[int | None, ...] = (None,) * len(self._places)
         self._seen: list[int | None] = [None] * len(self._places)
-        self._held = self._shows = self._held_told = False
+        self._held = self._shows = self.told_held = False
         self._hears: list[Subscription[Any]] = []
 
     # -- Life ----------------------------------------------------------------------------------------------------
@@ -276,9 +277,9 @@ class TeamLayer(Layer):
             settled: Whether the team knows of the stop that it took.
         """
         held = settled and self.still and self.copy.running
-        if held and not self._held_told:
+        if held and not self.told_held:
             self.report("held", f"{self.agent} was stopped, and stays so while the team decides: start the team again")
-        self._held_told = held
+        self.told_held = held
 
     def take_command(self, command: str, token: str, now: int) -> None:
         """Do what all do; an agent that stays stopped decides as they do, and does nothing of it."""

@@ -125,6 +125,7 @@ class Replica(TeamLayer):
         self._concludes = False
         self._affirming: Subscription[None] = Subscription(None, self, self._affirm)
         self._word: Send | None = None
+        self._affirms = False
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
@@ -144,7 +145,7 @@ class Replica(TeamLayer):
     def on_stop(self) -> None:
         """Keep the copy for the next start."""
         super().on_stop()
-        self._concludes, self._word = False, None
+        self._concludes, self._word, self._affirms = False, None, False
         self._saved = self.copy.snapshot()
 
     # -- What this agent says ------------------------------------------------------------------------------------
@@ -190,10 +191,7 @@ class Replica(TeamLayer):
     def _say(self, sends: list[Send]) -> None:
         for send in sends:
             if isinstance(send.message, Applied):
-                # Who observes something as soon as it was called offers it to the next step, and says the same by that.
-                if self._word is None:
-                    get_running_loop().call_soon(self._dispatcher.deliver, self._affirming, None)
-                self._word = send
+                self._word = send  # said at the end of the turn, where nothing says the same by then
                 continue
             if isinstance(send.message, _OFFERS):
                 self._word = None
@@ -201,7 +199,7 @@ class Replica(TeamLayer):
 
     def _affirm(self, _: None) -> None:
         """Say that a step was applied, where nothing has said so meanwhile."""
-        word, self._word = self._word, None
+        word, self._word, self._affirms = self._word, None, False
         if word is not None:
             self._put(word)
 
@@ -215,6 +213,10 @@ class Replica(TeamLayer):
         self._concludes = False
         self._follow_up()
         self.copy.digest()  # for which the next step then need not wait
+        if self._word is not None and not self._affirms:
+            # Who observes something as soon as it was called offers it to the next step, and says the same by that.
+            self._affirms = True
+            get_running_loop().call_soon(self._dispatcher.deliver, self._affirming, None)
 
     # -- What the others say -------------------------------------------------------------------------------------
 
@@ -225,14 +227,15 @@ class Replica(TeamLayer):
             self._drop(sample, str(error))
             return
         now = self._now()
-        if not self.agreement.believes(message, now):
+        agreement = self.agreement
+        if message.term != agreement.term and not agreement.believes(message, now):
             self._drop(sample, "is of a term that cannot be")
             return
         if isinstance(message, _BEHIND) and not self._behind:
             self._behind = True
             self.ensemble.control.catch_up(now, over=False)
-        sends = self.agreement.receive(sample.owner, sample.incarnation, message, now)
-        if sends or not isinstance(message, _AWAITED) or message.term != self.agreement.term:
+        sends = agreement.receive(sample.owner, sample.incarnation, message, now)
+        if sends or not isinstance(message, _AWAITED) or message.term != agreement.term:
             self._send(sends)
         else:
             self._set_timer(now)
@@ -257,7 +260,8 @@ class Replica(TeamLayer):
             self._resume(now)
         if agreement.proposals.void:
             self._tell_void()
-        self.tell_held(settled=not agreement.hold.waits)
+        if agreement.hold.still or self.told_held:
+            self.tell_held(settled=not agreement.hold.waits)
         if agreement.reports:
             reports, agreement.reports = agreement.reports, []
             for kind, text in reports:

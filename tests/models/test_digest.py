@@ -14,7 +14,7 @@ from scipy import sparse
 
 from mdm import save_model
 from mdm.models import POMDP
-from mdm.models.digest import digest, of_parts
+from mdm.models.digest import digest, of_bytes, of_parts
 from mdm.problems import tiger
 
 
@@ -75,3 +75,8 @@ def test_the_layout_of_a_matrix_makes_no_difference():
     matrix = np.array([[0, 2.0], [1, 0]])
     assert of_parts([sparse.csr_array(matrix)]) == of_parts([sparse.csc_array(matrix)])
     assert of_parts([matrix]) == of_parts([np.asfortranarray(matrix)])
+
+
+def test_bytes_alone_have_the_digest_that_they_have_among_parts():
+    for size in (0, 1, 200, 300, 70_000):  # whose lengths msgpack writes in one, two and four bytes
+        assert of_bytes(bytes(size)) == of_parts([bytes(size)])

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from mdm.errors import Error
-from mdm.runtime.statistics import Latencies
+from mdm.runtime.statistics import FULL, Latencies
 from mdm.team.transport.bounds import DAY
 from mdm.team.transport.envelope import LARGEST, Refusal, Unpacker
 from mdm.team.transport.keys import check_expression, check_key, includes, matches, owner_of
@@ -75,6 +75,7 @@ class Router:
         self._dropped: dict[str, int] = {}
         self._untold: dict[str, tuple[int, str]] = {}
         self._lateness = Latencies()
+        self._late = self._lateness.pending
         self._refused: dict[str, int] = {}
         self._recent: dict[str, tuple[int, int]] = {}  # since when, and how many since then
         self._ignored: dict[str, int] = {}  # until when
@@ -142,7 +143,9 @@ class Router:
             return
         route.messages += 1
         route.bytes += len(data)
-        self._lateness.record(now - sample.time)
+        self._late.append(now - sample.time)
+        if len(self._late) >= FULL:
+            self._lateness.fold()
         for handler in route.handlers:
             try:
                 handler(sample)

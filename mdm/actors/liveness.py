@@ -76,6 +76,11 @@ class Liveness:
         return (self._total + now) / 1e9
 
     @property
+    def resting(self) -> float | None:
+        """Seconds since when the ensemble has had nothing to do; None where it has."""
+        return None if self.since is None else (self._ensemble.runtime.clock.now() - self.since) / 1e9
+
+    @property
     def waiting(self) -> tuple[str, ...]:
         """What it waits for before it decides again, in words."""
         return (self._why,) if self._again is not None else ()

@@ -28,10 +28,11 @@ def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
         name,
         help="how every agent is",
         description=(
-            "Ask every agent of a running team for its mode, where it stands in the agreement, how late messages reach "
-            "it (the median, and the worst), by how much the clock that is most off is ahead of its own, how many "
-            "messages it dropped, and whom it sees. Times of more than a day are not shown: a message told them that "
-            "was forged, or a clock is set wrong (null with --json). The exit status is 1 if an agent does not answer."
+            "Ask every agent of a running team for its mode, for how long it has had nothing to do, where it stands in "
+            "the agreement, how late messages reach it (the median, and the worst), by how much the clock that is most "
+            "off is ahead of its own, how many messages it dropped, and whom it sees. Times of more than a day are not "
+            "shown: a message told them that was forged, or a clock is set wrong (null with --json). The exit status "
+            "is 1 if an agent does not answer."
         ),
         epilog="example: mdm team status examples/team/meeting.toml",
     )
@@ -112,6 +113,9 @@ def _row(agent: str, name: str, status: dict[str, Any]) -> list[str]:
     if "error" in status:
         return [agent, name, "error", status["error"]]
     causes = ", ".join(["held"] * status.get("held", False) + [cause.partition(":")[0] for cause in status["causes"]])
+    idle = status.get("idle")
+    if isinstance(idle, int | float) and _plausible(idle) is not None:
+        causes = ", ".join(filter(None, (causes, f"idle for {idle:.0f} s")))
     late = status.get("late")
     return [
         *(agent, name),

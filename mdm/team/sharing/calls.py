@@ -112,6 +112,7 @@ class Answers(Actor):
             "ensemble": name,
             "mode": ensemble.mode,
             "causes": [f"{cause.kind}: {cause.detail}" for cause in ensemble.causes],
+            "idle": ensemble.liveness.resting,
             "action": None
             if (acted := ensemble.control.acted) is None
             else ensemble.controller.symbols.action_name(acted),

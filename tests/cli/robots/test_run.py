@@ -185,3 +185,17 @@ def test_a_signal_releases_what_is_safe(tmp_path):
         process.send_signal(signal.SIGUSR1)
         assert process.communicate(timeout=60)[0] == "drives\nsafe\n"
     assert process.returncode == 0
+
+
+def test_a_robot_that_has_nothing_to_do_says_so_in_words(mdm, tmp_path):
+    (tmp_path / "resting_robot.py").write_text("import asyncio\nasync def go():\n    await asyncio.sleep(2)\n")
+    (tmp_path / "robot.toml").write_text(
+        "[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\nstates.a = ['A']\n"
+        "[ensembles.robot.actions]\nGo = 'resting_robot:go'\n"
+    )
+    status, _, errors = mdm("run", tmp_path / "robot.toml", "--virtual", "--seconds", "60", "--log", "json")
+    faults = [record for record in map(json.loads, errors.splitlines()) if record["event"] == "fault"]
+    assert status == 0
+    assert [(fault["time"], fault["source"], fault["kind"], fault["detail"]) for fault in faults] == [
+        (12.0, "robot", "idle", "idle for 10 s: action 'Go' succeeded, and nothing has been decided since")
+    ]

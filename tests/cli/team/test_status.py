@@ -131,3 +131,10 @@ def test_times_that_cannot_be_are_not_shown():
 
     assert told(2_000_000, -0.5) == ["2.0, 2.0", "-500.0"]
     assert told(2**62, -(2.0**62) / 1e9) == ["more than a day, more than a day", "more than a day"]
+
+
+@pytest.mark.parametrize(("idle", "told"), [(None, "deciding"), (12.4, "deciding (idle for 12 s)"), (1e9, "deciding")])
+def test_what_has_nothing_to_do_says_for_how_long(idle, told):
+    from mdm.cli.team import status
+
+    assert status._row("a", "joint", {"mode": "deciding", "causes": [], "live": ["a"], "idle": idle})[2] == told

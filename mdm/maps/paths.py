@@ -19,8 +19,10 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Vector
 
-__all__ = ["Paths"]
+__all__ = ["PATH_MARGIN", "Paths"]
 
+PATH_MARGIN = 0.05
+"""Metres that a robot needs on each side, beside its radius: in paths, in driving, and in what is checked."""
 _LEAST = 50
 """Cells around the ends of ways where one looks first."""
 _STEPS = ((0, 1, 1.0), (1, 0, 1.0), (1, 1, math.sqrt(2)), (1, -1, math.sqrt(2)))

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import ConfigError, Error, MapError
-from mdm.maps.paths import Paths
+from mdm.maps.paths import PATH_MARGIN, Paths
 from mdm.messages import PoseUpdate
 from mdm.number import is_number, is_whole
 from mdm.runtime import Actor
+from mdm.simulation.building.brakes import GAP, Brakes
+from mdm.simulation.building.bystander import Bystander
 from mdm.simulation.building.guest import Guest, Whereabouts
 from mdm.simulation.building.robot import Robot
 from mdm.simulation.building.visits import Visit, VisitChange, Visits
@@ -32,10 +34,12 @@ __all__ = ["Building"]
 
 _RATE = 10.0
 """Steps a second; robots tell their poses as often."""
-_ROOM = 0.1
-"""Metres that paths keep from walls beside the robot's radius, where there is so much room."""
 _SPACE = 0.4
 """Metres between a visit and the next wall, at least."""
+_BESIDE, _APART = 0.5, 0.2
+"""Metres that are free between a visit's body and goals, and other bodies."""
+_TRIES = 20
+"""Points that are tried for a visit's body until one is in nobody's way."""
 _MOST = 10
 """Steps at once, where the clock has run ahead."""
 
@@ -89,6 +93,7 @@ class Building(Actor):
         self._clearance = floor.grid.clearance()
         self.robots: dict[str, Robot] = {}
         self.guests: dict[str, Guest] = {}
+        self._bystanders: list[Bystander] = []
         self._bodies: dict[str, Body] = {}  # robots and guests, in the order in which they were put there
         self.steps = 0
         self._world = simulator.World()
@@ -96,6 +101,7 @@ class Building(Actor):
         self._world.seed = int(self._generators.generate_state(1)[0])
         for one, other in walls(self.grid):
             self._world.add_wall(simulator.Wall(core.LineSegment(one, other)))
+        self._brakes = Brakes(self.grid)
         self._visits = {each.kind: each for each in self._checked(visits)}
         self._present: list[Visit] = []
         self._came = 0
@@ -169,7 +175,7 @@ class Building(Actor):
         behavior = core.behaviors.HLBehavior(kinematics=kinematics, radius=radius)
         behavior.optimal_speed = speed
         behavior.horizon = 2.0
-        behavior.safety_margin = 0.15
+        behavior.safety_margin = GAP
         agent = simulator.Agent(
             radius=radius,
             behavior=behavior,
@@ -183,7 +189,14 @@ class Building(Actor):
             scanner = simulator.state_estimations.LidarStateEstimation(range=reach, resolution=beams)
         self._world.add_agent(agent)
         generator = np.random.default_rng(self._generators.spawn(1)[0])
-        robot = Robot(name, agent, self.grid, paths, speed=speed, noise=noise, generator=generator, scanner=scanner)
+        robot = Robot(
+            *(name, agent, self.grid, paths),
+            speed=speed,
+            noise=noise,
+            generator=generator,
+            clearance=self._clearance,
+            scanner=scanner,
+        )
         self.robots[name] = self._bodies[name] = robot
         if places is not None:
             self._places[name] = places
@@ -228,7 +241,7 @@ class Building(Actor):
 
     def _paths_for(self, radius: float) -> Paths:
         if radius not in self._paths:
-            self._paths[radius] = Paths(self.grid.frame, self._clearance > radius + min(_ROOM, radius / 2))
+            self._paths[radius] = Paths(self.grid.frame, self._clearance > radius + PATH_MARGIN - 1e-9)
         return self._paths[radius]
 
     # -- Visits --------------------------------------------------------------------------------------------------
@@ -252,10 +265,13 @@ class Building(Actor):
         cells = self._room_in(place)
         if not len(cells):
             raise MapError(f"nothing has room in {place!r}")
-        row, column = cells[self._random.integers(len(cells))].tolist()
+        visits = self._kind(kind)
+        x, y, fits = self._point(cells, visits.radius)
         self._came += 1
-        visit = Visit(self._came, kind, place, *self.grid.frame.centre(row, column))
-        stay = self._kind(kind).stay
+        visit = Visit(self._came, kind, place, x, y)
+        if fits:
+            self._bystander(visits.radius).come(visit)
+        stay = visits.stay
         self._present.append(visit)
         self._tell(visit, came=True)
         if math.isfinite(stay):
@@ -266,7 +282,51 @@ class Building(Actor):
         """Let something go, or take it as seen to; nothing happens where it has gone already."""
         if visit in self._present:
             self._present.remove(visit)
+            for bystander in self._bystanders:
+                if bystander.visit is visit:
+                    bystander.leave()
             self._tell(visit, came=False)
+
+    def _point(self, cells: NDArray[np.intp], radius: float) -> tuple[float, float, bool]:
+        """Return where a visit is, and whether it has a body: that shuts no way, and stands on no goal and nobody."""
+        rows, columns = np.indices(self.grid.frame.shape)
+        side = self.grid.frame.resolution
+        sizes = {body.radius for body in self._bodies.values()}
+        widest = max(sizes, default=0.0)
+        paths = [self._paths_for(size) for size in sorted(sizes)]
+        ends = [self.grid.frame.cell(node.goal.x, node.goal.y) for node in self.floor.graph.nodes]
+        standing = [bystander for bystander in self._bystanders if bystander.visit is not None]
+        for _ in range(_TRIES):
+            row, column = cells[self._random.integers(len(cells))].tolist()
+            x, y = self.grid.frame.centre(row, column)
+            if not radius:
+                return x, y, False
+            goals = (math.dist((x, y), (node.goal.x, node.goal.y)) for node in self.floor.graph.nodes)
+            bodies = (
+                math.dist((x, y), body.agent.position) - body.radius for body in (*self._bodies.values(), *standing)
+            )
+            if min(goals) < radius + _BESIDE or min(bodies, default=math.inf) < radius + _APART:
+                continue
+            for way in paths:
+                free = way.open.copy()
+                for there, extent in [((row, column), radius), *((one.cell, one.radius) for one in standing)]:
+                    free &= np.hypot(rows - there[0], columns - there[1]) * side > extent + widest + PATH_MARGIN
+                if _groups(free, ends) > _groups(way.open, ends):
+                    break
+            else:
+                return x, y, True
+        return x, y, False
+
+    def _bystander(self, radius: float) -> Bystander:
+        """Return a body that is nobody's."""
+        for bystander in self._bystanders:
+            if bystander.visit is None and math.isclose(bystander.radius, radius, rel_tol=1e-5):  # 32 bits there
+                return bystander
+        _, simulator = _navground()
+        agent = simulator.Agent(radius=radius)
+        self._bystanders.append(Bystander(len(self._bystanders), agent, self._paths_for(radius)))
+        self._world.add_agent(agent)
+        return self._bystanders[-1]
 
     def _kind(self, kind: str) -> Visits:
         if kind not in self._visits:
@@ -304,11 +364,15 @@ class Building(Actor):
             robot.fail("cannot go on: the building has stopped")
 
     def _step(self, tick: Tick) -> None:
-        bodies, robots = tuple(self._bodies.values()), tuple(self.robots.values())
+        robots = tuple(self.robots.values())
+        bodies = (*self._bodies.values(), *(one for one in self._bystanders if one.visit is not None))
         for _ in range(min(_MOST, 1 + tick.missed)):
             for body in bodies:
                 body.steer(1 / _RATE, bodies)
-            self._world.update(1 / _RATE)
+            self._world.update_dry(1 / _RATE, advance_time=False)
+            for robot in robots:
+                robot.brake(1 / _RATE, self._brakes, bodies)
+            self._world.actuate(1 / _RATE)
             self.steps += 1
             for robot in robots:
                 robot.look(self._world)
@@ -322,6 +386,14 @@ class Building(Actor):
             whereabouts.publish(robot.whereabouts(tick.time))
             if name in self._places:
                 self._places[name].see(pose)
+
+
+def _groups(free: NDArray[np.bool_], ends: Iterable[tuple[int, int] | None]) -> int:
+    """Return how many groups of ends there are between which no way leads."""
+    from scipy.ndimage import label  # noqa: PLC0415 - slow to import
+
+    numbers = label(free, structure=np.ones((3, 3)))[0]
+    return len({int(numbers[end]) for end in ends if end is not None})
 
 
 def _check(name: str, *, noise: float = 0.0, beams: int = 0, **numbers: float) -> None:

@@ -10,8 +10,10 @@ import numpy as np
 
 from mdm.errors import Error
 from mdm.maps import Pose
+from mdm.maps.paths import PATH_MARGIN, Paths
 from mdm.maps.sight import sees
 from mdm.simulation.building.body import Body
+from mdm.simulation.building.brakes import GAP, Brakes
 from mdm.simulation.building.guest import Whereabouts
 from mdm.simulation.building.refuge import refuge
 
@@ -19,8 +21,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mdm.maps import Grid
-    from mdm.maps.paths import Paths
     from mdm.models.matrices import Vector
+
+    Cell = tuple[int, int]
 
 __all__ = ["DriveError", "Robot"]
 
@@ -32,6 +35,16 @@ _LOOKS = 3
 """Steps after which it looks again whether its way is free."""
 _NEARER = 0.05
 """Metres that count as nearer."""
+_STUCK, _SLOW = 1.0, 0.02
+"""Seconds below so many metres a second after which a robot that drives keeps no margin but that of its brakes."""
+_COMFORT, _TRUE = 0.15, 0.03
+"""Metres that it keeps from all where there is room, and by which the room may be less than the cells say."""
+_AHEAD, _SAMPLES = 1.5, 16
+"""Metres for which it looks ahead along its way, and at how many points."""
+_CLEAR, _FREEING = 0.15, 2.0
+"""Metres from walls to which a robot drives for so many seconds that its brakes have stopped beside one."""
+_HELD, _MOVED = 50.0, 0.5
+"""Seconds in which a robot that drives, or lets others pass, has moved so many metres, or its drive has failed."""
 _BLOCKED = 2.0
 """Seconds without getting nearer after which a robot gives way to one that was put there before it."""
 _IN_TURN = 3
@@ -49,14 +62,21 @@ class DriveError(Error):
 class _Drive:
     """A drive that is under way."""
 
-    def __init__(self, goal: Pose, distances: Vector, remaining: float) -> None:
+    def __init__(self, goal: Pose, paths: Paths, distances: Vector, remaining: float) -> None:
         self.goal = goal
+        self.paths = paths  # over which its way leads: around bodies that stand in it, by and by
         self.distances = distances
         self.turns: list[tuple[int, int]] = []
         self.remaining = remaining
         self.waited = 0.0
         self.blocked = 0.0
         self.looks = 0
+        self.stuck = 0.0  # seconds since it last moved at all
+        self.free: tuple[float, float] | None = None  # where it drives to get away from a wall, and how long
+        self.freeing = 0.0
+        self.held = 0.0  # seconds since it was at the next, with less than a little way from there
+        self.at = (math.inf, math.inf)
+        self.around: frozenset[Cell] = frozenset()  # where bodies stand that its way leads around
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
 
@@ -102,6 +122,7 @@ class Robot(Body):
         speed: float,
         noise: float,
         generator: np.random.Generator,
+        clearance: Vector,
         scanner: Any = None,
     ) -> None:
         super().__init__(name, agent, paths)
@@ -110,6 +131,7 @@ class Robot(Body):
         self.ranges: Vector = np.zeros(0)
         self.collisions = 0
         self._grid = grid
+        self._clearance = clearance
         self._generator = generator
         self._scanner = scanner
         self._readings: Any = None
@@ -164,7 +186,7 @@ class Robot(Body):
         distances = self._distances_to(pose)
         if self._drive is not None:
             self.fail(f"was sent to {pose.x:g}, {pose.y:g} before it had come")
-        self._drive = drive = _Drive(pose, distances, float(distances[self.cell]))
+        self._drive = drive = _Drive(pose, self._paths, distances, float(distances[self.cell]))
         self._aside = None
         try:
             await drive.over
@@ -183,7 +205,9 @@ class Robot(Body):
         if not pose.is_finite:
             raise DriveError(f"robot {self.name!r} cannot drive to {pose}: it is not finite")
         goal = self._paths.frame.cell(pose.x, pose.y)
-        if goal is None or not self._paths.open[goal]:
+        if goal is not None and not self._paths.open[goal]:
+            goal = self._beside(goal)
+        if goal is None:
             raise DriveError(
                 f"robot {self.name!r} does not fit at {pose.x:g}, {pose.y:g}: give it a goal at least "
                 f"{self.radius:g} m from all walls"
@@ -194,6 +218,15 @@ class Robot(Body):
         if not math.isfinite(self._fields[goal][here]):
             raise DriveError(f"robot {self.name!r} finds no way to {pose.x:g}, {pose.y:g}")
         return self._fields[goal]
+
+    def _beside(self, goal: Cell) -> Cell | None:
+        """Return the nearest cell to a goal's that it may be in, near enough to count as there."""
+        away = np.argwhere(self._paths.open)
+        metres = np.hypot(*(away - goal).T) * self._paths.frame.resolution
+        nearest = int(metres.argmin()) if len(away) else 0
+        if not len(away) or metres[nearest] > _NEAR:
+            return None
+        return int(away[nearest][0]), int(away[nearest][1])
 
     def _distance(self, cell: tuple[int, int]) -> float:
         x, y = self.agent.position
@@ -207,7 +240,9 @@ class Robot(Body):
             bodies: All that are in the building; of two in each other's way the later one gives way first.
         """
         drive = self._drive
-        if drive is None or drive.over.done():
+        if drive is None or drive.over.done() or self._is_held(drive, seconds, bodies):
+            return
+        if self._aside is None and self._frees_itself(drive, seconds, bodies):
             return
         cell = self.cell
         if self._aside is not None:
@@ -220,11 +255,15 @@ class Robot(Body):
             drive.waited += seconds
             drive.blocked += seconds
             if drive.waited > _PATIENCE:
-                self.fail(f"has come no nearer to {drive.goal.x:g}, {drive.goal.y:g} for {_PATIENCE:g} s")
+                where = f"{drive.goal.x:g}, {drive.goal.y:g}"
+                self.fail(f"has come no nearer to {where} for {_PATIENCE:g} s{self._beside_whom(bodies)}")
                 return
-            if drive.blocked > _BLOCKED and self._give_way(drive, bodies):
-                return
+            if drive.blocked > _BLOCKED:
+                if self._give_way(drive, bodies):
+                    return
+                self._go_round(drive, bodies)
         self._turn(drive, cell)
+        self.agent.behavior.safety_margin = self._margin(drive.turns[0])
         controller = self.agent.controller
         if len(drive.turns) == 1:
             from navground.core import Pose2  # noqa: PLC0415 - an extra
@@ -232,6 +271,16 @@ class Robot(Body):
             controller.go_to_pose(Pose2((drive.goal.x, drive.goal.y), drive.goal.yaw), _NEAR, _TURNED)
         else:
             controller.go_to_position(np.array(self._paths.frame.centre(*drive.turns[0])), _NEAR / 2)
+
+    def brake(self, seconds: float, brakes: Brakes, bodies: Sequence[Body]) -> None:
+        """Drive less than it is about to where that would touch something, in a step of the building."""
+        from navground.core import Frame, Twist2  # noqa: PLC0415 - an extra
+
+        told = self.agent.last_cmd.relative(self.agent.pose)
+        forward = float(told.velocity[0])
+        share = brakes.share(self, forward * seconds, told.angular_speed * seconds, bodies)
+        if share < 1.0:
+            self.agent.last_cmd = Twist2((share * forward, 0.0), told.angular_speed, Frame.relative)
 
     def _give_way(self, drive: _Drive, bodies: Sequence[Body]) -> bool:
         """Set out for where others can pass, if it is to let them; return whether it does."""
@@ -247,25 +296,111 @@ class Robot(Body):
             self._aside = _Aside(turns, others)
         return turns is not None
 
+    def _go_round(self, drive: _Drive, bodies: Sequence[Body]) -> None:
+        """Find another way, around the bodies that stand in this one, where there is one."""
+        standing = {
+            body.cell: self.radius + body.radius + PATH_MARGIN
+            for body in bodies
+            if body is not self and not body.remaining
+        }
+        around = frozenset(standing)
+        if around <= drive.around:
+            return
+        drive.around |= around
+        rows, columns = np.indices(self._paths.frame.shape)
+        free = self._paths.open.copy()
+        for cell, extent in standing.items():
+            free &= np.hypot(rows - cell[0], columns - cell[1]) * self._paths.frame.resolution > extent
+        free[self.cell] = True
+        goal = np.unravel_index(drive.distances.argmin(), drive.distances.shape)
+        if not free[goal]:
+            return
+        paths = Paths(self._paths.frame, free)
+        distances, _ = paths.distances([(int(goal[0]), int(goal[1]))])
+        if math.isfinite(distances[self.cell]):
+            drive.paths, drive.distances = paths, distances
+            drive.remaining, drive.blocked = float(distances[self.cell]), 0.0
+            drive.turns = paths.route(distances, self.cell)
+
+    def _set_out(self, drive: _Drive, cell: Cell) -> None:
+        """Take the shortest way from a cell, around bodies no more where it was pushed to where one stood."""
+        if not math.isfinite(drive.distances[cell]):
+            goal = np.unravel_index(drive.distances.argmin(), drive.distances.shape)
+            drive.paths, drive.distances = self._paths, self._fields[int(goal[0]), int(goal[1])]
+        drive.turns = drive.paths.route(drive.distances, cell)
+
+    def _margin(self, turn: Cell) -> float:
+        """Return the metres to keep from all, as the way ahead has room: in a narrow passage less."""
+        x, y = self.agent.position.tolist()
+        end = self._grid.frame.centre(*turn)
+        share = min(1.0, _AHEAD / max(math.dist((x, y), end), _NEARER))
+        cells = (
+            self._grid.frame.cell(x + part * (end[0] - x), y + part * (end[1] - y))
+            for part in np.linspace(0.0, share, _SAMPLES).tolist()
+        )
+        room = min(float(self._clearance[cell]) if cell is not None else 0.0 for cell in cells)
+        return max(GAP, min(_COMFORT, room - self.radius - _TRUE))
+
+    def _frees_itself(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> bool:
+        """Drive a little away from a wall beside which the brakes have stopped it; return whether it does."""
+        if drive.freeing <= 0 and drive.stuck > _STUCK:
+            here, side = self.pose, self._grid.frame.resolution
+            near = [math.dist((here.x, here.y), body.agent.position) for body in bodies if body is not self]
+            if min(near, default=math.inf) < 2 * self.radius + 2 * _CLEAR:
+                return False  # it is not the wall, or not alone
+            row, column = self._grid.frame.locate(here.x, here.y)
+            cells = np.argwhere(self._clearance > self.radius + _CLEAR)
+            away = np.hypot(cells[:, 0] - row, cells[:, 1] - column) * side
+            if not len(away) or not side < away.min() < 1.0:
+                return False
+            drive.free = self._grid.frame.centre(*cells[away.argmin()].tolist())
+            drive.freeing, drive.stuck = _FREEING, 0.0
+        if drive.freeing <= 0 or drive.free is None:
+            return False
+        drive.freeing -= seconds
+        drive.waited += seconds
+        drive.blocked += seconds
+        self.agent.behavior.safety_margin = 0.0
+        self.agent.controller.go_to_position(np.array(drive.free), _NEAR / 3)
+        return True
+
+    def _is_held(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> bool:
+        """Let a drive fail that has got nowhere for long, whatever it waited for."""
+        x, y = self.agent.position.tolist()
+        if math.dist(drive.at, (x, y)) > _MOVED:
+            drive.at, drive.held = (x, y), 0.0
+        drive.held += seconds
+        drive.stuck = 0.0 if float(np.hypot(*self.agent.velocity)) > _SLOW else drive.stuck + seconds
+        if drive.held > _HELD:
+            self.fail(f"has been held up for {_HELD:g} s{self._beside_whom(bodies)}")
+        return drive.held > _HELD
+
+    def _beside_whom(self, bodies: Sequence[Body]) -> str:
+        """Return in words who is nearest, if anybody is near."""
+        away = {body.name: math.dist(self.agent.position, body.agent.position) for body in bodies if body is not self}
+        near = min(away, key=away.__getitem__, default=None)
+        return f", beside {near!r}" if near is not None and away[near] < _MEETING else ""
+
     def _stay_aside(self, aside: _Aside, drive: _Drive, cell: tuple[int, int], seconds: float) -> None:
         aside.seconds += seconds
         if aside.is_over():
             self._aside = None
-            drive.turns = self._paths.route(drive.distances, cell)
+            self._set_out(drive, cell)
             return
         while len(aside.turns) > 1 and self._distance(aside.turns[0]) < _NEAR:
             del aside.turns[0]
+        self.agent.behavior.safety_margin = self._margin(aside.turns[0])
         self.agent.controller.go_to_position(np.array(self._paths.frame.centre(*aside.turns[0])), _NEAR / 2)
 
     def _turn(self, drive: _Drive, cell: tuple[int, int]) -> None:
         """Take up the next turn of the way where it is in sight, or the last one is reached."""
         drive.looks += 1
         in_time = drive.looks % _LOOKS == 1
-        turns, cells = drive.turns, self._paths.open
+        turns, cells = drive.turns, drive.paths.open
         while len(turns) > 1 and (self._distance(turns[0]) < _NEAR or (in_time and sees(cells, cell, turns[1]))):
             del turns[0]
         if in_time and drive.waited < 1.0 and not (turns and sees(cells, cell, turns[0])):
-            drive.turns = self._paths.route(drive.distances, cell)  # it sets out, or was pushed off its way
+            self._set_out(drive, cell)  # for the first time, or it was pushed off its way
 
     def look(self, world: Any) -> None:
         """Take in what a step has brought about."""

@@ -25,20 +25,24 @@ class Visits:
         every: The expected seconds from one coming to the next, in the whole building; infinite for never by itself.
         stay: The expected seconds until it goes by itself; infinite for something that has to be seen to.
         places: Where, each as often as the others; by default everywhere.
+        radius: Of its body, in metres, around which robots drive; 0 for what is no obstacle.
 
     Raises:
-        ConfigError: If a time is not above 0, or there is no place.
+        ConfigError: If a time is not above 0, the radius not from 0, or there is no place.
     """
 
     kind: str
     every: float = math.inf
     stay: float = math.inf
     places: Sequence[str] | None = None
+    radius: float = 0.2
 
     def __post_init__(self) -> None:
         for what, seconds in (("every", self.every), ("stay", self.stay)):
             if not is_number(seconds) or not seconds > 0:
                 raise ConfigError(f"{what} is a number of seconds above 0, not {seconds!r}", key=what)
+        if not is_number(self.radius) or not 0 <= self.radius < math.inf:
+            raise ConfigError(f"the radius is a number of metres, 0 or more, not {self.radius!r}", key="radius")
         if self.places is not None and (isinstance(self.places, str) or not self.places):
             raise ConfigError(f"places are names, one at least, not {self.places!r}", key="places")
 

@@ -110,7 +110,7 @@ class Case:
 
     def _disturbances(self):
         """Return what happens when: in the first minutes, and nothing later."""
-        known = ["push", "stop", "lose", "restart", *(["block"] if self.rate else [])]
+        known = ["push", "stop", "block", "lose", "restart"]
         kinds = self.random.choice(known, size=int(self.random.integers(0, 6)))
         return sorted((float(self.random.uniform(0, 60)), str(kind)) for kind in kinds)
 
@@ -246,7 +246,7 @@ def run(seed, *, failed="decide"):
                 mdm.StateFactor("half", ["Half"]),
             ],
             actions=Navigation(floor, robot, places).actions(),
-            **({"drive": mdm.FixedRate(float(case.rate))} if case.rate else {"on_failed_action": "continue"}),
+            **({"drive": mdm.FixedRate(float(case.rate))} if case.rate else {"on_failed_action": failed}),
         )
         turns, decided, astray = [], [], []
 

@@ -331,7 +331,9 @@ class _Way(Binding):
         """Return the way as an action of an ensemble, whose decisions say where it begins."""
         navigation, (timeout, grace) = self._navigation, self._limits
         position = Position(ensemble, navigation.graph, navigation.prefix)
-        return _Way(navigation, self.label, position, timeout=timeout, grace=grace)
+        own = _Way(navigation, self.label, position, timeout=timeout, grace=grace)
+        own.sequel = self.sequel
+        return own
 
 
 def _call(go: Any, name: str, given: str) -> None:

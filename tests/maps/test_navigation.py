@@ -551,3 +551,19 @@ def test_feedback_from_a_thread_keeps_the_newest_and_loses_none_that_counts():
         assert driven.faults == []
 
     drive(script, Chatty)
+
+
+def test_a_way_decides_again_after_a_failure_as_its_binding_says():
+    class Blocked(Robot):
+        async def go(self, goal):
+            await asyncio.sleep(1)
+            if self.said.append("tried") or len(self.said) < 3:
+                raise OSError("a chair is in the way")
+            await super().go(goal)
+
+    async def script(driven):
+        await asyncio.sleep(40)
+        assert driven.robot.said[:3] == ["tried"] * 3
+        assert driven.robot.places.place == "C"
+
+    drive(script, Blocked, navigation={"then": "decide", "pause": 2.0})

@@ -92,6 +92,12 @@ def test_a_robot_goes_on_whatever_disturbs_it(seed):
     assert outcome.goes_on, f"{outcome} of {patrols.Case(seed)}"
 
 
+@pytest.mark.parametrize("seed", [103, 111])
+def test_a_robot_that_decides_nothing_after_a_failure_is_found(seed):
+    assert not patrols.run(seed, failed="continue").goes_on
+    assert patrols.run(seed).goes_on
+
+
 def as_it_was(monkeypatch):
     """Resolve ways from where the predicates have the robot, whatever was decided on."""
     monkeypatch.setattr(Position, "of", lambda position, action: None)

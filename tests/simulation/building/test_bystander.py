@@ -11,6 +11,7 @@ from maps.floors import FURNITURE, Floor, offices
 import mdm
 from mdm.errors import ConfigError
 from mdm.simulation.building import Building, Visits
+from mdm.simulation.building.robot import DriveError
 
 
 def passage(width):
@@ -64,7 +65,10 @@ def test_robots_drive_around_a_crowd(seed):
             assert len(bodies) > 6
             assert min(math.dist((one.x, one.y), (goal.x, goal.y)) for one in bodies for goal in goals) > 0.69
             for goal in [*goals, goals[0]]:
-                await asyncio.wait_for(robot.go(goal), 120)
+                try:
+                    await robot.go(goal)
+                except DriveError:  # in a crowd it may get stuck, and says so; from there it finds another way
+                    await asyncio.wait_for(robot.go(goal), 120)
 
     mdm.run(main, virtual=True)
     assert robot.collisions == 0

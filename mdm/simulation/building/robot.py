@@ -299,7 +299,7 @@ class Robot(Body):
     def _go_round(self, drive: _Drive, bodies: Sequence[Body]) -> None:
         """Find another way, around the bodies that stand in this one, where there is one."""
         standing = {
-            body.cell: self.radius + body.radius + PATH_MARGIN
+            body.cell: self.radius + body.radius + 2 * PATH_MARGIN
             for body in bodies
             if body is not self and not body.remaining
         }
@@ -342,14 +342,19 @@ class Robot(Body):
         return max(GAP, min(_COMFORT, room - self.radius - _TRUE))
 
     def _frees_itself(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> bool:
-        """Drive a little away from a wall beside which the brakes have stopped it; return whether it does."""
+        """Drive a little away from what stands where the brakes have stopped it; return whether it does."""
         if drive.freeing <= 0 and drive.stuck > _STUCK:
             here, side = self.pose, self._grid.frame.resolution
-            near = [math.dist((here.x, here.y), body.agent.position) for body in bodies if body is not self]
-            if min(near, default=math.inf) < 2 * self.radius + 2 * _CLEAR:
-                return False  # it is not the wall, or not alone
+            away_from = {body: math.dist((here.x, here.y), body.agent.position) for body in bodies if body is not self}
+            if any(body.remaining and metres < _MEETING for body, metres in away_from.items()):
+                return False  # who drives is to pass, or to be let pass
+            near = [body for body, metres in away_from.items() if metres < self.radius + body.radius + 2 * _CLEAR]
             row, column = self._grid.frame.locate(here.x, here.y)
             cells = np.argwhere(self._clearance > self.radius + _CLEAR)
+            for body in near:
+                there = self._grid.frame.locate(body.pose.x, body.pose.y)
+                metres = np.hypot(cells[:, 0] - there[0], cells[:, 1] - there[1]) * side
+                cells = cells[metres > self.radius + body.radius + _CLEAR]
             away = np.hypot(cells[:, 0] - row, cells[:, 1] - column) * side
             if not len(away) or not side < away.min() < 1.0:
                 return False

@@ -50,7 +50,7 @@ def test_a_visit_has_a_body_while_it_is_there():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_robots_drive_around_a_crowd(seed):
+def test_robots_drive_around_people(seed):
     building = Building(offices().map(), visits=[Visits("person")], seed=seed)
     robot = building.robot("ada", at="hall", noise=0.0)
 
@@ -58,11 +58,10 @@ def test_robots_drive_around_a_crowd(seed):
         async with mdm.Runtime(log=None) as runtime:
             await runtime.start(building)
             for place in building.floor.graph.names:
-                for _ in range(2):
-                    building.come("person", place)
+                building.come("person", place)
             goals = [node.goal for node in building.floor.graph.nodes]
             bodies = [one.pose for one in building._bystanders if one.visit is not None]
-            assert len(bodies) > 6
+            assert len(bodies) > 3
             assert min(math.dist((one.x, one.y), (goal.x, goal.y)) for one in bodies for goal in goals) > 0.69
             for goal in [*goals, goals[0]]:
                 try:

@@ -9,11 +9,14 @@ import math
 import numpy as np
 import pytest
 from action_lives import robot
+from team_robots import decider, started
 
 from mdm import ConfigError, Ensemble, FixedRate, PredicateManager, StateFactor, bind
 from mdm.messages import State
 from mdm.policies import AlphaVectors
-from mdm.problems import tiger
+from mdm.problems import dec_tiger, tiger
+from mdm.team import Team
+from mdm.team.transport.network import Network
 from mdm.testing import probe, run_virtual
 
 HOUR = 3600.0
@@ -447,3 +450,27 @@ def _check(ensemble):
     waiting = bool(ensemble.statistics().waiting)
     assert bool(ensemble.action.live) + waiting + idle >= 1
     assert not (idle and (waiting or ensemble.action.live))
+
+
+@pytest.mark.parametrize("mode", ["replicated", "centralised"])
+def test_in_a_team_an_agent_does_its_part_again_and_nothing_is_decided(mode):
+    model = dec_tiger()
+
+    def build(robot, agent):
+        calls = {
+            name: bind(robot.act(name), then="decide", pause=2.0) for name in model.action_space.factors[agent].names
+        }
+        return Ensemble("joint", policy=decider(model), model=model, actions=calls, agent=agent)
+
+    async def main(runtime):
+        team = Team("tigers", ["left", "right"], mode=mode)
+        robots = await started(runtime, team, Network(runtime.clock, team="tigers"), build)
+        await asyncio.sleep(30)
+        return robots
+
+    for one in run_virtual(main):
+        assert all(commit.time < 1e9 for commit in one.commits)
+        assert 14 <= len(one.did) <= 16
+        assert set(one.did) == {"listen"}
+        assert one.ensemble.controller.epoch <= 1  # where another decides for it, none
+        assert one.kinds() == []

@@ -1,23 +1,29 @@
-# Everything a contributor runs. Each target sets up what it needs in .venv first.
+# Everything a contributor runs. Each target sets up what it needs first: in .venv, and where PYTHON is given in an
+# environment of that interpreter's version, such as .venv-3.13.
+ifeq ($(origin PYTHON), undefined)
+ENVIRONMENT := .venv
+else
+ENVIRONMENT := .venv-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+endif
 PYTHON ?= python3
-BIN := .venv/bin
-READY := .venv/.ready
-DEMO := .venv/.demo
+BIN := $(ENVIRONMENT)/bin
+READY := $(ENVIRONMENT)/.ready
+DEMO := $(ENVIRONMENT)/.demo
 
-.PHONY: demo test wheel-test chaos lint types docs bench clean
+.PHONY: demo test test-fast test-newest wheel-test chaos lint types docs bench clean
 
 # The virtual environment: with all that a contributor needs, or at first with what the demo needs alone.
-.venv/bin/python:
+$(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit("mdm needs Python 3.11 or later" if sys.version_info < (3, 11) else 0)'
-	@echo 'Making a virtual environment in .venv'
-	@$(PYTHON) -m venv .venv
+	@echo 'Making a virtual environment in $(ENVIRONMENT)'
+	@$(PYTHON) -m venv $(ENVIRONMENT)
 
-$(READY): pyproject.toml constraints.txt | .venv/bin/python
+$(READY): pyproject.toml constraints.txt | $(BIN)/python
 	@echo 'Installing what tests, lint and types need; this takes a minute or two'
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@ $(DEMO)
 
-$(DEMO): pyproject.toml constraints.txt | .venv/bin/python
+$(DEMO): pyproject.toml constraints.txt | $(BIN)/python
 	@echo 'Installing what the demo needs: numpy, scipy and a simulator of robots'
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[demo]'
 	@touch $@
@@ -30,17 +36,26 @@ demo: $(DEMO)
 test: $(READY)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
 
-# Every test against the package as it is installed from a wheel: compiled, or with MDM_WHEEL=plain plain Python; in an
-# environment of its own, from a copy of the tests beside which there is no other package.
-MDM_WHEEL ?= compiled
+# What another interpreter is most likely to change, within a minute: what the loop, actors and beliefs are made of.
+FAST := tests/actors tests/beliefs tests/config tests/logic tests/models tests/policies tests/runtime tests/test_public.py
+test-fast: $(READY)
+	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal $(FAST)
+
+# The same on the newest interpreter that there is.
+test-newest:
+	@newest=$$(.ci/newest); if [ -n "$$newest" ]; then $(MAKE) test-fast PYTHON="$$newest"; \
+	else echo 'There is no Python beyond 3.11 to test with: python3.14, python3.13 or python3.12, on the path or under pyenv.'; fi
+
+# Every test against the package as it is installed from a wheel, in an environment of its own, from a copy of the tests
+# beside which there is no other package.
 WHEEL := build/wheel
 wheel-test:
 	rm -rf $(WHEEL)
 	$(PYTHON) -m venv $(WHEEL)/env
-	MDM_WHEEL=$(MDM_WHEEL) $(WHEEL)/env/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w $(WHEEL) .
+	$(WHEEL)/env/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w $(WHEEL) .
 	$(WHEEL)/env/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt "$$(echo $(WHEEL)/*.whl)[dev]"
 	mkdir $(WHEEL)/copy
-	cp -r tests examples benchmarks docs README.md CHANGELOG.md Makefile pyproject.toml hatch_build.py $(WHEEL)/copy
+	cp -r tests examples benchmarks docs README.md CHANGELOG.md Makefile pyproject.toml $(WHEEL)/copy
 	cd $(WHEEL)/copy && ../env/bin/mdm --version && ../env/bin/pytest -n logical --maxprocesses 8 --dist worksteal
 
 # Random systems under random faults in virtual time, then robots as real processes that get signals, two at a time; then
@@ -64,7 +79,7 @@ types: $(READY)
 	$(BIN)/mypy
 
 docs: $(READY)
-	MDM_WHEEL=plain $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	$(BIN)/sphinx-build -W -b html docs docs/_build/html
 
 bench: $(READY)
@@ -88,4 +103,4 @@ bench: $(READY)
 	$(BIN)/python benchmarks/team_radio.py
 
 clean:
-	rm -rf .venv build dist docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .venv-* build dist docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis

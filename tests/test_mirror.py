@@ -15,7 +15,6 @@ UNTESTED_ALONE = {
     "actors/options.py": "declares types alone",
     "controller/step.py": "declares a type alone",
     "runtime/reader.py": "a line of the wall clock: test_clock",
-    "runtime/weak.py": "an empty base",
     "actors/layer.py": "a base: its layers are tested",
     "team/centre.py": "with its outposts: test_centralised",
     "team/layer.py": "a base: replicas and centralised teams are tested",

@@ -17,7 +17,6 @@ import mdm
 from mdm.cli.interruption import Interruption
 from mdm.cli.usage import UsageError, complete
 from mdm.compile_time import COMPILE_TIME
-from mdm.compiled import is_compiled
 from mdm.errors import Error
 
 if TYPE_CHECKING:
@@ -72,8 +71,7 @@ def _main(arguments: Sequence[str] | None, interruption: Interruption) -> int:
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    kind = "compiled" if is_compiled() else "plain Python"
-    parser.add_argument("--version", action="version", version=f"mdm {mdm.__version__} ({kind})")
+    parser.add_argument("--version", action="version", version=f"mdm {mdm.__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB")
     for verb, place in VERBS.items():
         module = importlib.import_module(place)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from threading import get_ident
-from typing import TYPE_CHECKING, Any, Final, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from mdm.errors import Error
 from mdm.messages import Fault
 from mdm.runtime.handler import check_plain
 from mdm.runtime.statistics import ChannelStatistics
 from mdm.runtime.stream import Stream
-from mdm.runtime.weak import WeaklyHeld
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
 __all__ = ["Channel", "Subscription", "Topics"]
 
 T = TypeVar("T")
-
-_get_ident: Final = get_ident  # what is final compiled code finds at once
 
 
 class Subscription(Generic[T]):
@@ -86,7 +83,7 @@ class Topics:
         self.sole: Subscription[Any] | None = None
 
 
-class Channel(WeaklyHeld, Generic[T]):
+class Channel(Generic[T]):
     """A named stream of messages of one type.
 
     Args:
@@ -99,6 +96,8 @@ class Channel(WeaklyHeld, Generic[T]):
 
     # What each message reads or writes, close together: among many channels what is far apart is not in the cache.
     __slots__ = (
+        "__dict__",
+        "__weakref__",
         "_dispatcher",
         "_sole",
         "_subscriptions",
@@ -156,7 +155,7 @@ class Channel(WeaklyHeld, Generic[T]):
             raise TypeError(
                 f"channel {self.name!r} carries {self.type.__name__} messages, not {message.__class__.__name__}"
             )
-        if _get_ident() != dispatcher.thread:
+        if get_ident() != dispatcher.thread:
             dispatcher.publish_from_thread(self, message)
             return
         self.published += 1

@@ -18,7 +18,6 @@ from weakref import WeakSet
 from mdm.errors import Error
 from mdm.runtime.inbox import Inbox
 from mdm.runtime.statistics import DispatcherStatistics
-from mdm.runtime.weak import WeaklyHeld
 
 if TYPE_CHECKING:
     import asyncio
@@ -36,7 +35,7 @@ _STRAIGHT: Final = 16
 _OPEN: WeakSet[Dispatcher] = WeakSet()
 
 
-class Dispatcher(WeaklyHeld):
+class Dispatcher:
     """Runs turns on the event loop's thread, and takes messages from other threads.
 
     Args:
@@ -46,6 +45,7 @@ class Dispatcher(WeaklyHeld):
     """
 
     __slots__ = (
+        "__weakref__",
         "_behind",
         "_clock",
         "_forked",

@@ -1,4 +1,4 @@
-"""Readers: functions that tell a clock's time. They are compiled; clocks are not, for one may inherit from them."""
+"""Readers: functions that tell a clock's time."""
 
 from __future__ import annotations
 

@@ -13,7 +13,6 @@ import anyio
 import msgspec
 
 from mdm.choice import check_flag
-from mdm.compiled import is_compiled
 from mdm.errors import Error
 from mdm.messages import Decision, Fault, Idle, Mode, StateChange
 from mdm.runtime.actor import Actor
@@ -53,17 +52,13 @@ _OPEN: WeakKeyDictionary[asyncio.AbstractEventLoop, WeakSet[Runtime]] = WeakKeyD
 
 
 class RuntimeStatistics(msgspec.Struct, frozen=True):
-    """A snapshot of everything in a runtime; ``loop`` is None without a watchdog, ``log`` without a log.
-
-    ``compiled`` tells whether decisions run as machine code, see `mdm.compiled`.
-    """
+    """A snapshot of everything in a runtime; ``loop`` is None without a watchdog, ``log`` without a log."""
 
     dispatcher: DispatcherStatistics
     actors: tuple[ActorStatistics, ...]
     channels: tuple[ChannelStatistics, ...]
     log: LogStatistics | None
     loop: LoopStatistics | None
-    compiled: bool
 
     def __str__(self) -> str:
         """Return a table of what is not zero: a line for each actor, and for each channel that something crossed."""
@@ -444,7 +439,6 @@ class Runtime:
             channels=tuple(channel.statistics() for channel in self._channels.values()),
             log=None if self._log is None else self._log.statistics(),
             loop=None if self._watchdog is None else self._watchdog.statistics(),
-            compiled=is_compiled(),
         )
 
 

@@ -9,16 +9,11 @@ from mdm import Actor, Ensemble, PredicateManager
 from mdm.actors.action_layer import ActionLayer
 from mdm.actors.liveness import Liveness
 from mdm.actors.safety import Safety
-from mdm.compiled import is_compiled
 from mdm.runtime.executors import Jobs, _Job
 from mdm.runtime.work import Work
 
 MOST = 1000
 """Scenarios in which a planted fault is found."""
-
-PLAIN = pytest.mark.skipif(
-    is_compiled(), reason="compiled methods call each other, with nothing that could be replaced"
-)
 
 
 def drop_the_latch(patch):
@@ -203,25 +198,25 @@ FIRST = {
 @pytest.mark.parametrize(
     "plant",
     [
-        pytest.param(drop_the_latch, marks=PLAIN),
-        pytest.param(begin_before_the_old_one_has_ended, marks=PLAIN),
-        pytest.param(do_not_cancel_before_the_safe_action, marks=PLAIN),
-        pytest.param(lose_the_timer_of_the_timeout, marks=PLAIN),
-        pytest.param(end_a_life_twice, marks=PLAIN),
+        drop_the_latch,
+        begin_before_the_old_one_has_ended,
+        do_not_cancel_before_the_safe_action,
+        lose_the_timer_of_the_timeout,
+        end_a_life_twice,
         forget_the_safe_action_at_the_end,
         let_the_end_not_wait_for_what_is_below,
         let_a_safe_action_that_began_before_those_below_have_ended_be_the_last,
         swallow_a_failure,
         trust_a_retained_state_after_a_restart,
         trust_predicates_while_their_manager_is_down,
-        pytest.param(lose_the_timer_of_the_grace, marks=PLAIN),
+        lose_the_timer_of_the_grace,
         let_the_end_of_the_runtime_latch_nothing,
         do_not_wait_for_threads,
         keep_the_count_of_a_job_that_cannot_begin,
         let_a_job_that_was_refused_begin,
         start_what_is_safe_below_what_is_safe,
-        pytest.param(put_off_what_is_replaced_behind_the_latch, marks=PLAIN),
-        pytest.param(begin_beside_what_was_replaced, marks=PLAIN),
+        put_off_what_is_replaced_behind_the_latch,
+        begin_beside_what_was_replaced,
         end_what_has_not_begun_to_start,
         wait_below_what_starts_for_its_end,
         make_safe_before_the_layer_lives,

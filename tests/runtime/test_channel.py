@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import gc
+import weakref
 from functools import partial
 
 import pytest
 from recorded import state
 
-from mdm import Actor, Error, Restart
-from mdm.messages import State, Tick
+from mdm import Actor, Channel, Error, Restart, VirtualClock
+from mdm.messages import Fault, State, Tick
 from mdm.runtime.channel import Topics
+from mdm.runtime.dispatcher import Dispatcher
 from mdm.testing import crash, probe, run_virtual
 
 
@@ -225,3 +228,13 @@ def test_who_fails_at_a_fault_is_not_told_of_its_own():
         assert actor.life == "failed"
 
     run_virtual(main)
+
+
+def test_channels_are_held_weakly_like_anything_else():
+    held = []
+    for _ in range(1000):
+        channel = Channel("news", Fault, Dispatcher(VirtualClock()))
+        held.append(weakref.ref(channel))
+    del channel
+    gc.collect()
+    assert not any(weak() for weak in held)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,9 +23,6 @@ __all__ = ["Observed", "Output"]
 
 Observed = int | tuple[int | None, ...] | None
 """An observation by its index, or by components, None where one is missing."""
-
-
-_Action: Final = Action  # what is final compiled code finds at once
 
 
 def _ignore(_: Action) -> None:
@@ -157,7 +154,7 @@ class Output:
         if self._has_belief:
             self._publish_belief(time)
         assert self._actions is not None
-        self._actions.emit_last(_Action(time, step.epoch, action, state))
+        self._actions.emit_last(Action(time, step.epoch, action, state))
 
     def act_last(self, state: int, time: int) -> bool:
         """Decide on a state by a table, and publish the action, as the last thing that a handler does.
@@ -177,7 +174,7 @@ class Output:
             self._latencies.fold()
         self.acted = action
         assert self._actions is not None
-        self._actions.emit_last(_Action(time, epoch, action, state))
+        self._actions.emit_last(Action(time, epoch, action, state))
         return True
 
     def _publish_belief(self, time: int) -> None:

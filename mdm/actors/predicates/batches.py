@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from asyncio import _get_running_loop
 from threading import get_ident
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 if sys.version_info >= (3, 12):
     from asyncio import current_task
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 __all__ = ["Batch", "Batches"]
 
 Value = tuple[str, "bool | None"]
-
-_get_ident: Final = get_ident  # what is final compiled code finds at once
-_current_task: Final = current_task
 
 
 class Batches:
@@ -50,11 +47,11 @@ class Batches:
 
         Hot path: which loop runs takes a system call to find out, and a dispatcher's own thread runs its loop.
         """
-        thread, dispatcher = _get_ident(), self.dispatcher
+        thread, dispatcher = get_ident(), self.dispatcher
         if dispatcher is not None and dispatcher.thread == thread and dispatcher.loop is not None:
-            return _current_task(dispatcher.loop) or thread
+            return current_task(dispatcher.loop) or thread
         loop = _get_running_loop()  # None where none runs, in place of an exception
-        return thread if loop is None else _current_task(loop) or thread
+        return thread if loop is None else current_task(loop) or thread
 
 
 class Batch:

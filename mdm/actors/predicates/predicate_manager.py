@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mypy_extensions import mypyc_attr
-
 from mdm.actors.predicates.backlog import Backlog
 from mdm.actors.predicates.batches import Batch, Batches
 from mdm.actors.predicates.declarations import ACTION_END, Declarations
@@ -43,7 +41,6 @@ __all__ = ["PredicateManager"]
 T = TypeVar("T")
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)
 class PredicateManager(Actor):
     """Grounds predicates and events on sensors, and derives others by formula.
 

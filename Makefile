@@ -36,8 +36,8 @@ demo: $(DEMO)
 test: $(READY)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
 
-# What another interpreter is most likely to change, within a minute: what the loop, actors and beliefs are made of.
-FAST := tests/actors tests/beliefs tests/config tests/logic tests/models tests/policies tests/runtime tests/test_public.py
+# What another interpreter is most likely to change, in little time: what the event loop, threads and actors are made of.
+FAST := tests/actors/test_*actions.py tests/actors/test_ensemble.py tests/logic tests/runtime
 test-fast: $(READY)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal $(FAST)
 
@@ -59,16 +59,19 @@ wheel-test:
 	cd $(WHEEL)/copy && ../env/bin/mdm --version && ../env/bin/pytest -n logical --maxprocesses 8 --dist worksteal
 
 # Random systems under random faults in virtual time, then robots as real processes that get signals, two at a time; then
-# teams that are sent forged messages; then patrols of random floors, which must go on.
+# teams that are sent forged messages; then patrols of random floors, which must go on; then
+# random schedules of what happens to a team's agreement.
 # Violations are printed with their seeds.
 MDM_CHAOS ?= 100000
 MDM_CHAOS_PROCESSES ?= 1000
 MDM_FORGED ?= 200000
 MDM_PATROLS ?= 2000
+MDM_SCHEDULES ?= 100000
 chaos: $(READY)
 	PYTHONPATH=tests $(BIN)/python -m chaos $(MDM_CHAOS) $(MDM_CHAOS_PROCESSES)
 	PYTHONPATH=tests $(BIN)/python -m team.forgery $(MDM_FORGED)
 	PYTHONPATH=tests $(BIN)/python -m patrols $(MDM_PATROLS)
+	PYTHONPATH=tests $(BIN)/python -m team.schedules $(MDM_SCHEDULES)
 
 lint: $(READY)
 	$(BIN)/ruff check .

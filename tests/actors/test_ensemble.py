@@ -228,10 +228,11 @@ def test_what_nothing_gives_and_what_nothing_takes_is_noted():
         manager.event(f"{name}Seen")
     states = [StateFactor("a", ["A"])]
     observations = [ObservationFactor("seen", ["ASeen", "BSeen"])]
-    assert list(leaf("leaf", predicates=manager, states=states).notes()) == []
-    both = leaf("leaf", predicates=manager, states=states, observations=observations)
+    actions = {"Work": lambda: None, "Rest": lambda: None}  # which take no time: nothing is to follow their ends
+    assert list(leaf("leaf", predicates=manager, states=states, actions=actions).notes()) == []
+    both = leaf("leaf", predicates=manager, states=states, observations=observations, actions=actions)
     assert list(both.notes()) == ["ensemble 'leaf' has observations, but its policy decides on states"]
-    assert list(leaf("leaf").notes()) == [
+    assert list(leaf("leaf", actions=actions).notes()) == [
         "ensemble 'leaf' has no states: it waits for code that publishes what it decides on"
     ]
 

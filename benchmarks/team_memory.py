@@ -1,5 +1,7 @@
 """What a team's agents hold in memory, and how long each takes from its start to its first step.
 
+On a busy machine the processor's time until then says more than the time that passed.
+
 Agents are processes of `mdm run`, all on this machine. Memory is what the system counts of a process once all agents
 have taken some steps: RSS counts pages that processes share in each of them, PSS divides them among those that do.
 """
@@ -127,6 +129,12 @@ def memory(process: int) -> dict[str, float]:
     return {name: int(found[key]) / 1024 for name, key in (("RSS", "Rss"), ("PSS", "Pss"), ("peak", "VmHWM"))}
 
 
+def processor_time(process: int) -> float:
+    """Return the seconds of a processor that a process has taken, its own and the system's for it."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def measure(kind: str, agents: int, mode: str) -> dict[str, Any]:
     """Run a team until each agent has taken some steps; return what the worst of them needed.
 
@@ -153,10 +161,13 @@ def measure(kind: str, agents: int, mode: str) -> dict[str, Any]:
                 with (folder / f"{agent}.log").open("w") as log:
                     processes[agent] = subprocess.Popen(command, cwd=folder, stdout=log, stderr=log)
             first: dict[str, float] = {}
+            spent: dict[str, float] = {}
             while True:
                 taken = {agent: _lines(folder / f"{agent}.jsonl") for agent in names}
                 passed = time.monotonic() - began
-                first |= {agent: passed for agent in names if taken[agent] and agent not in first}
+                new = [agent for agent in names if taken[agent] and agent not in first]
+                first |= dict.fromkeys(new, passed)
+                spent |= {agent: processor_time(processes[agent].pid) for agent in new}
                 if min(taken.values()) >= STEPS:
                     break
                 ended = [agent for agent, process in processes.items() if process.poll() is not None]
@@ -170,7 +181,8 @@ def measure(kind: str, agents: int, mode: str) -> dict[str, Any]:
                 process.send_signal(signal.SIGKILL)
                 process.wait()
     worst = {f"{key} MB": max(one[key] for one in held) for key in held[0]}
-    return {"model": kind, "mode": mode, "agents": agents, "first step s": max(first.values()), **worst}
+    times = {"first step s": max(first.values()), "processor s": max(spent.values())}
+    return {"model": kind, "mode": mode, "agents": agents, **times, **worst}
 
 
 def _lines(path: Path) -> int:

@@ -75,6 +75,7 @@ def test_benchmark(tmp_path, name):
         assert all(row["steps a second"] > 0 for row in results["steps"])
     elif name == "team_memory":
         assert all(row["RSS MB"] >= row["PSS MB"] > 0 for row in results["team_memory"])
+        assert all(row["processor s"] > 0 for row in results["team_memory"])
     elif name == "team_radio":
         sound, lossy = results["steps"]
         assert sound["together %"] == 100 > lossy["together and whole %"]

@@ -177,6 +177,7 @@ async def patrol(arguments: argparse.Namespace, film: Film | None) -> None:
         await runtime.start(system)
         await asyncio.sleep(seconds)
         latencies = {name: ensemble.action.latency for name, ensemble in system.ensembles.items()}
+        idle = system.ensembles["top"].statistics().idle
         where = f"the robot is in {display.place()}, and {display.to_go()}"
     print(f"\nAt the end {where}.\n")
     columns = min(72, shutil.get_terminal_size().columns - 1)
@@ -186,6 +187,14 @@ async def patrol(arguments: argparse.Namespace, film: Film | None) -> None:
         lives = ", ".join(f"{count} {status}" for status, count in sorted(system.ensembles[name].action.ended.items()))
         median = "" if arguments.fast else f"; from stimulus to callback {latency.quantile(0.5) * 1e6:.0f} µs (median)"
         print(f"  {name}: {display.decisions[name]} decisions; actions: {lives}{median}")
+    seconds_until = sorted(World.attended)
+    if seconds_until:
+        mean, half = sum(seconds_until) / len(seconds_until), seconds_until[len(seconds_until) // 2]
+        print(
+            f"  calls: {len(seconds_until)} attended, after {mean:.1f} s in the mean, {half:.1f} s (median), and "
+            f"{seconds_until[-1]:.1f} s at most; {len(World.known)} not yet"
+        )
+    print(f"  top level: idle for {idle:.1f} s, which is {100 * idle / seconds:.1f} % of the time")
     print(f"  robot: {building.steps / 10:g} s on the floor; collisions: {robot.collisions}")
 
 

@@ -43,6 +43,8 @@ _AHEAD, _SAMPLES = 1.5, 16
 """Metres for which it looks ahead along its way, and at how many points."""
 _CLEAR, _FREEING = 0.15, 2.0
 """Metres from walls to which a robot drives for so many seconds that its brakes have stopped beside one."""
+_BESIDE_OTHERS = 2.5
+"""Seconds for which it stands first where others drive near it, who may have to give way."""
 _HELD, _MOVED = 50.0, 0.5
 """Seconds in which a robot that drives, or lets others pass, has moved so many metres, or its drive has failed."""
 _BLOCKED = 2.0
@@ -242,7 +244,10 @@ class Robot(Body):
         drive = self._drive
         if drive is None or drive.over.done() or self._is_held(drive, seconds, bodies):
             return
-        if self._aside is None and self._frees_itself(drive, seconds, bodies):
+        stays = self._aside is None or not self._aside.is_over()
+        if stays and self._frees_itself(drive, seconds, bodies):
+            if self._aside is not None:
+                self._aside.seconds += seconds
             return
         cell = self.cell
         if self._aside is not None:
@@ -346,9 +351,12 @@ class Robot(Body):
         if drive.freeing <= 0 and drive.stuck > _STUCK:
             here, side = self.pose, self._grid.frame.resolution
             away_from = {body: math.dist((here.x, here.y), body.agent.position) for body in bodies if body is not self}
-            if any(body.remaining and metres < _MEETING for body, metres in away_from.items()):
-                return False  # who drives is to pass, or to be let pass
             near = [body for body, metres in away_from.items() if metres < self.radius + body.radius + 2 * _CLEAR]
+            drive_by = any(body.remaining and metres < _MEETING for body, metres in away_from.items())
+            if drive_by and drive.stuck < _BESIDE_OTHERS:
+                return False
+            if self._aside is None and (any(body.remaining for body in near) or (near and drive_by)):
+                return False  # who drives is to pass, or to be let pass
             row, column = self._grid.frame.locate(here.x, here.y)
             cells = np.argwhere(self._clearance > self.radius + _CLEAR)
             for body in near:
@@ -363,8 +371,9 @@ class Robot(Body):
         if drive.freeing <= 0 or drive.free is None:
             return False
         drive.freeing -= seconds
-        drive.waited += seconds
-        drive.blocked += seconds
+        if self._aside is None:
+            drive.waited += seconds
+            drive.blocked += seconds
         self.agent.behavior.safety_margin = 0.0
         self.agent.controller.go_to_position(np.array(drive.free), _NEAR / 3)
         return True

@@ -84,7 +84,8 @@ class Journal:
         self.blind, self.cautious, self.due, self.sent = {}, set(), {}, {}
         self.groups, self.inside, self._told = {}, None, {}
         self.then, self.patience = {}, {}
-        self._living, self._last, self._begun = {}, {}, {}
+        self._living, self._newest, self._last, self._begun = {}, {}, {}, {}
+        self._pauses = {}
         self.order = 0
 
     def now(self):
@@ -226,9 +227,13 @@ class Journal:
         living = self._living.setdefault(life.ensemble, {})
         if life.status == "running":
             living[life.life] = life.time
+            self._pauses.pop(life.ensemble.rpartition("/")[2], None)
+            self._newest[life.ensemble] = life.life
         else:
             took = life.time - living.pop(life.life, life.time)
-            self._last[life.ensemble] = life.action, life.status, took > 0, life.time
+            # What was begun last stands, though another one that it goes on beside ends later.
+            if life.life >= self._newest.get(life.ensemble, life.life):
+                self._last[life.ensemble] = life.action, life.status, took > 0, life.time
 
     def check_liveness(self):
         """Hold that whatever decides does something, or waits for what it names, or is idle and told so in time."""
@@ -236,13 +241,23 @@ class Journal:
             path = self.path(name)
             free = robot.life == "running" and not (robot.failing or robot.safety.ending or self.runtime.ending)
             if free and robot.mode == "deciding" and robot.control.event_driven and robot.action.life == "running":
-                if self._living.get(path) or robot.action._pending or robot.statistics().waiting:
+                waiting = robot.statistics().waiting
+                self._check_pauses(name, waiting)
+                if self._living.get(path) or robot.action._pending or waiting:
                     continue
                 _, status, lasted, _ = last = self._last.get(path, ("", "", True, 0))
                 if robot.liveness.since is not None:
                     self._check_told(name, robot.liveness.since, last)
                 elif lasted or status != "succeeded":
                     self.wrong.append(f"{name} is deciding, does nothing since {last}, and says nothing of it")
+
+    def _check_pauses(self, name, waiting):
+        """Hold that a pause ends after as long as it is said to take."""
+        pauses = {text for text in waiting if text.startswith("a pause of ")}
+        begun = self._pauses[name] = {text: self._pauses.get(name, {}).get(text, self.now()) for text in pauses}
+        for text, since in begun.items():
+            if self.now() > since + float(text.split()[3]) * 1e9 + 1e6:
+                self.wrong.append(f"{name} waits since {since / 1e9:.1f} s for {text}")
 
     def _check_told(self, name, since, last):
         action, status, lasted, _ = last

@@ -112,7 +112,7 @@ def play(fetch: Fetch, *, virtual: bool = True, pace: float = 1.0) -> None:
             detail = life.detail.partition(" (")[0]  # without the place in the code
             tell(" ".join(filter(None, (life.action, life.status, detail))))
 
-        async with mdm.Runtime(log=None) as runtime:
+        async with mdm.Runtime(log=False) as runtime:  # it tells all ends itself
             lives = runtime.channel("helper/lives", ActionLife)
             lives.subscribe(show)
             await runtime.start(helper.ensemble)

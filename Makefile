@@ -10,7 +10,7 @@ BIN := $(ENVIRONMENT)/bin
 READY := $(ENVIRONMENT)/.ready
 DEMO := $(ENVIRONMENT)/.demo
 
-.PHONY: demo test test-fast test-newest wheel-test chaos lint types docs bench clean
+.PHONY: environment demo test test-fast test-newest wheel-test chaos lint types docs bench clean
 
 # The virtual environment: with all that a contributor needs, or at first with what the demo needs alone.
 $(BIN)/python:
@@ -27,6 +27,8 @@ $(DEMO): pyproject.toml constraints.txt | $(BIN)/python
 	@echo 'Installing what the demo needs: numpy, scipy and a simulator of robots'
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[demo]'
 	@touch $@
+
+environment: $(READY)
 
 demo: $(DEMO)
 	@echo 'A robot patrols a floor for 40 seconds (examples/patrol/patrol.py; --help tells more)'

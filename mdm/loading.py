@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from mdm.models import MDP
 from mdm.policies import DeterministicPolicy, QTable
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     import numpy.typing as npt
 
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
         Policy | str | os.PathLike[str] | Sequence[int] | Sequence[Sequence[float]] | npt.NDArray[Any]
     )
 
-__all__ = ["model_of", "policy_of"]
+__all__ = ["model_of", "policy_of", "spared"]
+
+
+_Flat = TypeVar("_Flat", bound=MDP)
 
 
 def model_of(given: GivenModel) -> MDP:
@@ -41,6 +44,17 @@ def model_of(given: GivenModel) -> MDP:
 
         return load_model(Path(given))
     raise ConfigError(f"a model is an MDP or POMDP, or the path of a file, not {_told(given)}", key="model")
+
+
+def spared(model: MDP) -> MDP:
+    """Return a model for a process whose memory counts (`MDP.sparingly`) and which shares matrices with others."""
+    return model.sparingly(_mapped)
+
+
+def _mapped(model: MDP, make: Callable[[], _Flat]) -> _Flat:
+    from mdm.formats.archive.flat import mapped  # noqa: PLC0415 - for those that need matrices
+
+    return mapped(model, make)
 
 
 def policy_of(given: GivenPolicy, model: MDP | None = None) -> Policy:

@@ -15,6 +15,7 @@ from mdm.config.share import Seat
 from mdm.config.tables import ActionTable, EnsembleTable, ObservationTable, RestartTable, SearchTable, StateTable
 from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
+from mdm.loading import spared
 from mdm.logic import similar
 from mdm.models.compilation import sparing
 from mdm.policies import DeterministicPolicy
@@ -306,7 +307,7 @@ class Ensembles:
                 model = model.with_false_negatives(table.false_negative)
             check_memory(model, memory, beliefs=True, matrices="a search")
             return TreeSearch(
-                model,
+                model if memory is None else spared(model),
                 seconds=given.seconds,
                 expansions=given.expansions,
                 seed=table.seed,

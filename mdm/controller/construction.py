@@ -9,6 +9,7 @@ import numpy as np
 
 from mdm.beliefs.footprint import check_memory
 from mdm.errors import ConfigError, ModelError
+from mdm.loading import spared
 from mdm.models import POMDP, FactoredMDP, FactoredPOMDP
 from mdm.models.factored.reward_rows import RewardRow, RewardRows
 
@@ -117,10 +118,10 @@ def within(memory: float | None, model: MDP | None, policy: Policy, *, tracked: 
     kind = getattr(policy, "input", "belief")
     if model is None or kind == "observation":  # a plan, which needs nothing of the model but names
         return model
-    spared = model if memory is None else model.sparingly()
+    held = model if memory is None else spared(model)
     search = "a search" if getattr(policy, "deliberates", False) else None
-    check_memory(spared, memory, beliefs=tracked and kind == "belief", matrices=search)
-    return spared
+    check_memory(held, memory, beliefs=tracked and kind == "belief", matrices=search)
+    return held
 
 
 def seeded(policy: Policy, seed: int) -> Policy:

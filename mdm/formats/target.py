@@ -56,10 +56,14 @@ class _Unwritten(Exception):
 
 
 @contextmanager
-def replacing(path: str | Path) -> Iterator[IO[bytes]]:
+def replacing(path: str | Path, mode: int | None = None) -> Iterator[IO[bytes]]:
     """Open a temporary file that replaces the given one once it is complete and synchronised to disk.
 
     Permissions are kept. Of a link, the target is replaced. Devices and pipes are written in place.
+
+    Args:
+        path: The file.
+        mode: The permissions of a new file; by default those that files have.
 
     Raises:
         FormatError: If the file cannot be written; a previous file is then left as it was.
@@ -72,7 +76,7 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
             with path.open("wb") as file:
                 yield file
             return
-        with _temporary(Path(os.path.realpath(path))) as file:
+        with _temporary(Path(os.path.realpath(path)), mode) as file:
             yield file
     except OSError as error:
         raise FormatError(f"the file cannot be written: {error.strerror}", file=path) from None
@@ -87,7 +91,7 @@ def _is_device(path: Path) -> bool:
 
 
 @contextmanager
-def _temporary(path: Path) -> Iterator[IO[bytes]]:
+def _temporary(path: Path, mode: int | None) -> Iterator[IO[bytes]]:
     before = path.stat() if path.exists() else None
     if before is not None and not os.access(path, os.W_OK):  # renaming checks only the folder's permissions
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
@@ -98,7 +102,7 @@ def _temporary(path: Path) -> Iterator[IO[bytes]]:
             file.flush()
             os.fsync(file.fileno())
         if before is None:
-            Path(name).chmod(0o666 & ~_mask())
+            Path(name).chmod(0o666 & ~_mask() if mode is None else mode)
         else:
             with suppress(PermissionError):  # only root may change the owner
                 os.chown(name, before.st_uid, before.st_gid)

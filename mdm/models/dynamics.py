@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.mdp import MDP
 
-__all__ = ["Dynamics", "Indices", "Joint", "Rows", "dense", "once", "stacked"]
+__all__ = ["Dynamics", "Indices", "Joint", "Rows", "dense", "distinct", "once", "stacked"]
 
 Indices: TypeAlias = npt.NDArray[np.intp]
 
@@ -60,7 +60,7 @@ class Rows(NamedTuple):
 
 def stacked(matrices: Sequence[Matrix]) -> Rows:
     """Return matrices, dense or CSR, one per action, as `Rows`; an object that several actions share is kept once."""
-    kept, places = _distinct(matrices)
+    kept, places = distinct(matrices)
     parts = [_compressed(matrix) for matrix in kept]
     heights = np.cumsum([0, *(part.shape[0] for part in parts)])
     starts = np.zeros(heights[-1] + 1, dtype=np.uint64)
@@ -75,12 +75,12 @@ def stacked(matrices: Sequence[Matrix]) -> Rows:
 
 def once(matrices: Sequence[Matrix], make: Callable[[Matrix], Any]) -> list[Any]:
     """Return what a function makes of each matrix; it is called once for one that several actions share."""
-    kept, places = _distinct(matrices)
+    kept, places = distinct(matrices)
     made = [make(matrix) for matrix in kept]
     return [made[place] for place in places]
 
 
-def _distinct(matrices: Sequence[Matrix]) -> tuple[list[Matrix], list[int]]:
+def distinct(matrices: Sequence[Matrix]) -> tuple[list[Matrix], list[int]]:
     """Return the different objects among matrices, and the place of each matrix among these."""
     places: dict[int, int] = {}
     for matrix in matrices:
@@ -157,7 +157,7 @@ class Dynamics:
     @cached_property
     def transitions(self) -> Rows:
         """P(s' | s, a): a row over s' for each s."""
-        return stacked(self.matrices)
+        return self.model.stacked.get("T") or stacked(self.matrices)
 
     @cached_property
     def observations(self) -> Rows:
@@ -168,7 +168,7 @@ class Dynamics:
         model = self.model
         assert isinstance(model, POMDP)
         if model.events is None:
-            return stacked(self._told)
+            return model.stacked.get("O") or stacked(self._told)
         return stacked([by_entry(model.events, a, matrix) for a, matrix in enumerate(self.matrices)])
 
     @property
@@ -210,7 +210,7 @@ class Dynamics:
     @cached_property
     def matrix(self) -> Matrix:
         """T of all actions as one matrix, with the rows of `transitions`: dense where much is not zero, else CSR."""
-        kept, _ = _distinct(self.matrices)
+        kept, _ = distinct(self.matrices)
         entries = sum(matrix.nnz if is_compressed(matrix) else int(np.count_nonzero(matrix)) for matrix in kept)
         if entries > _DENSE * len(kept) * self.num_states**2:
             return np.concatenate([dense(matrix) for matrix in kept])
@@ -233,7 +233,7 @@ class Dynamics:
     @cached_property
     def places(self) -> Indices:
         """The row of each state and action in `matrix`: S x A."""
-        _, places = _distinct(self.matrices)
+        _, places = distinct(self.matrices)
         rows: Indices = np.arange(self.num_states)[:, None] + self.num_states * np.array(places)
         return rows
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from typing import TYPE_CHECKING, Any, Literal, overload
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar, overload
 
 import numpy as np
 
@@ -15,12 +16,24 @@ from mdm.models.space import Space, Symbol
 from mdm.number import is_number
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from typing import Self
 
     import numpy.typing as npt
 
-__all__ = ["MDP"]
+    from mdm.models.dynamics import Rows
+
+__all__ = ["MDP", "Keeper"]
+
+_Flat = TypeVar("_Flat", bound="MDP")
+
+
+class Keeper(Protocol):
+    """Keeps the matrices of factored models, for more than one process."""
+
+    def __call__(self, model: MDP, make: Callable[[], _Flat]) -> _Flat:
+        """Return a model's matrices; they are made where nobody has them yet."""
+        ...
 
 
 class MDP:
@@ -50,10 +63,13 @@ class MDP:
     """
 
     kind: Literal["MDP", "POMDP"] = "MDP"
+    _keeper: Keeper | None = None
     is_sparing: bool = False
     """Whether memory counts for more than microseconds; see `sparingly`."""
     stays_factored: bool = False
     """Whether beliefs and rewards are computed on factors, and no matrices are made for them."""
+    stacked: Mapping[str, Rows] = MappingProxyType({})
+    """``T`` and ``O`` of all actions below each other, where they are at hand in this form; see `Dynamics`."""
 
     def __init__(
         self,
@@ -193,14 +209,18 @@ class MDP:
             return self
         raise ModelError("an MDP has no observations, and so no false negatives")
 
-    def sparingly(self) -> Self:
+    def sparingly(self, keeper: Keeper | None = None) -> Self:
         """Return the same model for a process whose memory counts for more than microseconds, such as a team's agent.
 
         Beliefs and rewards of a factored model are computed on its network unless its matrices are small, and what is
         small is not compiled, since the compiler alone takes more than 100 MB.
+
+        Args:
+            keeper: Where a factored model is to take its matrices from, if it needs them; by default it makes them.
         """
         other = copy.copy(self)
         other.is_sparing = True
+        other._keeper = keeper  # noqa: SLF001 - a model of the same kind
         return other
 
     def flatten(self) -> MDP:

@@ -13,7 +13,7 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models.compressed import is_compressed
-from mdm.models.matrices import Matrix, Vector, numbers
+from mdm.models.matrices import Checked, Matrix, Vector, numbers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -62,10 +62,12 @@ class RewardArray:
 def reward_numbers(given: Any, num_actions: int) -> Any:
     """Return rewards as an S x A, A x S x S' or A x S x S' x O array; R(s) becomes S x A.
 
+    They are copied, but for one array of them that is `Checked`.
+
     Raises:
         ModelError: If they have another shape.
     """
-    array = numbers(given, "the array of rewards")
+    array = given[0] if isinstance(given, Checked) else numbers(given, "the array of rewards")
     if array.ndim == 1 and array.size:
         return np.repeat(array[:, None], num_actions, axis=1)
     if array.ndim not in {2, 3, 4} or 0 in array.shape or (array.ndim > 2 and array.shape[1] != array.shape[2]):

@@ -14,6 +14,7 @@ import re
 import struct
 import zipfile
 import zlib
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -27,6 +28,7 @@ from mdm.models import Factor, Space
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
+    from typing import BinaryIO
 
 __all__ = ["MAGIC", "Names", "is_archive", "kind", "names_of", "read", "space_of", "what_else", "write"]
 
@@ -101,23 +103,26 @@ def is_archive(path: Path) -> bool:
         return False  # the reader reports it
 
 
-def read(path: Path) -> tuple[bytes, dict[str, npt.NDArray[Any]]]:
-    """Return the header and the arrays of a file, which are mapped into memory, read-only.
+def read(path: Path, opened: BinaryIO | None = None) -> tuple[bytes, dict[str, npt.NDArray[Any]]]:
+    """Return the header and the arrays of a file, which are mapped into memory.
 
     Args:
         path: The file.
+        opened: The same file, where it is open already. The arrays are then not read-only, but what is written to them
+            is for this process alone: compiled functions take them for such that were made.
 
     Raises:
         FormatError: If the file is missing, damaged, or not an archive of mdm's.
     """
-    if path.exists() and not path.is_file() and not path.is_dir():
+    if opened is None and path.exists() and not path.is_file() and not path.is_dir():
         raise FormatError("this is a pipe or a device, not a file", file=path)
+    access = mmap.ACCESS_READ if opened is None else mmap.ACCESS_COPY
     try:
-        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
+        with path.open("rb") if opened is None else nullcontext(opened) as file, zipfile.ZipFile(file) as archive:
             members = archive.infolist()
             if any(member.compress_type or member.flag_bits & 1 for member in members):
                 raise FormatError("the archive is compressed or encrypted: archives of mdm's are neither", file=path)
-            data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+            data = memoryview(mmap.mmap(file.fileno(), 0, access=access))
             contents = {member.filename: _content(data, member) for member in members}
             if len(contents) < len(members):
                 raise ValueError("two members have one name")
@@ -204,14 +209,20 @@ def _array(data: memoryview) -> npt.NDArray[Any]:
     return array if array.flags.aligned else array.copy()
 
 
-def write(path: Path, header: Any, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+def write(path: Path, header: Any, arrays: Mapping[str, npt.NDArray[Any]], *, mode: int | None = None) -> None:
     """Write a header (anything that msgspec encodes as JSON) and arrays.
+
+    Args:
+        path: The file.
+        header: The header.
+        arrays: The arrays.
+        mode: The permissions of a new file; by default those that files have.
 
     Raises:
         FormatError: If the file cannot be written.
     """
     members = {"header": np.frombuffer(msgspec.json.encode(header), dtype=np.uint8), **arrays}
-    with replacing(path) as file, zipfile.ZipFile(file, "w") as archive:
+    with replacing(path, mode) as file, zipfile.ZipFile(file, "w") as archive:
         digest = hashlib.blake2b(digest_size=16)
         for name, array in members.items():
             little = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(array.shape)

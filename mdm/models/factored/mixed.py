@@ -81,8 +81,7 @@ class MixedPOMDP(FactoredPOMDP):
         seen.flags.writeable = False
         return seen
 
-    @cached_property
-    def _flat(self) -> POMDP:
+    def _made(self) -> POMDP:
         model = self._model.flatten()
         return POMDP(
             Checked(model.transition_matrix(a) for a in range(len(model.action_space))),

@@ -19,6 +19,8 @@ from mdm.models.mdp import MDP, checked_discount
 from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mdm.models.factored.potential import Role
     from mdm.models.factored.two_slice import TwoSliceNetwork
     from mdm.models.space import Space
@@ -40,13 +42,18 @@ class _Factored(MDP):
     def _flat(self) -> MDP:
         raise NotImplementedError
 
+    def _kept(self, make: Callable[[], _Flat]) -> _Flat:
+        """Return the matrices from where they are kept; else make them."""
+        return make() if self._keeper is None else self._keeper(self, make)
+
     def __init__(self, network: TwoSliceNetwork, *, discount: float, sparse: bool | None = None) -> None:
         self.network = network
         self.state_space = network.states
         self.action_space = network.actions
         self.discount = checked_discount(discount)
         self.outcome_rewards = _outcomes(network)
-        self._sparse = sparse
+        self.sparse = sparse
+        """Whether its matrices are CSR or dense, where that is forced; else None."""
 
     @cached_property
     def initial_belief(self) -> Vector:
@@ -57,7 +64,7 @@ class _Factored(MDP):
     @cached_property
     def matrix_size(self) -> MatrixSize:
         """How large its matrices would be; they are not made for it."""
-        return matrix_size(self.network, sparse=self._sparse)
+        return matrix_size(self.network, sparse=self.sparse)
 
     @property
     def is_flattened(self) -> bool:
@@ -103,6 +110,9 @@ class FactoredMDP(_Factored):
 
     @cached_property
     def _flat(self) -> MDP:
+        return self._kept(self._made)
+
+    def _made(self) -> MDP:
         transitions = flattening.transition_matrices(self.network)
         return MDP(
             transitions,
@@ -112,7 +122,7 @@ class FactoredMDP(_Factored):
             actions=self.action_space,
             initial_belief=self.initial_belief,
             outcome_rewards=self.outcome_rewards,
-            sparse=self._sparse,
+            sparse=self.sparse,
         )
 
     def flatten(self) -> MDP:
@@ -149,6 +159,9 @@ class FactoredPOMDP(_Factored, POMDP):
 
     @cached_property
     def _flat(self) -> POMDP:
+        return self._kept(self._made)
+
+    def _made(self) -> POMDP:
         network = self.network
         transitions = flattening.transition_matrices(network)
         rewards = flattening.expected_rewards(network, transitions)
@@ -163,7 +176,7 @@ class FactoredPOMDP(_Factored, POMDP):
                     actions=network.actions,
                     rows=network.states,
                     columns=len(network.states),
-                    sparse_=self._sparse,
+                    sparse_=self.sparse,
                 )
             )
             told = _events(network, given)
@@ -177,7 +190,7 @@ class FactoredPOMDP(_Factored, POMDP):
             observation_names=self.observation_space,
             initial_belief=self.initial_belief,
             outcome_rewards=self.outcome_rewards,
-            sparse=self._sparse,
+            sparse=self.sparse,
         )
 
     def flatten(self) -> POMDP:

@@ -18,7 +18,7 @@ def test_rooms_are_found_from_any_points_in_them(drawn):
     random = np.random.default_rng(7)
     floors = [drawn(), drawn(furniture=FURNITURE[drawn], specks=40)]
     right = []
-    for turn in range(50):
+    for turn in range(20):
         floor = floors[turn % 2]
         labels = draft(floor.grid, floor.graph(floor.random_points(random)))
         assert touching(labels) == floor.neighbours()

@@ -107,7 +107,7 @@ def test_returns_of_lasting_actions_are_those_that_were_solved_for(seed):
     (model, _), rng = random_mdp(seed, states=4), np.random.default_rng(seed)
     durations = Durations(rng.uniform(0.2, 3.0, size=(4, len(model.action_space))), rng.integers(1, 5, size=(4, 1)))
     solution = solve(model, durations=durations, gap=1e-9)
-    returns = lasting(seed, episodes=1000, policy=solution.policy, model=model, durations=durations)
+    returns = lasting(seed, episodes=500, policy=solution.policy, model=model, durations=durations)
     error = returns.std() / len(returns) ** 0.5
     assert abs(returns.mean() - solution.upper) < 4 * error
 
@@ -116,7 +116,7 @@ def test_returns_of_lasting_actions_without_sight_lie_within_their_bounds():
     model = problems.tiger(discount=0.9)
     durations = Durations([[0.5, 4.0, 4.0]] * 2, [[1, 2, 2]] * 2)
     solution = solve(model, durations=durations, gap=1e-3)
-    returns = lasting(1, episodes=1000, policy=solution.policy, model=model, durations=durations, steps=60)
+    returns = lasting(1, episodes=400, policy=solution.policy, model=model, durations=durations, steps=60)
     error = returns.std() / len(returns) ** 0.5
     assert solution.lower - 4 * error < returns.mean() < solution.upper + 4 * error
 

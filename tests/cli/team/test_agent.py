@@ -58,8 +58,8 @@ def test_an_agent_that_is_refused_has_failed(free, tmp_path):
     other.write_text(team.read_text().replace("[team]", "[team]\nmax_age = 7.5"))
     run = ("-m", "mdm", "team", "run")
     with (
-        python(*run, team, "--agent", "a", "--seconds", 6) as first,
-        python(*run, other, "--agent", "b", "--seconds", 6) as second,
+        python(*run, team, "--agent", "a", "--seconds", 4) as first,
+        python(*run, other, "--agent", "b", "--seconds", 4) as second,
     ):
         told = [process.communicate(timeout=60)[1] for process in (first, second)]
     failed = [text for process, text in zip((first, second), told, strict=True) if process.returncode == 1]

@@ -65,6 +65,7 @@ class Liveness:
         self._why = ""
         self._decisions = 0
         self._patience: Timer | None = None
+        self._later: Timer | None = None
         self._looks: Subscription[int] = Subscription(None, ensemble, self._look)
         ensemble.action.begins = self.began
         ensemble.action.ends = self.ended
@@ -83,7 +84,12 @@ class Liveness:
     @property
     def waiting(self) -> tuple[str, ...]:
         """What it waits for before it decides again, in words."""
-        return (self._why,) if self._again is not None else ()
+        if self._again is not None:
+            return (self._why,)
+        if not self._rests or self.since is not None:
+            return ()
+        now = self._ensemble.runtime.clock.now()
+        return tuple(f"{name!r} to hold for {(due - now) / 1e9:g} s more" for name, due in self._holding().items())
 
     def notes(self) -> Iterator[str]:
         """Yield which actions can end with nothing that decides afterwards, unless an input changes."""
@@ -154,6 +160,9 @@ class Liveness:
     def end(self) -> None:
         """Take it that the ensemble does not decide."""
         self._cancel_again()
+        if self._later is not None:
+            self._later.cancel()
+            self._later = None
         self._end_rest()
         self._ended.clear()
 
@@ -202,18 +211,33 @@ class Liveness:
 
     # -- Idleness ------------------------------------------------------------------------------------------------
 
-    def _look(self, time: int) -> None:
+    @property
+    def _rests(self) -> bool:
+        """Whether it decides, nothing that it has decided runs or stands, and it is not about to decide."""
         ensemble = self._ensemble
         control = ensemble.control
-        if (
-            self.since is not None
-            or self._again is not None
-            or not (ensemble.safety.deciding and self._decides_alone)
-            or ensemble.action.busy
-            or control.blind
-            or control.asks
-            or (control.acted is not None and self._end is None)  # what it has set stands
-        ):
+        return (
+            self._again is None
+            and ensemble.safety.deciding
+            and self._decides_alone
+            and not ensemble.action.busy
+            and not control.blind
+            and not control.asks
+            and (control.acted is None or self._end is not None)  # else what it has set stands
+        )
+
+    def _holding(self) -> dict[str, int]:
+        """Return the predicates that may yet change its decision since they are about to be true, and when they are."""
+        manager = self._ensemble.predicates
+        held = {} if manager is None else manager.holding
+        return {name: held[name] for name in sorted(held.keys() & self._used())} if held else {}
+
+    def _look(self, time: int) -> None:
+        ensemble = self._ensemble
+        if self.since is not None or not self._rests:
+            return
+        if holding := self._holding():
+            self._look_again(max(holding.values()))
             return
         self.since = time
         self._rest = ("" if self._end is None else self._chosen), self._meant
@@ -254,9 +278,24 @@ class Liveness:
         """How the action has ended that was decided last, and its binding; None where it stands, or there is none."""
         return self._ended.get(self._chosen)
 
+    def _look_again(self, when: int) -> None:
+        """Look behind all that is brought about by then."""
+        if self._later is not None:
+            self._later.cancel()
+
+        def look() -> None:
+            self._later = None
+            self.look()
+
+        self._later = self._ensemble.call_at(when, look)
+
     def _complain(self, after: float) -> None:
         self._patience = None
         ensemble = self._ensemble
+        if holding := self._holding():
+            self._end_rest()
+            self._look_again(max(holding.values()))
+            return
         end, why = self._end, "it can decide, and nothing has been decided"
         if end is not None:
             why = f"action {self._chosen!r} {end.status.replace('_', ' ')}, and nothing has been decided since"

@@ -302,6 +302,72 @@ def test_what_decides_in_the_turn_of_the_end_is_no_idleness():
     run_virtual(main)
 
 
+def held(seconds):
+    """Return a sensor, and a robot that decides anew when the sensor has been true for so long."""
+    manager = PredicateManager()
+    tired = manager.sensor("tired")
+    manager.define("Rest", "tired", held_for=seconds)
+    ensemble = Ensemble(
+        "robot",
+        policy=[0, 1],
+        actions={"Go": Drive(), "Sleep": Drive()},
+        predicates=manager,
+        states=[StateFactor("rest", {"yes": "Rest"})],
+    )
+    return tired, ensemble
+
+
+def test_a_predicate_that_holds_is_waited_for_by_its_name():
+    """At 2 s the drive has ended; its formula is true from 1 s on, and the predicate at 31 s."""
+
+    async def main(runtime):
+        tired, ensemble = held(30.0)
+        faults, idles = probe(runtime.faults), probe(runtime.idles)
+        await runtime.start(ensemble)
+        tired.set(False)
+        await asyncio.sleep(1)
+        tired.set(True)
+        assert ensemble.statistics().waiting == ()  # it drives
+        await asyncio.sleep(2)
+        assert ensemble.statistics().waiting == ("'Rest' to hold for 28 s more",)
+        await asyncio.sleep(29)
+        assert (ensemble.action.started, ensemble.statistics().waiting, list(idles)) == (2, (), [])
+        assert idle_faults(faults) == []
+
+    run_virtual(main)
+
+
+def test_a_predicate_that_does_not_hold_in_the_end_is_no_longer_waited_for():
+    async def main(runtime):
+        tired, ensemble = held(30.0)
+        faults = probe(runtime.faults)
+        await runtime.start(ensemble)
+        tired.set(True)
+        await asyncio.sleep(5)
+        assert ensemble.statistics().waiting
+        tired.set(False)
+        assert ensemble.statistics().waiting == ()
+        await asyncio.sleep(55)
+        assert ensemble.statistics().idle == 30.0
+        assert [when for when, _ in idle_faults(faults)] == [40.0]
+
+    run_virtual(main)
+
+
+def test_what_begins_to_hold_while_it_is_idle_is_waited_for_before_that_is_told():
+    async def main(runtime):
+        tired, ensemble = held(30.0)
+        faults = probe(runtime.faults)
+        await runtime.start(ensemble)
+        tired.set(False)
+        await asyncio.sleep(5)
+        tired.set(True)
+        await asyncio.sleep(31)
+        assert (ensemble.action.started, idle_faults(faults)) == (2, [])
+
+    run_virtual(main)
+
+
 def test_a_plain_function_stands():
     async def main(runtime):
         ensemble = robot({"Slow": lambda: None, "Go": Drive()})

@@ -23,7 +23,7 @@ from mdm.runtime.handler import check_plain
 from mdm.runtime.supervision import text_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from typing import TypeAlias
 
     import numpy as np
@@ -428,6 +428,11 @@ class PredicateManager(Actor):
             self.events.emit_on(EventUpdate(time, counter, events), raised)
         if not (change.armed or change.disarmed or (events and moved.names)):
             change.noted = raised if events else moved
+
+    @property
+    def holding(self) -> Mapping[str, int]:
+        """When the predicates become true whose formulas are, but not for long enough yet; in nanoseconds."""
+        return {name: timer.when for name, timer in self._hold_timers.items()}
 
     def _arm(self, name: str, since: int) -> None:
         def held() -> None:

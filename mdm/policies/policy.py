@@ -304,10 +304,10 @@ def mismatch(policy: Any, model: MDP) -> str | None:
 
 
 def other_sizes(ours: tuple[int | None, int], what: tuple[str, str], theirs: tuple[int, int]) -> str:
-    """Return the sentence that a policy and a model differ in size."""
-    return (
-        f"the policy is for {ours[0]} {what[0]} and {ours[1]} {what[1]}, but the model has {theirs[0]} and {theirs[1]}"
-    )
+    """Return the sentence that a policy and a model differ in size, with the sizes that do."""
+    differ = [at for at in range(2) if ours[at] != theirs[at]]
+    own = " and ".join(f"{ours[at]} {what[at]}" for at in differ)
+    return f"the policy is for {own}, but the model has {' and '.join(str(theirs[at]) for at in differ)}"
 
 
 def whole(numbers: Any) -> npt.NDArray[np.int64]:

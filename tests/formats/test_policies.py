@@ -75,7 +75,7 @@ MODEL = MDP([np.eye(3)] * 2, np.zeros((3, 2)), discount=0.9)
         ("[3\n3](0,1,2)", "'[3 3]' is not the size"),
         ("0 -1\n1 2 1_0\n", "'1_0'"),
         ("[3](0,1,9)", "state 2 is 9, but the model has"),
-        ("[2](0,1)", "2 states and 2 actions, but the model has 3 and 2"),
+        ("[2](0,1)", "for 2 states, but the model has 3"),
         ("[2,3]((0.5,0.5,0.5),(0.5,0.5,0.9))", "1.4"),
         ("[2,3]((1,2,3),(1,2))", "row 1"),
         ("[1,3]((1,2,3),(1,2,3))", "1 rows are declared, but 2"),

@@ -111,19 +111,20 @@ def test_what_fits(policy, model):
 @pytest.mark.parametrize(
     ("policy", "model", "words"),
     [
-        (DeterministicPolicy([0, 2, 1], 3), MDP_OF_2, "3 states and 3 actions, but the model has 2 and 3"),
-        (DeterministicPolicy([0, 1], 2), MDP_OF_2, "2 states and 2 actions, but the model has 2 and 3"),
-        (AlphaVectors([[1, 2, 3]], [0], 3), model_of(), "3 states and 3 actions, but the model has 2 and 3"),
+        (DeterministicPolicy([0, 2, 1], 3), MDP_OF_2, "for 3 states, but the model has 2"),
+        (DeterministicPolicy([0, 1], 2), MDP_OF_2, "for 2 actions, but the model has 3"),
+        (AlphaVectors([[1, 2, 3]], [0], 3), model_of(), "for 3 states, but the model has 2"),
         (controller(3, 2), MDP_OF_2, "needs observations, but the model has none"),
-        (controller(2, 2), model_of(), "2 actions and 2 observations, but the model has 3 and 2"),
-        (controller(3, 4), model_of(), "3 actions and 4 observations, but the model has 3 and 2"),
+        (controller(2, 2), model_of(), "the policy is for 2 actions, but the model has 3"),
+        (controller(2, 4), model_of(), "for 2 actions and 4 observations, but the model has 3 and 2"),
+        (controller(3, 4), model_of(), "the policy is for 4 observations, but the model has 2"),
         (controller(3, 2, values=[[1, 2, 3]]), model_of(), "values are for 3 states, but the model has 2"),
         (JointController([controller(6, 8)]), team(2, 4), "for 1 agents, but the model has 2"),
         (JointController([controller(2, 8), controller(3, 8)]), team(8), "need a factor for each of its 2 agents"),
         (
             JointController([controller(2, 2), controller(3, 2)]),
             team(2, 4),
-            "agent 1: the policy is for 3 actions and 2 observations, but the model has 3 and 4",
+            "agent 1: the policy is for 2 observations, but the model has 4",
         ),
     ],
 )

@@ -38,6 +38,7 @@ except mdm.Error as error:
 SECONDS = 40.0
 COLOURS = {"world": "36", "senses": "33", "top": "1;35", "patrol": "34", "action": "32", "fault": "1;31"}
 SIGNS = {"person": ("P", (20, 140, 60)), "intruder": ("I", (150, 40, 160)), "fire": ("F", (220, 70, 20))}
+PLURALS = {"person": "people", "intruder": "intruders", "fire": "fires"}
 PICTURES = 2  # a second, in a film
 LINES = 4  # of what happened, below the floor
 LEGEND = "→ robot  P person  I intruder  F fire"
@@ -79,9 +80,10 @@ class Display(mdm.Actor):
 
     def marks(self) -> list[Mark]:
         """Return what is on the floor."""
-        visits = [visit for kind in SIGNS for visit in building.present(kind)]
+        visits = [visit for kind in SIGNS for visit in building().present(kind)]
+        pose = robot().pose
         marks = [Mark(one.x, one.y, SIGNS[one.kind][0], ink=SIGNS[one.kind][1]) for one in visits]
-        return [*marks, Mark(robot.pose.x, robot.pose.y, yaw=robot.pose.yaw, ink=(30, 80, 220))]
+        return [*marks, Mark(pose.x, pose.y, yaw=pose.yaw, ink=(30, 80, 220))]
 
     def draw(self) -> None:
         """Draw the floor in the place of the last one, and below it what the robot observes, decides and does."""
@@ -111,7 +113,8 @@ class Display(mdm.Actor):
 
     def to_go(self) -> str:
         """Return what the robot does."""
-        return f"drives, {robot.remaining:.1f} m to go" if robot.remaining else "stands"
+        metres = robot().remaining
+        return f"drives, {metres:.1f} m to go" if metres else "stands"
 
     # -- What happens --------------------------------------------------------------------------------------------
 
@@ -187,15 +190,17 @@ async def patrol(arguments: argparse.Namespace, film: Film | None) -> None:
         lives = ", ".join(f"{count} {status}" for status, count in sorted(system.ensembles[name].action.ended.items()))
         median = "" if arguments.fast else f"; from stimulus to callback {latency.quantile(0.5) * 1e6:.0f} µs (median)"
         print(f"  {name}: {display.decisions[name]} decisions; actions: {lives}{median}")
-    seconds_until = sorted(World.attended)
-    if seconds_until:
-        mean, half = sum(seconds_until) / len(seconds_until), seconds_until[len(seconds_until) // 2]
-        print(
-            f"  calls: {len(seconds_until)} attended, after {mean:.1f} s in the mean, {half:.1f} s (median), and "
-            f"{seconds_until[-1]:.1f} s at most; {len(World.known)} not yet"
-        )
+    for kind, name in PLURALS.items():
+        took = sorted(took for took, attended in World.attended if attended == kind)
+        if took:
+            mean, half = sum(took) / len(took), took[len(took) // 2]
+            waiting = sum(visit.kind == kind for visit in World.known.values())
+            print(
+                f"  {name}: {len(took)} attended, after {mean:.1f} s in the mean, {half:.1f} s (median), and "
+                f"{took[-1]:.1f} s at most; {waiting} not yet"
+            )
     print(f"  top level: idle for {idle:.1f} s, which is {100 * idle / seconds:.1f} % of the time")
-    print(f"  robot: {building.steps / 10:g} s on the floor; collisions: {robot.collisions}")
+    print(f"  robot: {building().steps / 10:g} s on the floor; collisions: {robot().collisions}")
 
 
 def save(film: Film) -> None:
@@ -211,9 +216,17 @@ def main() -> None:
     parser.add_argument("--log", action="store_true", help="a line for each event, in place of the floor")
     parser.add_argument("--film", metavar="FILE", help="pictures of the floor: an animation .gif, or a sheet .png")
     parser.add_argument("--seconds", type=float, default=SECONDS, help=f"how long ({SECONDS:g})")
+    parser.add_argument("--seed", type=int, default=World.seed, help=f"what is drawn at random ({World.seed})")
     arguments = parser.parse_args()
     if not 0 < arguments.seconds < float("inf"):
         parser.error("--seconds is a number above 0")
+    if arguments.seed < 0:
+        parser.error("--seed is a number from 0 on")
+    World.seed = arguments.seed
+    try:
+        robot()  # while Ctrl-C just ends the program, for its simulator takes long to load
+    except mdm.Error as error:
+        sys.exit(f"patrol.py: {error}")
     if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal without arrows shows the floor nevertheless
         sys.stdout.reconfigure(errors="replace")
     began = time.monotonic()

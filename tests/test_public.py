@@ -97,6 +97,19 @@ print(sorted(name for name in sys.modules if name.startswith(("mdm.team", "zenoh
     assert done.stdout.strip().endswith("[]")
 
 
+def test_a_verb_loads_no_other_and_a_file_no_other_format():
+    program = """
+import sys
+from mdm.cli import main
+assert main(["run", "examples/tiger.toml", "--virtual", "--epochs", "1"]) == 0
+others = ("mdm.formats.pgmx", "mdm.formats.pomdpx", "mdm.formats.plans", "mdm.formats.tables")
+verbs = ("mdm.cli.files", "mdm.cli.map", "mdm.cli.policies", "mdm.cli.team", "mdm.cli.robots.trace")
+print(sorted(name for name in sys.modules if name.startswith((*others, *verbs))))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip().endswith("[]")
+
+
 def test_the_names_of_teams_load_what_they_need():
     program = """
 import sys

@@ -73,8 +73,11 @@ def _main(arguments: Sequence[str] | None, interruption: Interruption) -> int:
     )
     parser.add_argument("--version", action="version", version=f"mdm {mdm.__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB")
-    for verb, place in VERBS.items():
-        module = importlib.import_module(place)
+    words = sys.argv[1:] if arguments is None else arguments
+    # Who names a verb waits for no other; what is no verb is told of with all of them.
+    asked = words[:1] if words and words[0] in VERBS else VERBS
+    for verb in asked:
+        module = importlib.import_module(VERBS[verb])
         verb_parser: argparse.ArgumentParser = module.add_parser(verbs)
         if verb not in GROUPS:  # whose own verbs have it
             complete(verb_parser, verb)

@@ -5,14 +5,11 @@ from __future__ import annotations
 import re
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from mdm.errors import FormatError, ModelError, ModelWarning
-from mdm.formats.archive import model as archive, npz
-from mdm.formats.cassandra import dpomdp, model as cassandra, toi
-from mdm.formats.pgmx import reader as pgmx
-from mdm.formats.pomdpx import reader as pomdpx
-from mdm.formats.recognition import beginning, holds_policy, root
+from mdm.formats.archive import npz
+from mdm.formats.recognition import PARTS, SETS, beginning, format_of, holds_policy, root
 from mdm.formats.source import Source, suffixes
 from mdm.models import MDP
 from mdm.models.validation import collect_problems
@@ -31,26 +28,22 @@ class _Reader(Protocol):
     def __call__(self, path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP: ...
 
 
-_BY_SUFFIX: dict[str, _Reader] = {
-    ".pomdp": cassandra.read,
-    ".mdp": cassandra.read,
-    ".dpomdp": dpomdp.read,
-    ".pgmx": pgmx.read,
-    ".pomdpx": pomdpx.read,
-    ".npz": archive.read,
-    **dict.fromkeys(toi.SETS, toi.read),
+_SETS = "cassandra.toi"
+_BY_SUFFIX = {
+    ".pomdp": "cassandra.model",
+    ".mdp": "cassandra.model",
+    ".dpomdp": "cassandra.dpomdp",
+    ".pgmx": "pgmx.reader",
+    ".pomdpx": "pomdpx.reader",
+    ".npz": "archive.model",
+    **dict.fromkeys(SETS, _SETS),
 }
-_WRITERS: dict[str, Callable[[Any, str | Path], None]] = {
-    ".pomdp": cassandra.write,
-    ".mdp": cassandra.write,
-    ".dpomdp": dpomdp.write,
-    ".pgmx": pgmx.write,
-    ".pomdpx": pomdpx.write,
-    ".npz": archive.write,
-}
+"""The module of each suffix's format, which reads files."""
+_WRITTEN = tuple(suffix for suffix in _BY_SUFFIX if suffix not in SETS)
+"""Suffixes of files that are written."""
 MODEL_SUFFIXES = frozenset(_BY_SUFFIX)
 """Suffixes of model files; a ``.npz`` may also hold a policy."""
-_BY_ROOT: dict[str, _Reader] = {"probmodelxml": pgmx.read, "pomdpx": pomdpx.read}
+_BY_ROOT = {"probmodelxml": "pgmx.reader", "pomdpx": "pomdpx.reader"}
 
 
 def load_model(path: str | Path, *, sparse: bool | None = None, normalize: bool = False) -> MDP | POMDP:
@@ -103,32 +96,38 @@ def save_model(model: MDP | POMDP, path: str | Path) -> None:
     if not isinstance(model, MDP):
         raise ModelError(f"a model is an MDP or a POMDP, not {type(model).__name__}: save_policy() writes policies")
     suffix = suffixes(path)
-    writer = _WRITERS.get(suffix)
-    if writer is None or (suffix == ".npz" and Path(path).suffix == ".gz"):
-        raise ModelError(f"{Path(path).name!r} has no suffix of a model format: {', '.join(_WRITERS)}")
+    if suffix not in _WRITTEN or (suffix == ".npz" and Path(path).suffix == ".gz"):
+        raise ModelError(f"{Path(path).name!r} has no suffix of a model format: {', '.join(_WRITTEN)}")
     if model.false_negative is not None and suffix != ".npz":
         raise ModelError(
             f"{suffix} files cannot mark an observation as a false negative: write a .npz, or "
             f"model.with_false_negatives(None)"
         )
-    writer(model, path)
+    write: Callable[[MDP, str | Path], None] = format_of(_BY_SUFFIX[suffix]).write
+    write(model, path)
 
 
 def _reader(path: Path) -> _Reader:
-    """Return a file's reader, chosen by unmistakable content, else by suffix."""
+    """Return a file's reader."""
+    reader: _Reader = format_of(_form(path)).read
+    return reader
+
+
+def _form(path: Path) -> str:
+    """Return the module of a file's format, chosen by unmistakable content, else by suffix."""
     suffix = suffixes(path)
-    if suffix in toi.PARTS:
+    if suffix in PARTS:
         raise FormatError("this file is part of a set: read the set by its .base file", file=path)
     if suffix == ".toml":
         raise FormatError("this is a TOML file of ensembles; a model was expected", file=path)
     by_suffix = _BY_SUFFIX.get(suffix)
     if npz.is_archive(path):
-        return archive.read
+        return "archive.model"
     text = beginning(path)
-    if by_suffix is not toi.read and holds_policy(text):
+    if by_suffix != _SETS and holds_policy(text):
         raise FormatError("the file holds a policy; a model was expected", file=path)
     if text.startswith("<"):
-        return _BY_ROOT.get(root(Source(path).text), by_suffix or pgmx.read)
+        return _BY_ROOT.get(root(Source(path).text), by_suffix or "pgmx.reader")
     if by_suffix is not None:
         return by_suffix
-    return dpomdp.read if _AGENTS.search(Source(path).text) else cassandra.read
+    return "cassandra.dpomdp" if _AGENTS.search(Source(path).text) else "cassandra.model"

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError
 from mdm.formats.archive import npz, policy as policy_archive
-from mdm.formats.plans import joint_policy, policy_graph
-from mdm.formats.recognition import JOINT, PLANES, beginning, holds_policy
+from mdm.formats.recognition import JOINT, PLANES, beginning, format_of, holds_policy
 from mdm.formats.source import Source, suffixes
-from mdm.formats.tables import q_table, state_table, ublas
-from mdm.formats.tables.state_table import PolicyKind
 from mdm.formats.target import check_place
-from mdm.formats.vectors import alpha, sarsop as sarsop_policy, value_function, zmdp
 from mdm.models import POMDP
 from mdm.policies import (
     AlphaVectors,
@@ -38,29 +33,33 @@ if TYPE_CHECKING:
 __all__ = ["PolicyKind", "check_policy_file", "load_policy", "load_rewards", "save_policy"]
 
 _Form: TypeAlias = Literal["array", "sarsop", "zmdp", "joint", "graph", "alpha", "value function", "q-table"]
-_Writer: TypeAlias = Callable[[Any, Path, "MDP | None"], object]
+PolicyKind: TypeAlias = Literal["table", "stochastic", "q"]
 _TABLES: dict[str, type] = {"table": DeterministicPolicy, "stochastic": StochasticPolicy, "q": QTable}
 _BY_SUFFIX: dict[str, _Form] = {".pg": "graph", ".alpha": "alpha", ".vf": "value function"}
+_BY_FORM = {
+    "sarsop": "vectors.sarsop",
+    "zmdp": "vectors.zmdp",
+    "joint": "plans.joint_policy",
+    "alpha": "vectors.alpha",
+    "value function": "vectors.value_function",
+}
+"""The modules that read these forms."""
 
 
-def _without_model(write: Callable[[Any, Path], object]) -> _Writer:
-    """Return a writer for a format that does not use the model's names."""
-    return lambda policy, path, _: write(policy, path)
-
-
-_TABLE = {".policy": _without_model(ublas.write)}
-_VECTORS = {".policy": _without_model(sarsop_policy.write), ".policyx": _without_model(sarsop_policy.write)}
-_WRITERS: dict[type, dict[str, _Writer]] = {
-    AlphaVectors: {**_VECTORS, ".alpha": _without_model(alpha.write), ".vf": _without_model(value_function.write)},
+_ARCHIVE, _JOINT = "archive.policy", "plans.joint_policy"
+_TABLE = {".policy": "tables.ublas"}
+_VECTORS = {".policy": "vectors.sarsop", ".policyx": "vectors.sarsop"}
+_WRITTEN: dict[type, dict[str, str]] = {
+    AlphaVectors: {**_VECTORS, ".alpha": "vectors.alpha", ".vf": "vectors.value_function"},
     MixedAlphaVectors: _VECTORS,
-    MaskedAlphaVectors: {".policy": _without_model(zmdp.write)},
+    MaskedAlphaVectors: {".policy": "vectors.zmdp"},
     DeterministicPolicy: _TABLE,
     StochasticPolicy: _TABLE,
     QTable: _TABLE,
-    FiniteStateController: {".pg": _without_model(policy_graph.write)},
-    JointController: {".policy": joint_policy.write},
+    FiniteStateController: {".pg": "plans.policy_graph"},
+    JointController: {".policy": _JOINT},
 }
-"""Writers by class of policy and suffix; ``.npz`` holds any policy."""
+"""The module that writes, by class of policy and suffix; ``.npz`` holds any policy."""
 
 
 def load_policy(
@@ -125,7 +124,7 @@ def load_rewards(path: str | Path) -> npt.NDArray[np.float64]:
     Raises:
         FormatError: If the file is not a matrix of finite numbers.
     """
-    matrix = ublas.read(path)
+    matrix: npt.NDArray[np.float64] = format_of("tables.ublas").read(path)
     if matrix.ndim != 2 or not np.isfinite(matrix).all():
         raise FormatError("a states x actions matrix of finite rewards was expected", file=path)
     return matrix
@@ -155,7 +154,9 @@ def save_policy(policy: Policy, path: str | Path, model: MDP | None = None) -> N
     wrong = None if model is None else mismatch(policy, model)
     if wrong is not None:
         raise ModelError(wrong)
-    _writer(type(policy), Path(path))(policy, Path(path), model)
+    form = _written(type(policy), Path(path))
+    names = (model,) if form in {_ARCHIVE, _JOINT} else ()  # the others do not use the model's names
+    format_of(form).write(policy, Path(path), *names)
 
 
 def check_policy_file(kind: type, path: str | Path) -> None:
@@ -170,20 +171,20 @@ def check_policy_file(kind: type, path: str | Path) -> None:
         FormatError: If the path is a folder, or its folder is not writable.
     """
     path = Path(path)
-    _writer(kind, path)
+    _written(kind, path)
     check_place(path)
 
 
-def _writer(kind: type, path: Path) -> _Writer:
-    """Return the writer for a class of policies and a file's suffix."""
-    writers: dict[str, _Writer] = {".npz": policy_archive.write}
-    for other, more in _WRITERS.items():
+def _written(kind: type, path: Path) -> str:
+    """Return the module that writes a class of policies to a file with this suffix."""
+    forms = {".npz": _ARCHIVE}
+    for other, more in _WRITTEN.items():
         if issubclass(kind, other):
-            writers |= more
-    writer = writers.get(path.suffix.lower() or ".policy")
-    if writer is None:
-        raise ModelError(f"{kind.__name__} cannot be written as {path.name!r}: its files end in {', '.join(writers)}")
-    return writer
+            forms |= more
+    form = forms.get(path.suffix.lower() or ".policy")
+    if form is None:
+        raise ModelError(f"{kind.__name__} cannot be written as {path.name!r}: its files end in {', '.join(forms)}")
+    return form
 
 
 def _form(source: Source, kind: PolicyKind | None) -> _Form:
@@ -213,23 +214,22 @@ def _form(source: Source, kind: PolicyKind | None) -> _Form:
 def _read(source: Source, form: _Form, model: MDP | None, kind: PolicyKind | None, seed: int | None) -> Policy:
     path = source.path
     num_actions = None if model is None else len(model.action_space)
+    policy: Policy
     match form:
         case "array":
-            return state_table.table(source, ublas.read(path), model, kind, seed)
+            array = format_of("tables.ublas").read(path)
+            policy = format_of("tables.state_table").table(source, array, model, kind, seed)
         case "q-table":
+            tables = format_of("tables.q_table")
             if kind is None:
-                q_table.refuse_vectors(source, model)
-            return state_table.table(source, q_table.read(path), model, kind or "q", seed)
-        case "sarsop":
-            return sarsop_policy.read(path, model)
-        case "zmdp":
-            return zmdp.read(path, model)
-        case "joint":
-            return joint_policy.read(path, model)
+                tables.refuse_vectors(source, model)
+            policy = format_of("tables.state_table").table(source, tables.read(path), model, kind or "q", seed)
+        case "sarsop" | "zmdp" | "joint":
+            policy = format_of(_BY_FORM[form]).read(path, model)
         case "graph":
             num_observations = len(model.observation_space) if isinstance(model, POMDP) else None
-            return policy_graph.read(path, num_actions=num_actions, num_observations=num_observations)
-        case "alpha":
-            return alpha.read(path, num_actions=num_actions)
-        case "value function":
-            return value_function.read(path, num_actions=num_actions)
+            sizes = {"num_actions": num_actions, "num_observations": num_observations}
+            policy = format_of("plans.policy_graph").read(path, **sizes)
+        case "alpha" | "value function":
+            policy = format_of(_BY_FORM[form]).read(path, num_actions=num_actions)
+    return policy

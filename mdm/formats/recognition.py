@@ -1,22 +1,33 @@
-"""Recognition of models and policies by the beginning of a file."""
+"""Recognition of models and policies by the beginning of a file; a format is imported where a file has it."""
 
 from __future__ import annotations
 
+import importlib
 import re
 import zlib
 from pathlib import Path
+from typing import Any
 
-__all__ = ["JOINT", "PLANES", "beginning", "holds_policy", "root"]
+__all__ = ["JOINT", "PARTS", "PLANES", "SETS", "beginning", "format_of", "holds_policy", "root"]
 
 PLANES = re.compile(r"^[^#\n]*\bpolicyType\s*=>", re.MULTILINE)
 """Occurs in ZMDP's policies only."""
 JOINT = re.compile(r"^[ \t]*(JointPolicyPureVector\b|Policy for agent \d)", re.MULTILINE)
 """Occurs in MADP's joint policies only."""
+SETS = frozenset({".base", ".toi-dpomdp"})
+"""Suffixes by which a set of files is read, that are a model together."""
+PARTS = frozenset({".rewards", ".interactionstates", ".interactionreward"})
+"""Suffixes of files that belong to a set and are not models alone."""
 _STATEMENT = re.compile(r"(agents|discount|values|states|actions|observations|start)\b[^\n:]*:")
 _NUMBER = re.compile(r"[-+]?\.?\d")
 _COMMENTS = re.compile(r"(?:\s+|#[^\n]*)+")
 _ROOT = re.compile(r"<(?:\w+:)?(\w+)")
 _LENGTH = 1 << 14
+
+
+def format_of(name: str) -> Any:
+    """Return the module of a format, such as ``cassandra.model``. Programs that read one format load no others."""
+    return importlib.import_module(f"mdm.formats.{name}")
 
 
 def beginning(path: str | Path) -> str:

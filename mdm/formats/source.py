@@ -13,8 +13,10 @@ from typing import NoReturn
 
 from mdm.errors import FormatError
 
-__all__ = ["Source", "Words", "content", "number", "suffixes"]
+__all__ = ["LARGEST", "Source", "Words", "content", "number", "suffixes"]
 
+LARGEST = 10_000_000
+"""The most states, actions or observations that a file may have."""
 _COMMENT = re.compile(r"#[^\n]*")
 _LARGEST = 500_000_000
 """Bytes of a compressed text; a file of 500 kB could hold as many."""

@@ -13,9 +13,8 @@ from mdm.config import System
 from mdm.errors import FormatError
 from mdm.formats import load_durations, load_model, load_policy
 from mdm.formats.archive.npz import is_archive, kind
-from mdm.formats.cassandra.toi import SETS
 from mdm.formats.models import MODEL_SUFFIXES
-from mdm.formats.recognition import beginning, holds_policy
+from mdm.formats.recognition import SETS, beginning, holds_policy
 from mdm.formats.source import Source, suffixes
 from mdm.models import MDP, POMDP, Durations, FactoredMDP, FactoredPOMDP
 

@@ -14,7 +14,7 @@ import msgspec
 from mdm.errors import FormatError, ModelError
 from mdm.formats.archive import npz
 from mdm.formats.archive.npz import Names, names_of, space_of
-from mdm.formats.cassandra.model import LARGEST
+from mdm.formats.source import LARGEST
 from mdm.models import POMDP
 from mdm.policies import PACKABLE, mismatch
 

@@ -16,10 +16,10 @@ import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError
 from mdm.formats.cassandra.dialects import foreign
-from mdm.formats.cassandra.model import LARGEST, build
+from mdm.formats.cassandra.model import build
 from mdm.formats.cassandra.statements import Field, Statements
 from mdm.formats.cassandra.writer import StatementWriter, Symbols
-from mdm.formats.source import Source, Words, number
+from mdm.formats.source import LARGEST, Source, Words, number
 from mdm.formats.target import write_text
 from mdm.models import POMDP, Space
 from mdm.models.matrices import TOLERANCE, RowError

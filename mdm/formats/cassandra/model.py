@@ -15,7 +15,7 @@ from mdm.errors import FormatError, ModelError, ModelWarning
 from mdm.formats.cassandra.dialects import begins_foreign, foreign
 from mdm.formats.cassandra.statements import Field, Statements
 from mdm.formats.cassandra.writer import StatementWriter, Symbols
-from mdm.formats.source import Source, Words, number, suffixes
+from mdm.formats.source import LARGEST, Source, Words, number, suffixes
 from mdm.formats.target import write_text
 from mdm.models import MDP, POMDP, Space
 from mdm.models.compressed import csr
@@ -29,7 +29,6 @@ __all__ = ["build", "read", "write"]
 
 _KEYS = frozenset({"discount", "values", "states", "actions", "observations", "start"})
 _SIGNS = {"reward": 1.0, "rewards": 1.0, "cost": -1.0, "costs": -1.0}
-LARGEST = 10_000_000
 
 
 def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:

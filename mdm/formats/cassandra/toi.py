@@ -28,12 +28,7 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["PARTS", "SETS", "read"]
-
-SETS = frozenset({".base", ".toi-dpomdp"})
-"""Suffixes by which a set is read."""
-PARTS = frozenset({".rewards", ".interactionstates", ".interactionreward"})
-"""Suffixes of files that belong to a set and are not models alone."""
+__all__ = ["read"]
 
 _MOST_AGENTS = 20
 _LARGEST = 100_000_000

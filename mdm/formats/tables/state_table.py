@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import ModelError
-from mdm.formats.cassandra.model import LARGEST
+from mdm.formats.source import LARGEST
 from mdm.policies import DeterministicPolicy, QTable, StochasticPolicy
 
 if TYPE_CHECKING:
+    from mdm.formats.policies import PolicyKind
     from mdm.formats.source import Source
     from mdm.models import MDP
 
-__all__ = ["PolicyKind", "table"]
-
-PolicyKind: TypeAlias = Literal["table", "stochastic", "q"]
+__all__ = ["table"]
 
 
 def table(

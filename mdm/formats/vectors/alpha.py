@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.formats.cassandra.model import LARGEST
-from mdm.formats.source import Source, number as number_of
+from mdm.formats.source import LARGEST, Source, number as number_of
 from mdm.formats.target import write_text
 from mdm.policies import AlphaVectors
 

@@ -11,8 +11,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from mdm.formats.cassandra.model import LARGEST
-from mdm.formats.source import Source, number as number_of
+from mdm.formats.source import LARGEST, Source, number as number_of
 from mdm.formats.target import write_text
 from mdm.formats.vectors import sarsop as sarsop_policy
 from mdm.policies import AlphaVectors, MaskedAlphaVectors, MixedAlphaVectors

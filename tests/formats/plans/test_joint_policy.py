@@ -148,7 +148,7 @@ def test_what_cannot_be_written(tmp_path):
         policies.save_policy(JointController([leaf]), tmp_path / "x", single(["a,b", "b", "c"]))
     with pytest.raises(ModelError, match="the controller of agent 1 is not a tree"):
         policies.save_policy(JointController([leaf, loop]), tmp_path / "x", TEAM)
-    with pytest.raises(ModelError, match="agent 0: the policy is for 3 actions and 1 observations"):
+    with pytest.raises(ModelError, match="agent 0: the policy is for 1 observations, but the model has 2"):
         policies.save_policy(JointController([small, leaf]), tmp_path / "x", TEAM)
     with pytest.raises(ModelError, match="for 1 agents, but the model has 2"):
         policies.save_policy(JointController([leaf]), tmp_path / "x", TEAM)

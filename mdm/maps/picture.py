@@ -144,6 +144,12 @@ class Picture:
         """Put a disc of a radius in metres at a pose, above all else: with a letter, or a nose that points ahead."""
         self._marks.append((pose, radius, ink, letter))
 
+    def trail(self, points: Sequence[Point], ink: Ink) -> None:
+        """Draw a line through points, given in metres."""
+        line = [self._at(*self.frame.locate(*point)) for point in points]
+        if len(line) > 1:
+            self._draw.line(line, fill=ink, width=round(3 * self._unit), joint="curve")
+
     def _disc(self, pose: Pose, radius: float, ink: Ink, letter: str) -> None:
         x, y = self._place(pose)
         size = max(radius / self.frame.resolution * self._cell, 9 * self._unit)
@@ -217,7 +223,7 @@ class Picture:
         return one, other
 
     def finished(self, title: str = "") -> Any:
-        """Return the picture, as an image of Pillow's, with a title below it."""
+        """Return the picture, as an image of Pillow's, with the lines of a title below it."""
         image, _, _ = _pillow()
         for rank, text, at, fill, ink in sorted(self._texts, key=lambda each: each[0]):
             self._text(text, at, fill, ink, needed=rank != _LEAST)
@@ -229,13 +235,15 @@ class Picture:
 
     def _titled(self, text: str) -> Any:
         image, draw, _ = _pillow()
-        lines = [""]
-        for word in text.split():
-            longer = f"{lines[-1]} {word}".strip()
-            if lines[-1] and self._font.getlength(longer) > self._image.width - 20 * self._unit:
-                lines.append(word)
-            else:
-                lines[-1] = longer
+        lines: list[str] = []
+        for written in text.splitlines():
+            lines.append("")
+            for word in written.split():
+                longer = f"{lines[-1]} {word}".strip()
+                if lines[-1] and self._font.getlength(longer) > self._image.width - 20 * self._unit:
+                    lines.append(word)
+                else:
+                    lines[-1] = longer
         high = round(20 * self._unit)
         whole = image.new("RGB", (self._image.width, self._image.height + high * len(lines) + high // 2), _PAPER)
         whole.paste(self._image, (0, 0))

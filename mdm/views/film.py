@@ -45,13 +45,13 @@ class Film:
     def __len__(self) -> int:
         return len(self._pictures)
 
-    def add(self, marks: Iterable[Mark], title: str) -> None:
-        """Add a picture, with a line below it.
+    def add(self, marks: Iterable[Mark], title: str, *, trail: Iterable[tuple[float, float]] = ()) -> None:
+        """Add a picture, with lines below it, and a robot's trail on it.
 
         Raises:
             MapError: If Pillow is not installed.
         """
-        self._pictures.append(self._view.image(marks, title=title, size=self._size))
+        self._pictures.append(self._view.image(marks, trail=trail, title=title, size=self._size))
 
     def save(self, seconds: float) -> None:
         """Write the film; an animation shows each picture for so many seconds.

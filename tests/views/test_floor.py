@@ -44,6 +44,35 @@ def test_text_fits_in_the_terminal_and_shows_walls_and_doors(columns, rows):
         assert plain.count("#") > 3 * len(lines)
 
 
+@pytest.mark.parametrize("drawn", [flat, offices])
+@pytest.mark.parametrize(("columns", "rows", "stretch"), [(80, 15, 2.5), (80, 24, 1.0), (30, 12, 1.0), (200, 48, 1.5)])
+def test_names_and_trails_cross_no_wall(drawn, columns, rows, stretch):
+    floor = drawn().map()
+    view, names = FloorView(floor), floor.labels.names
+    size = {"columns": columns, "rows": rows, "stretch": stretch, "colours": False}
+    trail = [(node.goal.x, node.goal.y) for node in floor.graph.nodes]
+    walls, lines = (view.text(**size, trail=points).splitlines() for points in ((), trail))
+    short = dict(zip(names, "abcdefghij", strict=False))
+    letters = Graph(tuple(Node(short[node.name], node.goal) for node in floor.graph.nodes), ())
+    bare = Map(Labels(floor.labels.frame, floor.labels.raster, [short[name] for name in names]), letters, floor.grid)
+    empty = FloorView(bare).text(**size).splitlines()
+    for plain, written, dotted in zip(empty, walls, lines, strict=True):
+        assert [at for at, sign in enumerate(plain) if sign == "#"] == [
+            at for at, sign in enumerate(written) if sign == "#"
+        ]
+        assert [sign for sign in dotted if sign not in "• "] == [sign for sign in written if sign != " "]
+    assert "".join(lines).count("•") <= len(names)
+    text = "\n".join(walls)
+    assert sum(name in text for name in names) >= (len(names) if columns >= 80 else 1)
+
+
+def test_a_floor_may_be_drawn_wider_than_it_is():
+    view = FloorView(offices().map())
+    true, wide = (view.text(columns=80, rows=12, stretch=by, colours=False).splitlines() for by in (1.0, 3.0))
+    assert len(true) == len(wide) <= 12
+    assert max(map(len, true)) < 60 < max(map(len, wide)) <= 80
+
+
 def test_colours_are_those_of_places():
     floor = offices().map()
     coloured = FloorView(floor).text(columns=80, rows=30)
@@ -51,7 +80,7 @@ def test_colours_are_those_of_places():
     assert len(backs) == len(floor.labels.names) + 1  # and walls
 
 
-def test_names_at_the_edge_are_whole():
+def test_names_are_shortened_where_their_place_has_no_room():
     """And a code for colours is there where they change alone."""
     floor = offices().map()
     names = {"east": "east-of-the-offices"}
@@ -59,13 +88,25 @@ def test_names_at_the_edge_are_whole():
     named = Map(Labels(floor.labels.frame, floor.labels.raster, goals.names), goals, floor.grid)
     coloured = FloorView(named).text(columns=44, rows=60)
     bare = re.sub(r"\x1b\[[0-9;]*m", "", coloured)
-    assert "east-of-the-offices" in bare
+    assert "east-of-the-off…" in bare
+    assert "east-of-the-offices" in re.sub(r"\x1b\[[0-9;]*m", "", FloorView(named).text(columns=80, rows=60))
     assert coloured.count("\x1b[48") < len(bare) / 4
 
 
 def test_marks_off_the_floor_are_left_out():
     view = FloorView(flat().map())
     assert view.text([Mark(1e6, 0.0, "X")], colours=False) == view.text(colours=False)
+
+
+def test_a_picture_shows_a_trail_and_the_lines_of_its_title():
+    floor = flat().map()
+    view = FloorView(floor)
+    ends = [(node.goal.x, node.goal.y) for node in floor.graph.nodes[:2]]
+    without, drawn = (np.asarray(view.image(trail=trail, title="one")) for trail in ((), ends))
+    rows, columns = (without != drawn).any(axis=2).nonzero()
+    assert 50 < len(rows) < 0.05 * without.shape[0] * without.shape[1]
+    assert max(np.ptp(rows), np.ptp(columns)) > 50
+    assert np.asarray(view.image(title="one\ntwo\nthree")).shape[0] > without.shape[0] + 20
 
 
 def test_a_picture_shows_marks_above_names():

@@ -147,6 +147,11 @@ class Robot(Body):
         return 0.0 if self._drive is None else self._drive.remaining
 
     @property
+    def goal(self) -> Pose | None:
+        """Where it drives to; None where it stands."""
+        return None if self._drive is None else self._drive.goal
+
+    @property
     def turns(self) -> tuple[tuple[int, int], ...]:
         """The cells where its way turns, and its end; none where it stands, or lets others pass."""
         return () if self._drive is None or self._aside is not None else tuple(self._drive.turns)

@@ -37,6 +37,7 @@ def test_a_robot_comes_through_doors_and_turns_to_the_yaw():
         drive = asyncio.create_task(robot.go(goal))
         await asyncio.sleep(0)
         begin = robot.remaining  # before the first step
+        assert robot.goal == goal
         assert 5.0 < begin < 30.0
         await runtime.clock.sleep(5.0)
         before = robot.remaining

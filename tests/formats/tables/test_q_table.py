@@ -45,7 +45,7 @@ def test_a_kind_that_plain_rows_are_not(tmp_path):
         ("0 1 2\n0 1 x\n", 2, "'x'"),
         ("0 1 2\n0 1\n", 2, "3 values were expected, but 2"),
         ("0 1 2\n0 1 nan\n", None, "action 2 in state 1 is NaN"),
-        ("0 1 2\n", None, "1 states and 3 actions"),
+        ("0 1 2\n", None, "for 1 states, but the model has"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_line(tmp_path, text, line, words):

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from mdm.models.dynamics import Rows
-
 __all__ = ["MDP", "Keeper"]
 
 _Flat = TypeVar("_Flat", bound="MDP")
@@ -68,8 +66,8 @@ class MDP:
     """Whether memory counts for more than microseconds; see `sparingly`."""
     stays_factored: bool = False
     """Whether beliefs and rewards are computed on factors, and no matrices are made for them."""
-    stacked: Mapping[str, Rows] = MappingProxyType({})
-    """``T`` and ``O`` of all actions below each other, where they are at hand in this form; see `Dynamics`."""
+    stacked: Mapping[str, Any] = MappingProxyType({})
+    """Mapped from a file: ``R``, and where they are sparse ``T`` and ``O`` as `Rows` of all actions."""
 
     def __init__(
         self,
@@ -222,6 +220,10 @@ class MDP:
         other.is_sparing = True
         other._keeper = keeper  # noqa: SLF001 - a model of the same kind
         return other
+
+    def bare(self) -> Self:
+        """Return the same model without what was made of it, to send to another process; a flat model is itself."""
+        return self
 
     def flatten(self) -> MDP:
         """Return the model as matrices; a flat model returns itself."""

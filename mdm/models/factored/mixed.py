@@ -25,6 +25,7 @@ from mdm.models.space import Space
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import Self
 
     import numpy.typing as npt
 
@@ -103,6 +104,12 @@ class MixedPOMDP(FactoredPOMDP):
         hidden = [place for place in range(len(states.factors)) if place not in self.observed]
         array = np.arange(len(states)).reshape(states.shape).transpose([*self.observed, *hidden])
         return np.ascontiguousarray(array.reshape(math.prod(array.shape[: len(self.observed)]), -1))
+
+    def bare(self) -> Self:
+        """Return the same model without what was made of it, or of the model that is revealed."""
+        other = super().bare()
+        other._model = self._model.bare()  # noqa: SLF001 - a model of the same kind
+        return other
 
     def revealed(self) -> POMDP:
         """Return the model itself."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -20,6 +21,7 @@ from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import Self
 
     from mdm.models.factored.potential import Role
     from mdm.models.factored.two_slice import TwoSliceNetwork
@@ -31,6 +33,9 @@ _ROWS = 10_000_000
 """The largest number of rows of T for which a model is flattened to track beliefs."""
 _SMALL = 16_000_000
 """The bytes of matrices that are made even where memory is short."""
+
+_MADE = frozenset({"_flat", "initial_belief", "seen_in"})
+"""What is made of a factored model when it is first asked for, and is large."""
 
 _Flat = TypeVar("_Flat", bound=MDP)
 
@@ -88,6 +93,13 @@ class _Factored(MDP):
     def _may_wait(self) -> bool:
         """Whether events may leave something to no observation."""
         return False
+
+    def bare(self) -> Self:
+        """Return the same model without what was made of it, to send to another process."""
+        other = copy.copy(self)
+        for name in _MADE & vars(other).keys():
+            del vars(other)[name]
+        return other
 
     @property
     def rewards(self) -> Vector:
@@ -200,6 +212,12 @@ class FactoredPOMDP(_Factored, POMDP):
             return flat
         # That of the same kind of model.
         return self._of_this_kind(flat._with_resolvents(self.false_negative, self._resolvents))  # noqa: SLF001
+
+    def bare(self) -> Self:
+        """Return the same model without what was made of it, to send to another process."""
+        other = super().bare()
+        other._resolvents = {}  # noqa: SLF001 - a model of the same kind
+        return other
 
     def revealed(self) -> POMDP:
         """Return the `MixedPOMDP` in which fully observed state factors are part of the observations."""

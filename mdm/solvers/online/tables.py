@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
 
-__all__ = ["SearchTables", "search_tables"]
+__all__ = ["SearchTables", "SentTables", "received", "search_tables", "sent"]
 
 Whole = npt.NDArray[np.int64]
 Real = npt.NDArray[np.float64]
@@ -54,6 +54,38 @@ class SearchTables(NamedTuple):
     actions: Whole
 
 
+class SentTables(NamedTuple):
+    """Tables for another process of this machine, which maps T, O and R from the file from which this one has them.
+
+    Attributes:
+        tables: The tables, where T and R are left out, and O if it is in the file as well.
+        model: The model whose T, O and R they are.
+    """
+
+    tables: SearchTables
+    model: MDP
+
+
+_LEFT_OUT = Rows(np.zeros(0, np.int64), np.zeros(0, np.uint64), np.zeros(0, np.uint32), np.zeros(0))
+
+
+def sent(tables: SearchTables, model: MDP) -> SentTables:
+    """Return the tables of a model without what another process can map from a file as well."""
+    tables = tables._replace(transitions=_LEFT_OUT, rewards=np.zeros((0, 0)))
+    if not isinstance(model, POMDP) or tables.by_transition or model.false_negative is not None:
+        return SentTables(tables, model)  # what is observed is made for the search
+    return SentTables(tables._replace(observations=_LEFT_OUT), model)
+
+
+def received(given: SearchTables | SentTables) -> SearchTables:
+    """Return tables that another process has sent, with what was left out."""
+    if isinstance(given, SearchTables):
+        return given
+    dynamics = Dynamics(given.model)
+    tables = given.tables._replace(transitions=dynamics.transitions, rewards=_rewards(dynamics))
+    return tables if len(tables.observations.starts) else tables._replace(observations=dynamics.observations)
+
+
 def search_tables(model: MDP, *, upper: Real | None, lower: tuple[Real, Sequence[int]] | None) -> SearchTables:
     """Return a model as arrays.
 
@@ -84,12 +116,18 @@ def search_tables(model: MDP, *, upper: Real | None, lower: tuple[Real, Sequence
         observations=observations,
         by_transition=dynamics.by_transition,
         num_observations=num_observations,
-        rewards=np.array(dynamics.rewards),
+        rewards=_rewards(dynamics),
         discount=dynamics.discount,
         upper=known_state_values(dynamics) if upper is None else np.array(upper),
         lower=np.array(values.T, order="C"),
         actions=np.array(actions, dtype=np.int64),
     )
+
+
+def _rewards(dynamics: Dynamics) -> Real:
+    """Return R(s, a) as an array that may be written to, which is a kind of its own to compiled code."""
+    mapped: Real | None = dynamics.model.stacked.get("R")
+    return np.array(dynamics.rewards) if mapped is None else mapped
 
 
 def _next_states(dynamics: Dynamics) -> Rows:

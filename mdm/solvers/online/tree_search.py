@@ -26,7 +26,7 @@ from mdm.errors import ConfigError, ModelError
 from mdm.models import POMDP
 from mdm.models.matrices import distribution
 from mdm.policies.policy import Kind, observable
-from mdm.solvers.online.tables import SearchTables, search_tables
+from mdm.solvers.online.tables import SearchTables, SentTables, search_tables, sent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -246,6 +246,8 @@ class TreeSearch(Kind):
             upper=None if bound is None else bound.values,
             lower=None if plans is None else (plans.vectors, plans.actions),
         )
+        self._mapped = model.bare() if model.flatten().stacked else None
+        """The model, where another process can map its matrices as this one does."""
         self.seed(seed)
 
     def seed(self, seed: int | None) -> None:
@@ -263,9 +265,13 @@ class TreeSearch(Kind):
         """Return the state, or the belief's tracker."""
         return KnownState() if self.input == "state" else BeliefTracker(observable(model), by_support=True)
 
-    def parts(self) -> tuple[SearchTables, dict[str, Any]]:
-        """Return the arguments of a `Search`, for another process."""
-        return self._tables, {**self._options, "seed": self._seed}
+    def parts(self) -> tuple[SearchTables | SentTables, dict[str, Any]]:
+        """Return what a `Search` is made of in another process, which finds its tables by `received`."""
+        tables = self._tables if self._mapped is None else sent(self._tables, self._mapped)
+        return tables, self._arguments()
+
+    def _arguments(self) -> dict[str, Any]:
+        return {**self._options, "seed": self._seed}
 
     def parameters(self) -> list[Any]:
         """Return what decides besides the information: limits, seed, and the policies that it goes by."""
@@ -278,8 +284,7 @@ class TreeSearch(Kind):
 
     def _own(self) -> Search:
         if self._search is None:
-            tables, options = self.parts()
-            self._search = Search(tables, **options)
+            self._search = Search(self._tables, **self._arguments())
         return self._search
 
     def belief_of(self, x: Any) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:

@@ -17,6 +17,7 @@ from typing import Any
 
 from mdm.compile_time import COMPILE_TIME
 from mdm.runtime.frames import HEADER, frame, unframed
+from mdm.solvers.online.tables import received
 from mdm.solvers.online.tree_search import Search
 
 __all__ = ["main"]
@@ -71,7 +72,7 @@ def main(*, tells: bool = False) -> None:
     poll.register(questions, select.POLLIN | select.POLLHUP)
     try:
         tables, options = _receive(questions)
-        search = Search(tables, **options)
+        search = Search(received(tables), **options)
         with COMPILE_TIME.told(_tell) if tells else nullcontext():
             search.prepare()
         os.nice(_NICE)  # from now on: to compile, once after an installation, takes long enough

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import gc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from random_models import dense, flat_models
 
 from mdm import ModelError
-from mdm.models import MDP
-from mdm.problems import tiger
-from mdm.solvers.online.tables import search_tables
+from mdm.loading import spared
+from mdm.models import MDP, FactoredMDP, TwoSliceNetwork
+from mdm.models.dynamics import Rows
+from mdm.problems import tag, tiger
+from mdm.runtime.frames import HEADER, frame, unframed
+from mdm.solvers import TreeSearch
+from mdm.solvers.online.tables import received, search_tables
 
 
 def row(rows, number, width):
@@ -70,3 +76,48 @@ def test_a_false_negative_is_an_observation_of_its_own_and_plans_are_added():
 def test_values_of_what_never_ends_have_no_bounds():
     with pytest.raises(ModelError, match="needs a discount below 1"):
         search_tables(MDP([np.eye(2)], [[0.0], [1.0]], discount=1), upper=None, lower=None)
+
+
+def unobserved(network):
+    """Return a network without its observations."""
+    parts = {name: getattr(network, name) for name in ("initial", "transitions", "utilities")}
+    return TwoSliceNetwork(network.states, network.actions, None, observation=[], **parts)
+
+
+@pytest.mark.parametrize(
+    ("model", "left_out"),
+    [
+        (tag, 2),
+        (lambda: tag().revealed(), 2),
+        (lambda: tag().with_false_negatives(0), 1),
+        (lambda: FactoredMDP(unobserved(tag().network), discount=0.9), 1),
+    ],
+    ids=["observations", "seen factors", "a false negative", "an MDP"],
+)
+def test_what_another_process_can_map_is_not_sent(model, left_out, tmp_path, monkeypatch):
+    monkeypatch.setenv("MDM_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("mdm.formats.archive.flat._LEAST", 0)
+    search = TreeSearch(spared(model()), expansions=1)
+    data = frame(search.parts())
+    (path,) = (tmp_path / "cache").iterdir()
+    given, options = unframed(data[HEADER:])
+    assert sum(len(rows.starts) == 0 for rows in given.tables[:2]) == left_out
+    found = received(given)
+    for one, other in zip(search._tables, found, strict=True):
+        for array, again in zip(one, other, strict=True) if isinstance(one, Rows) else [(one, other)]:
+            assert np.array_equal(array, again)
+    assert np.shares_memory(found.transitions.values, given.model.flatten().stacked["T"].values)
+    assert np.shares_memory(found.rewards, given.model.flatten().rewards)
+    # Where the file has gone, and cannot be made again, it is computed.
+    path.unlink()
+    monkeypatch.setenv("MDM_CACHE", "")
+    del found, given
+    gc.collect()
+    found = received(unframed(data[HEADER:])[0])
+    assert np.array_equal(found.transitions.values, search._tables.transitions.values)
+    assert options["expansions"] == 1
+
+
+def test_what_it_cannot_map_is_sent_whole():
+    tables, _ = TreeSearch(tiger(), expansions=1).parts()
+    assert received(tables) is tables

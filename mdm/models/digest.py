@@ -35,7 +35,7 @@ def of_parts(parts: Iterable[Any]) -> str:
             total.update(of_parts([matrix.shape[0], matrix.shape[1], *_entries(matrix)]).encode())
         elif isinstance(part, np.ndarray):
             total.update(f"{part.dtype.str}{part.shape}".encode())
-            total.update(np.ascontiguousarray(part).tobytes())
+            total.update(np.ascontiguousarray(part).reshape(-1).view(np.uint8).data)
         else:
             total.update(msgspec.msgpack.encode(part, enc_hook=_plain))
     return total.hexdigest()

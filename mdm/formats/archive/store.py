@@ -51,9 +51,9 @@ def user_folder() -> Path | None:
         StoreError: If there is no place for it.
     """
     given = os.environ.get("MDM_CACHE")
-    if given is not None:
-        return Path(given).expanduser().absolute() if given else None
     try:
+        if given is not None:
+            return Path(given).expanduser().absolute() if given else None
         if sys.platform == "darwin":
             return Path.home() / "Library" / "Caches" / "mdm"
         base = Path(os.environ.get("XDG_CACHE_HOME", ""))
@@ -215,7 +215,8 @@ class Store:
         for _, held, path in sorted(kept):
             if total + size <= self._most:
                 break
-            path.unlink()
+            with suppress(FileNotFoundError):  # another process makes room, too
+                path.unlink()
             total -= held
         free = shutil.disk_usage(self._folder).free
         if size > free:

@@ -238,6 +238,19 @@ def test_what_was_not_used_for_longest_makes_room(folder):
     assert np.array_equal(removed["numbers"], mapped["numbers"])
 
 
+def test_two_processes_may_make_room_at_once(folder, monkeypatch):
+    size = filled(folder, "first").stat().st_size
+    remove = Path.unlink
+
+    def twice(path):
+        remove(path)  # as another one does
+        remove(path)
+
+    monkeypatch.setattr(Path, "unlink", twice)
+    Store(folder, most=size).obtain("second", Maker())
+    assert [path.stem for path in folder.iterdir()] == ["second"]
+
+
 def test_what_is_too_large_is_not_kept(folder, monkeypatch):
     make = Maker()
     with pytest.raises(StoreError, match="the file would have 0 MB, and the folder may hold 0"):
@@ -273,3 +286,18 @@ def test_the_user_says_where(monkeypatch, tmp_path):
     assert user_folder() == tmp_path / "models"
     monkeypatch.setenv("MDM_CACHE", "")
     assert user_folder() is None
+
+
+@pytest.mark.parametrize("given", ["~nobody of this name/cache", None])
+def test_without_a_home_there_is_no_folder(monkeypatch, given):
+    def homeless(*_):
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    if given is None:
+        monkeypatch.delenv("MDM_CACHE", raising=False)
+        monkeypatch.setattr(Path, "home", homeless)
+    else:
+        monkeypatch.setenv("MDM_CACHE", given)
+    with pytest.raises(StoreError, match="there is no folder for it: Could not determine home directory"):
+        user_folder()

@@ -24,7 +24,9 @@ def main() -> int:
     except KeyboardInterrupt:
         return 130
     finally:
-        if interrupt is signal.default_int_handler:
+        if (
+            signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        ):  # a signal that ends a robot is still listened to
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # there is nothing left to do but to end
 
 

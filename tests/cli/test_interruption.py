@@ -195,3 +195,21 @@ def test_a_policy_is_kept_where_the_terminal_has_gone(tmp_path):
         process.send_signal(signal.SIGHUP)
     assert process.returncode != 0
     assert load_policy(policy).value([0.5, 0.5]) > -21
+
+
+def test_ctrl_c_behind_a_robot_s_end_does_not_take_the_place_of_the_signal_that_ended_it(tmp_path):
+    (tmp_path / "ending.py").write_text("import os, signal\ndef end(): os.kill(os.getpid(), signal.SIGTERM)\n")
+    file = tmp_path / "robot.toml"
+    file.write_text(
+        "[predicates]\nReady = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\n"
+        'states = { ready = ["Ready"] }\nactions = { End = "ending:end" }\n'
+    )
+    program = (
+        "import atexit, os, sys\natexit.register(os.kill, os.getpid(), 2)\n"  # the first registered is the last called
+        f"sys.argv = ['mdm', 'run', {str(file)!r}]\nfrom mdm.__main__ import main\nsys.exit(main())"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert (ended.returncode, "Traceback" in ended.stderr) == (143, False), ended.stderr

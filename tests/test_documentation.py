@@ -13,6 +13,7 @@ import pytest
 from places import ROOT
 
 from mdm import ModelError, Runtime, problems, run, save_model
+from mdm.cli import main
 from mdm.models import MDP, POMDP, Factor, Space
 from mdm.team import Network
 
@@ -36,7 +37,7 @@ def test_the_readme_names_every_extra():
     assert set(re.findall(r"^pip install '\.\[(\w+)\]'", read("README.md"), re.MULTILINE)) == extras
 
 
-def test_the_configuration_page_s_file_is_complete(tmp_path):
+def test_the_configuration_page_s_file_is_complete(tmp_path, monkeypatch, capsys):
     (tmp_path / "robot.toml").write_text(block("docs/configuration.md", "toml"))
     (tmp_path / "robot.py").write_text(
         "async def read_sensors(system): pass\nasync def assist(): pass\ndef stop(): pass\ndef go_on(): pass\n"
@@ -51,10 +52,11 @@ def test_the_configuration_page_s_file_is_complete(tmp_path):
         "T: * identity\nO: * uniform\n"
     )
     (tmp_path / "patrol.vf").write_text("0 -1\n0\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "mdm", "check", str(tmp_path / "robot.toml")], capture_output=True, text=True, timeout=60
-    )
-    assert (done.returncode, done.stderr) == (0, "")
+    monkeypatch.setitem(sys.modules, "robot", None)
+    del sys.modules["robot"]  # that of this folder is imported, and forgotten with the patch
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    status = main(["check", str(tmp_path / "robot.toml")])
+    assert (status, capsys.readouterr().err) == (0, "")
 
 
 def test_the_programs_of_the_page_about_models_print_what_it_says(capsys):

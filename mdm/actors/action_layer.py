@@ -104,6 +104,7 @@ class ActionLayer(Layer):
         begins: Told of an action that begins, by its name.
         ends: Told how an action has ended, by its name, binding, status, whether it took time, and in words; says
             whether it is given up.
+        clears: Told that an action which another had replaced has come to its end, too, whose life was told before.
     """
 
     # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
@@ -141,6 +142,7 @@ class ActionLayer(Layer):
         self.safe_timeout = float(safe_timeout)
         self.begins: Callable[[str], None] = lambda _: None
         self.ends: Callable[[str, Binding, ActionStatus, bool, str], bool] = lambda *_: False
+        self.clears: Callable[[], None] = lambda: None
         self.idle = False
         self.names = names
         self.predicates = predicates
@@ -597,6 +599,7 @@ class ActionLayer(Layer):
             life.grace.cancel()
         if status in _FAILED:
             self.report("action", f"action {life.name!r}, which was replaced, {status.replace('_', ' ')}: {detail}")
+        self.clears()
         self._settle()
 
     def _end_life(self, life: _Life, status: ActionStatus, detail: str = "") -> None:

@@ -69,6 +69,7 @@ class Liveness:
         self._looks: Subscription[int] = Subscription(None, ensemble, self._look)
         ensemble.action.begins = self.began
         ensemble.action.ends = self.ended
+        ensemble.action.clears = self.look
 
     @property
     def idle(self) -> float:

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from action_lives import robot
+from action_lives import Body, robot
 from team_robots import decider, started
 
 from mdm import ConfigError, Ensemble, FixedRate, PredicateManager, StateFactor, bind
@@ -276,6 +276,27 @@ def test_idleness_is_counted_and_told(binding, options, told):
         assert [(m.time, m.ensemble, m.idle, m.since, m.action, m.intended) for m in idles] == [
             (2_000_000_000, "robot", True, 2_000_000_000, "A", meant),
             (52_000_000_000, "robot", False, 2_000_000_000, "A", meant),
+        ]
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(("cleanup", "idle"), [(3.0, 4.0), (60.0, 6.0)])
+def test_an_action_that_outlives_the_one_by_which_it_was_replaced_keeps_no_idleness_quiet(cleanup, idle):
+    """The one that replaced it had ended before, and was looked at while the other still came to its end."""
+
+    async def main(runtime):
+        slow, quick = Body("slow", [], cleanup=cleanup), Body("quick", [], seconds=1.0)
+        ensemble = robot({"A": bind(slow, group="arm", grace=5.0), "B": bind(quick, group="arm")})
+        faults, idles = probe(runtime.faults), probe(runtime.idles)
+        await runtime.start(ensemble)
+        ensemble.publish_state(0)
+        await asyncio.sleep(1.0)
+        ensemble.publish_state(1)
+        await asyncio.sleep(30.0)
+        assert [(each.time / 1e9, each.idle, each.action) for each in idles] == [(idle, True, "B")]
+        assert idle_faults(faults) == [
+            (idle + 10.0, "idle for 10 s: action 'B' succeeded, and nothing has been decided since")
         ]
 
     run_virtual(main)

@@ -69,8 +69,8 @@ if TYPE_CHECKING:
     from mdm.simulation import World, evaluate, simulate
     from mdm.solvers import solve
     from mdm.team.team import Team
+    from mdm.version import __version__
 
-    __version__: str
 
 __all__ = [
     "ActionLayer",
@@ -166,6 +166,7 @@ _HOMES = {
     "simulation": ("World", "evaluate", "simulate"),
     "solvers": ("solve",),
     "team": ("Team",),
+    "version": ("__version__",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -178,8 +179,6 @@ def __getattr__(name: str) -> Any:
         value = getattr(importlib.import_module(f"mdm.{_HOME_OF[name]}"), name)
         globals()[name] = value
         return value
-    if name == "__version__":
-        return _version()
     raise AttributeError(f"module 'mdm' has no attribute {name!r}{_elsewhere(name)}")
 
 
@@ -202,12 +201,3 @@ def _elsewhere(name: str) -> str:
 
     close = difflib.get_close_matches(name, known, n=2, cutoff=0.75)
     return f"; did you mean {' or '.join(known[each] for each in close)}?" if close else ""
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - it takes longer than all else here
-
-    try:
-        return version("markov-decision-making")
-    except PackageNotFoundError:
-        return "(not installed)"

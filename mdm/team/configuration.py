@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mdm.models.digest import digest, of_parts
+from mdm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -65,7 +66,7 @@ def facts(team: Team, ensemble: Ensemble, parts: Parts, start: bytes) -> dict[st
     """
     controller = ensemble.controller
     return {
-        "program's version": _version(),
+        "program's version": __version__,
         "team's drive": "events" if team.period is None else f"a period of {team.period:g} s",
         "team's deadline": f"{team.deadline:g} s",
         "team's lease": f"{team.lease:g} s",
@@ -124,12 +125,3 @@ def _safe_action(ensemble: Ensemble) -> str:
         return "a function"
     name = action.names[action.bindings.index(action.safe)]
     return repr(name) if all(name in factor.names for factor in space.factors) else "an action of the agent's own"
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - it takes longer than all else here
-
-    try:
-        return version("markov-decision-making")
-    except PackageNotFoundError:
-        return "(not installed)"

@@ -22,6 +22,7 @@ from mdm.models.digest import digest, of_parts
 from mdm.models.dynamics import Rows, distinct, stacked
 from mdm.models.events import DenseEvents, TransitionEvents
 from mdm.models.matrices import Checked, read_only
+from mdm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -81,7 +82,7 @@ def mapped(model: MDP, make: Callable[[], _Flat]) -> _Flat:
 
 def _key(model: FactoredMDP | FactoredPOMDP) -> str:
     """Return the digest of all that the matrices follow from."""
-    return of_parts([_FORM, np.__version__, type(model).__name__, model.sparse, digest(model)])
+    return of_parts([__version__, _FORM, np.__version__, type(model).__name__, model.sparse, digest(model)])
 
 
 def _packed(model: MDP) -> dict[str, npt.NDArray[Any]]:

@@ -9,7 +9,8 @@ from scipy import ndimage
 
 from mdm.maps.lookup import border_distance
 from mdm.maps.metres import check_metres
-from mdm.maps.passages import passages, route_sentence, undivided, widest
+from mdm.maps.passages import leads, passages, route_sentence, undivided, widest
+from mdm.maps.paths import PATH_MARGIN, drivable
 from mdm.maps.problem import Problem
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from mdm.maps.grid import Grid
     from mdm.maps.labels import Labels
     from mdm.maps.map import Map
+    from mdm.maps.passages import Passage
 
 __all__ = ["MARGIN", "RADIUS", "check", "examine", "missing"]
 
@@ -38,10 +40,11 @@ _SHOWN = 200
 def check(floor: Map, *, radius: float = RADIUS, margin: float = MARGIN) -> tuple[Problem, ...]:
     """Return what is wrong with a map.
 
-    * A goal lies outside its own place, or so near to what is not free that the robot does not fit.
+    * A goal lies outside its own place, or so near to what is not free that the robot does not fit, with 5 cm to spare.
     * A place, or its goal, is not so far from other places that a robot there counts as having come.
-    * A way joins places that do not touch, or by a passage that is too narrow; or a place with itself. Places touch by
-      a passage that is wide enough, and there is no way.
+    * A way joins places that do not touch, or by a passage that is too narrow, with 5 cm on each side; or no path as
+      wide leads from goal to goal; or it joins a place with itself. Places touch by a passage that is wide enough, and
+      there is no way.
     * Not all places can be reached from each other.
     * A colour of the image of labels is no place's, and has fewer cells than any place, and than 1 % of all.
     * The name of a place stands for something else in formulas, so that `Places` would refuse it.
@@ -138,8 +141,8 @@ def _goal(node: Node, labels: Labels, clearance: NDArray[np.float64] | None, rad
         return
     if clearance[cell] == 0:
         yield Problem("goals", f"{where} is not free in the map", (node.name,), [cell])
-    elif clearance[cell] < radius - _SLACK:
-        text = f"{where} is {clearance[cell]:.2f} m from what is not free, and the robot needs {radius:g} m"
+    elif clearance[cell] < (needed := radius + PATH_MARGIN) - _SLACK:
+        text = f"{where} is {clearance[cell]:.2f} m from what is not free, and the robot needs {needed:.3g} m to drive"
         yield Problem("goals", text, (node.name,), [cell])
 
 
@@ -182,24 +185,41 @@ def _ways(labels: Labels, graph: Graph, grid: Grid, radius: float) -> Iterator[P
         ends = (edge.source, edge.target)
         if edge.source != edge.target and all(name in labels.names for name in ends):
             wanted.setdefault(frozenset(ends), ends)
+    driven = drivable(grid, radius)
+    open_pairs = {frozenset(passage.places) for passage in found if leads(passage, driven)}
+    parts = _parts(labels, graph, driven)
+    needed = 2 * (radius + PATH_MARGIN)
+    robot = f"a robot of {2 * radius:g} m"
     for pair, (source, target) in wanted.items():
-        passage = widths.get(pair)
+        passage, goals = widths.get(pair), {parts.get(source, 0), parts.get(target, 0)}
         if passage is None:
-            text = f"a way leads from {source!r} to {target!r}, and these places do not touch"
-            yield Problem("ways", text, (source, target))
-        elif passage.width < 2 * radius - _SLACK:
-            text = (
-                f"a way leads from {source!r} to {target!r}, and the widest passage is {passage.width:.2f} m, too "
-                f"narrow for a robot of {2 * radius:g} m"
-            )
-            yield Problem("ways", text, (source, target), [passage.middle])
-    for pair, passage in widths.items():
+            text = "these places do not touch"
+        elif pair not in open_pairs:
+            wide = f"{passage.width:.2f} m"
+            text = f"the widest passage is {wide}, too narrow for {robot}, which needs {needed:g} m to drive"
+        elif len(goals) > 1 and 0 not in goals:
+            text = f"what stands about leaves no path between their goals that is wide enough for {robot}"
+        else:
+            continue
+        where = [] if passage is None else [passage.middle]
+        yield Problem("ways", f"a way leads from {source!r} to {target!r}, and {text}", (source, target), where)
+    yield from _unused([passage for pair, passage in widths.items() if pair in open_pairs - wanted.keys()], crowded)
+
+
+def _unused(found: Sequence[Passage], crowded: Sequence[str]) -> Iterator[Problem]:
+    """Yield passages that no way leads through, but between places of which it is said that nothing divides them."""
+    for passage in found:
         one, other = passage.places
-        if one in crowded and other in crowded:
-            continue  # said above, once
-        if pair not in wanted and passage.width >= 2 * radius - _SLACK:
+        if not (one in crowded and other in crowded):
             text = f"{one!r} and {other!r} touch by a passage of {passage.width:.2f} m, and no way leads through it"
             yield Problem("ways", text, (one, other), [passage.middle])
+
+
+def _parts(labels: Labels, graph: Graph, driven: NDArray[np.bool_]) -> dict[str, int]:
+    """Return in which part of what the robot can drive over each goal lies; 0 where it does not fit."""
+    numbers, _ = ndimage.label(driven)
+    cells = {node.name: labels.frame.cell(node.goal.x, node.goal.y) for node in graph.nodes}
+    return {name: int(numbers[cell]) for name, cell in cells.items() if cell is not None}
 
 
 def _apart(graph: Graph) -> Iterator[Problem]:

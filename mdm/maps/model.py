@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from mdm.errors import MapError
 from mdm.maps.metres import check_metres
-from mdm.maps.paths import Paths
+from mdm.maps.paths import Paths, drivable
 from mdm.models import Durations, Factor, FactoredMDP, FactoredPOMDP, Node, Space, Table, TwoSliceNetwork
 from mdm.number import is_number
 
@@ -275,7 +275,7 @@ def arrivals(floor: Map, *, speed: float, radius: float = 0.25) -> Vector:
     Args:
         floor: The map, with its grid.
         speed: In metres a second.
-        radius: Of the robot, which keeps so far from walls.
+        radius: Of the robot, which keeps so far from walls, and 5 cm more.
 
     Raises:
         MapError: If there is no grid, a robot does not fit at a goal, there is no path, the speed is not above 0, or
@@ -287,7 +287,7 @@ def arrivals(floor: Map, *, speed: float, radius: float = 0.25) -> Vector:
     if not is_number(speed) or not (math.isfinite(speed) and speed > 0):
         raise MapError(f"a speed of {speed!r} brings no robot anywhere: give metres a second above 0")
     graph = floor.graph
-    paths = Paths(floor.grid.frame, floor.grid.fits(radius))
+    paths = Paths(floor.grid.frame, drivable(floor.grid, radius))
     goals = []
     for node in graph.nodes:
         try:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mdm.maps.grid import Grid
     from mdm.maps.labels import Labels
 
-__all__ = ["Passage", "passages", "route_sentence", "undivided", "widest"]
+__all__ = ["Passage", "leads", "passages", "route_sentence", "undivided", "widest"]
 
 _OPEN = 0.8
 """The share of the width of the narrower of two places from which a passage divides nothing."""
@@ -77,6 +77,11 @@ def widest(found: tuple[Passage, ...]) -> dict[frozenset[str], Passage]:
     for passage in found:
         best.setdefault(frozenset(passage.places), passage)
     return best
+
+
+def leads(passage: Passage, driven: NDArray[np.bool_]) -> bool:
+    """Whether a robot comes through a passage, from the cells that it can drive over."""
+    return bool(driven[tuple(passage.cells.T)].any())
 
 
 def undivided(labels: Labels, grid: Grid, found: tuple[Passage, ...]) -> tuple[str, ...]:

@@ -17,15 +17,21 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from mdm.maps.grid import Grid
     from mdm.models.matrices import Vector
 
-__all__ = ["PATH_MARGIN", "Paths"]
+__all__ = ["PATH_MARGIN", "Paths", "drivable"]
 
 PATH_MARGIN = 0.05
 """Metres that a robot needs on each side, beside its radius: in paths, in driving, and in what is checked."""
 _LEAST = 50
 """Cells around the ends of ways where one looks first."""
 _STEPS = ((0, 1, 1.0), (1, 0, 1.0), (1, 1, math.sqrt(2)), (1, -1, math.sqrt(2)))
+
+
+def drivable(grid: Grid, radius: float) -> NDArray[np.bool_]:
+    """Return over which cells a robot of a radius in metres can drive, with `PATH_MARGIN` to spare on each side."""
+    return grid.fits(radius + PATH_MARGIN)
 
 
 class Paths:

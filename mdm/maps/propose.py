@@ -21,7 +21,8 @@ from mdm.maps.graph import Edge, Graph, Node, Pose
 from mdm.maps.labels import Labels
 from mdm.maps.lookup import border_distance
 from mdm.maps.metres import check_metres
-from mdm.maps.passages import passages, widest
+from mdm.maps.passages import leads, passages
+from mdm.maps.paths import PATH_MARGIN, drivable
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -73,7 +74,7 @@ def propose(grid: Grid, *, radius: float = 0.25, margin: float = 0.3, least: flo
 
 def _reached(grid: Grid, radius: float) -> Mask:
     """Return the cells where a robot fits, of the largest part of the floor that it can drive over."""
-    parts, count = ndimage.label(grid.fits(radius))
+    parts, count = ndimage.label(drivable(grid, radius))
     if not count:
         raise MapError(f"a robot with a radius of {radius:g} m fits nowhere on this map")
     largest = 1 + int(np.bincount(parts.ravel())[1:].argmax())
@@ -87,7 +88,8 @@ def _goals(labels: Labels, grid: Grid, reached: Mask, radius: float, margin: flo
     Far enough is a robot's radius and the margin from walls, and the margin from other places; if none is, the furthest
     counts.
     """
-    far = np.minimum((grid.clearance() - radius) / margin, border_distance(labels) / margin) if margin else reached
+    room = grid.clearance() - radius - PATH_MARGIN
+    far = np.minimum(room / margin, border_distance(labels) / margin) if margin else reached
     far = np.minimum(far, _AMPLY)
     cells = []
     for name in labels.names:
@@ -104,9 +106,8 @@ def _goals(labels: Labels, grid: Grid, reached: Mask, radius: float, margin: flo
 
 def _ways(labels: Labels, grid: Grid, radius: float) -> tuple[Edge, ...]:
     """Return a way in either direction between places that touch by a passage that is wide enough."""
-    pairs = [
-        passage.places for passage in widest(passages(labels, grid)).values() if passage.width >= 2 * radius - _SLACK
-    ]
+    driven = drivable(grid, radius)
+    pairs = [passage.places for passage in passages(labels, grid) if leads(passage, driven)]
     index = labels.names.index
     both = sorted(
         {pair for one, other in pairs for pair in ((one, other), (other, one))},

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from floor_file import GRAPH, rooms, write_floor
+from hypothesis import given, settings, strategies as st
+from maps.floors import Floor
 
+import mdm
 from mdm import PredicateManager
 from mdm.errors import ConfigError, MapError
 from mdm.maps import Edge, Frame, Graph, Grid, Labels, Map, Node, Places, Pose, check, draft, load_map
+from mdm.simulation.building import Building, DriveError
 
 
 def floor(tmp_path, raster=None, graph=GRAPH):
@@ -16,7 +23,7 @@ def floor(tmp_path, raster=None, graph=GRAPH):
     return load_map(path, grid=grid, labels=labels)
 
 
-def told(some, *, radius=0.2, **options):
+def told(some, *, radius=0.1, **options):
     return [(problem.kind, problem.text) for problem in check(some, radius=radius, **options)]
 
 
@@ -45,9 +52,12 @@ def test_a_goal_in_another_place_in_none_in_a_wall_and_outside(tmp_path):
 
 def test_a_goal_where_the_robot_does_not_fit(tmp_path):
     some = moved(floor(tmp_path), "hall", -0.75, 3.0)
-    assert told(some, radius=0.2) == []
-    (problem,) = (problem for problem in check(some, radius=0.25) if problem.kind == "goals")
-    assert problem.text == "the goal of 'hall', (-0.75, 3), is 0.20 m from what is not free, and the robot needs 0.25 m"
+    assert told(some, radius=0.15) == []
+    (problem,) = (problem for problem in check(some, radius=0.2) if problem.kind == "goals")
+    assert (
+        problem.text
+        == "the goal of 'hall', (-0.75, 3), is 0.20 m from what is not free, and the robot needs 0.25 m to drive"
+    )
     assert (problem.places, problem.cells) == (("hall",), [(29, 2)])
 
 
@@ -60,12 +70,87 @@ def test_a_way_between_places_that_do_not_touch(tmp_path):
 
 
 def test_a_passage_that_is_too_narrow(tmp_path):
-    assert told(floor(tmp_path), radius=0.23) == [
+    assert told(floor(tmp_path), radius=0.18) == [
         (
             "ways",
-            "a way leads from 'hall' to 'office', and the widest passage is 0.40 m, too narrow for a robot of 0.46 m",
+            (
+                "a way leads from 'hall' to 'office', and the widest passage is 0.40 m, too narrow for a robot of "
+                "0.36 m, which needs 0.46 m to drive"
+            ),
         )
     ]
+
+
+def test_what_stands_between_two_goals():
+    """The door is wide enough, and a shelf behind it leaves 0.5 m beside it."""
+    drawn = Floor(
+        8.0, 4.0, {"west": (0.0, 0.0, 4.0, 4.0), "east": (4.0, 0.0, 8.0, 4.0)},
+        {("east", "west"): (3.8, 1.0, 4.2, 3.0)},
+        furniture=[(5.0, 0.6, 5.4, 4.0)],
+    ).map()  # fmt: skip
+    goals = {"west": (0.0, 1.0), "east": (5.0, 1.0)}
+    some = with_graph(drawn, nodes=tuple(Node(name, Pose(*at)) for name, at in goals.items()))
+    assert told(some, radius=0.2) == []
+    assert told(some, radius=0.25) == [
+        (
+            "ways",
+            (
+                "a way leads from 'east' to 'west', and what stands about leaves no path between their goals that is "
+                "wide enough for a robot of 0.5 m"
+            ),
+        )
+    ]
+
+
+@settings(max_examples=25)
+@given(
+    door=st.integers(8, 20), depth=st.integers(2, 40), beside=st.integers(8, 24), at=st.integers(12, 60),
+    radius=st.sampled_from([0.2, 0.25, 0.3]),
+)  # fmt: skip
+def test_paths_lead_wherever_the_check_lets_a_robot(door, depth, beside, at, radius):
+    """There and back through a passage of some width and depth, and past furniture; only if the check finds nothing."""
+    low, wide, side = at / 20, door / 20, beside / 20
+    long = 4.0 + depth / 20
+    rooms = {
+        "west": (0.0, 0.0, 4.0, 4.5),
+        "passage": (4.0, low, long, low + wide),
+        "east": (long, 0.0, long + 4.0, 4.5),
+    }
+    drawn = Floor(
+        long + 4.0, 4.5, rooms, {("east", "west"): (3.8, low, long + 0.2, low + wide)},
+        furniture=[(long + 1.2, 0.075 + side, long + 1.6, 4.5)],
+    )  # fmt: skip
+    labels = np.where(drawn.grid.free, drawn.labels.raster, 0)
+    labels[labels == 2] = 1
+    labels[labels == 3] = 2
+    labels[(labels == 0) & drawn.grid.free] = 1
+    goals = {"west": (-0.5, 1.0), "east": (long + 0.6, 1.0)}
+    graph = Graph(
+        tuple(Node(name, Pose(*to)) for name, to in goals.items()),
+        (Edge("west", "east", "Right"), Edge("east", "west", "Left")),
+    )
+    some = Map(Labels(drawn.frame, labels.astype(np.uint16), ("west", "east")), graph, drawn.grid)
+    problems = [problem for problem in check(some, radius=radius, margin=0.1) if problem.kind in {"ways", "goals"}]
+    building = Building(some, seed=1)
+    try:
+        robot = building.robot("ada", at="west", radius=radius, speed=1.0)
+    except MapError:
+        assert problems
+        return
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            await runtime.start(building)
+            for name in ("east", "west"):
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(0.1):
+                        await robot.go(graph.node(name).goal)
+
+    if not problems:
+        mdm.run(main, virtual=True)
+    else:
+        with pytest.raises((DriveError, MapError)):
+            mdm.run(main, virtual=True)
 
 
 def test_places_that_touch_without_a_way(tmp_path):

@@ -133,18 +133,18 @@ def test_models_are_written_and_read(tmp_path, suffix):
 
 
 def test_what_fits_by_the_check_has_paths(tmp_path):
-    """A door of nine cells of 0.05 m is as wide as a robot of 0.25 m: both say so."""
+    """A door of nine cells of 0.05 m lets pass a robot of 0.2 m, with 0.05 m on each side: both say so."""
     free = np.zeros((60, 100), dtype=bool)
     free[5:55, 5:48] = free[5:55, 52:95] = free[20:29, 48:52] = True
     nodes = Node("a", Pose(1.0, 1.0)), Node("b", Pose(4.0, 0.5))
     graph = Graph(nodes, (Edge("a", "b", "go"), Edge("b", "a", "back")))
     grid = Grid(Frame(60, 100, 0.05), free, ~free)
     floor = Map(draft(grid, graph), graph, grid)
-    assert check(floor, radius=0.25, margin=0.1) == ()
-    assert np.isfinite(arrivals(floor, speed=1.0, radius=0.25)).all()
-    assert len(check(floor, radius=0.26, margin=0.1)) == 1
+    assert check(floor, radius=0.2, margin=0.1) == ()
+    assert np.isfinite(arrivals(floor, speed=1.0, radius=0.2)).all()
+    assert len(check(floor, radius=0.21, margin=0.1)) == 1
     with pytest.raises(MapError, match="there is no path"):
-        arrivals(floor, speed=1.0, radius=0.26)
+        arrivals(floor, speed=1.0, radius=0.21)
 
 
 def with_factor(floor, name, values):

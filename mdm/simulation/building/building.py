@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import ConfigError, Error, MapError
-from mdm.maps.paths import PATH_MARGIN, Paths
+from mdm.maps.paths import PATH_MARGIN, Paths, drivable
 from mdm.messages import PoseUpdate
 from mdm.number import is_number, is_whole
 from mdm.runtime import Actor
@@ -241,7 +241,7 @@ class Building(Actor):
 
     def _paths_for(self, radius: float) -> Paths:
         if radius not in self._paths:
-            self._paths[radius] = Paths(self.grid.frame, self._clearance > radius + PATH_MARGIN - 1e-9)
+            self._paths[radius] = Paths(self.grid.frame, drivable(self.grid, radius))
         return self._paths[radius]
 
     # -- Visits --------------------------------------------------------------------------------------------------

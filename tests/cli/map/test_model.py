@@ -212,7 +212,7 @@ def test_factors_that_are_none(mdm, floor, tmp_path, function, words):
 def test_a_patrol_that_visits_all_places(mdm, floor, tmp_path):
     """Wherever one begins in the model, by its policy one comes to the place that is next, and that then changes."""
     model, policy = tmp_path / "floor.npz", tmp_path / "policy.npz"
-    status, output, errors = mdm("map", "model", *floor, "--visit", "all", "--radius", "0.2", "-o", model)
+    status, output, errors = mdm("map", "model", *floor, "--visit", "all", "--radius", "0.15", "-o", model)
     assert (status, errors) == (0, "")
     assert "tour      hall, store, office, and so on" in output
     assert any(line.endswith('[places] of a TOML file: tour = ["hall", "store", "office"]') for line in output)
@@ -226,11 +226,11 @@ def test_a_patrol_that_visits_all_places(mdm, floor, tmp_path):
             here = int(np.argmax(made.transition_matrix(chosen.action(here))[here]))
             visited.add(here // 3)
         assert visited == {0, 1, 2}
-    both = ("--visit", "store", "--visit", "office", "--radius", "0.2")
+    both = ("--visit", "store", "--visit", "office", "--radius", "0.15")
     facts = json.loads(mdm("map", "model", *floor, *both, "-o", model, "--json")[1][0])
     assert facts["tour"] == ["store", "office"]
     for given, words in (("attic", "there is no place 'attic'"), ("hall", "a tour takes two places or more")):
-        status, _, errors = mdm("map", "model", *floor, "--visit", given, "--radius", "0.2", "-o", model)
+        status, _, errors = mdm("map", "model", *floor, "--visit", given, "--radius", "0.15", "-o", model)
         assert (status, words in errors, "Traceback" in errors) == (1, True, False)
 
 

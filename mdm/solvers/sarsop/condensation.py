@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mdm.models.compressed import csr
+from mdm.solvers.sarsop.linear import solved
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -28,11 +29,13 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.models.matrices import Matrix, Vector
+    from mdm.solvers.sarsop.graph import Scratch
     from mdm.solvers.sarsop.layout import Layout
 
+    Part = Callable[[float], Callable[[], bool]]
     Indices = npt.NDArray[np.intp]
 
-__all__ = ["Condensed", "Controller", "Vectors", "condensed"]
+__all__ = ["Condensed", "Controller", "Kernels", "Vectors", "condensed"]
 
 _ROUNDS, _UNDAMPED = 60, 16
 """Rounds at most, and those in which nodes are chosen for the latest visits; after that it is for the mean of them."""
@@ -44,8 +47,11 @@ _PUSHES = 6
 _CHUNK = 2_000_000
 """Numbers that are held at once for some nodes and what may follow them."""
 _CLOSE = 1e-10
-"""The error of the linear system's solution, as a share of the rewards."""
-_ITERATIONS, _SWEEPS = 300, 10
+"""What the linear system's solution may lose at least, as a share of the rewards."""
+_LOSS = 1e-2
+"""The same, as a part of what a choice may lose."""
+_SOLUTION = 0.8
+"""The part of the time for their evaluation in which the system is solved; the rest is for a backup that certifies."""
 _ROUNDING = 1e-13
 _FINER = 1e-2
 """What may be lost when nodes are chosen among anew, as a part of what may be lost before."""
@@ -111,6 +117,20 @@ class _Steps(NamedTuple):
     signs: list[_Sign]
 
 
+class Kernels(NamedTuple):
+    """Compiled steps from node to node, see `mdm.solvers.sarsop.search`, and the room that they need."""
+
+    follow: Callable[..., None]
+    arrive: Callable[..., None]
+    scratch: Scratch
+
+    @staticmethod
+    def nodes_at_once(layout: Layout) -> int:
+        """Return how many nodes are followed in about a hundredth of a second."""
+        entries = len(layout.transitions.values) + len(layout.observations.values)
+        return max(1, _CHUNK * len(layout.rewards) // max(entries, 1))
+
+
 class Controller:
     """Vectors as the nodes of a controller.
 
@@ -119,16 +139,29 @@ class Controller:
         vectors: The nodes, with the values that they are said to have.
         defaults: The node of each block for observations that none else was chosen for.
         after: The node after each node and observation, -1 for the default; all of them by default.
+        kernels: Compiled counterparts of products of matrices.
     """
 
-    def __init__(self, layout: Layout, vectors: Vectors, defaults: Indices, after: Indices | None = None) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        vectors: Vectors,
+        defaults: Indices,
+        after: Indices | None = None,
+        kernels: Kernels | None = None,
+    ) -> None:
         self._layout = layout
+        self._kernels = kernels
         self.vectors = vectors
         self._defaults = defaults
         self._width = vectors.values.shape[1]
         self._steps: dict[tuple[int, int], _Steps] = {}
         symbols = int(layout.observations.columns.max()) + 1
         self._after = np.full((len(vectors.actions), symbols), -1) if after is None else after
+
+    @property
+    def _table(self) -> tuple[Indices, ...]:
+        return self.vectors.actions, self.vectors.blocks, self._after, self._defaults
 
     @cached_property
     def _of_block(self) -> list[Indices]:
@@ -163,6 +196,15 @@ class Controller:
         for _ in range(_PUSHES):
             ahead = np.zeros(start.shape)  # its rows take memory only where there are visits
             ahead[begin] = start[begin]
+            if self._kernels is not None:
+                nodes, size = np.flatnonzero(visits.any(axis=1)), self._kernels.nodes_at_once(self._layout)
+                for part in range(0, len(nodes), size):
+                    if not goes_on():
+                        return visits
+                    some = nodes[part : part + size]
+                    self._kernels.arrive(self._layout, *self._table, visits, self._kernels.scratch, some, ahead)
+                visits = ahead
+                continue
             for group, steps in self._groups(np.flatnonzero(visits.any(axis=1))):
                 if not goes_on():
                     return visits
@@ -251,7 +293,7 @@ class Controller:
             front = after[~kept[after]]
             kept[front] = True
         place = np.cumsum(kept) - 1
-        result = Controller(self._layout, self.vectors.only(np.flatnonzero(kept)), place[self._defaults])
+        result = Controller(self._layout, self.vectors.only(np.flatnonzero(kept)), place[self._defaults], kernels=self._kernels)
         after = self._after[kept]
         result._after = np.where(after >= 0, place[after], -1)
         result._steps = self._steps
@@ -259,54 +301,53 @@ class Controller:
 
     def of(self, vectors: Vectors, *, chosen: bool = False) -> Controller:
         """Return the controller with other values of its nodes, with what was chosen or nothing chosen yet."""
-        result = Controller(self._layout, vectors, self._defaults, self._after.copy() if chosen else None)
+        result = Controller(self._layout, vectors, self._defaults, self._after.copy() if chosen else None, self._kernels)
         result._steps = self._steps
         return result
 
-    def evaluated(self, goes_on: Callable[[], bool] = lambda: True) -> Vectors | None:
+    def evaluated(self, part: Part = lambda _: lambda: True, loss: float = 0.0) -> Vectors | None:
         """Return the vectors with lower bounds of the nodes' own values, near to them where the system is solved.
 
-        None where it may not go on.
+        None where there is no time for a backup of all nodes, which certifies them.
+
+        Args:
+            part: Returns a function that tells whether there is time left of a share of what remains now.
+            loss: How far below the nodes' own values the bounds may be, but for what rounding loses.
         """
-        try:
-            return self.vectors._replace(values=self._values(goes_on))
-        except TimeoutError:
-            return None
-
-    def _values(self, goes_on: Callable[[], bool]) -> Vector:
-        from scipy.sparse.linalg import LinearOperator, bicgstab  # noqa: PLC0415 - slow to import
-
-        begin = self.vectors.values
         discount = self._layout.discount
         rewards = self._layout.rewards.reshape(-1, len(self._defaults), self._width)
         earned = rewards[self.vectors.actions, self.vectors.blocks]
-
-        def ahead(values: Vector) -> Vector:
-            result = np.empty_like(begin)
-            for group, steps in self._groups(np.arange(len(begin))):
-                told = np.zeros((len(group), steps.ahead.shape[1]))
-                for sign in steps.signs:
-                    if not goes_on():
-                        raise TimeoutError
-                    told[:, sign.arrivals] += values[self._followers(group, sign)][:, sign.places] * sign.chances
-                result[group] = discount * _product(steps.ahead, told)
-            return result
-
-        def rest(given: Vector) -> Vector:
-            return np.asarray(given - ahead(given.reshape(begin.shape)).ravel())
-
-        system = LinearOperator((begin.size, begin.size), matvec=rest, dtype=np.float64)
-        close = _CLOSE * (1 - discount)
-        with np.errstate(all="ignore"):  # it may break down
-            solved, _ = bicgstab(system, earned.ravel(), x0=begin.ravel(), rtol=close, atol=0.0, maxiter=_ITERATIONS)
-        found = np.asarray(solved).reshape(begin.shape) if np.isfinite(solved).all() else begin
-        least = 0.0
-        for _ in range(_SWEEPS):
-            backed = earned + ahead(found)
-            least = float((backed - found).min())
-            found = backed
+        close = (1 - discount) * max(loss, _CLOSE * float(np.abs(earned).max()))
+        goes_on = part(_SOLUTION)
+        found = solved(lambda values: self._ahead(values, goes_on), earned, self.vectors.values, close)
+        try:
+            backed = earned + self._ahead(found, part(1.0))
+        except TimeoutError:
+            return None
         # What a backup lowers by no more than so much is a bound when it is lowered by that for ever.
-        return found + min(0.0, discount * least / (1 - discount)) - _ROUNDING * float(np.abs(found).max())
+        lost = min(0.0, discount * float((backed - found).min()) / (1 - discount))
+        return self.vectors._replace(values=backed + lost - _ROUNDING * float(np.abs(backed).max()))
+
+    def _ahead(self, values: Vector, goes_on: Callable[[], bool]) -> Vector:
+        """Return what the nodes' successors are worth, discounted, where each has some values."""
+        result = np.empty_like(values)
+        if self._kernels is not None:
+            count, size = len(values), self._kernels.nodes_at_once(self._layout)
+            for begin in range(0, count, size):
+                if not goes_on():
+                    raise TimeoutError
+                self._kernels.follow(
+                    self._layout, *self._table, values, self._kernels.scratch, begin, min(begin + size, count), result
+                )
+            return result
+        for group, steps in self._groups(np.arange(len(values))):
+            told = np.zeros((len(group), steps.ahead.shape[1]))
+            for sign in steps.signs:
+                if not goes_on():
+                    raise TimeoutError
+                told[:, sign.arrivals] += values[self._followers(group, sign)][:, sign.places] * sign.chances
+            result[group] = self._layout.discount * _product(steps.ahead, told)
+        return result
 
 
 def _steps(layout: Layout, action: int, block: int) -> _Steps:
@@ -364,7 +405,8 @@ def condensed(
     *,
     slack: float,
     after: Indices | None = None,
-    part: Callable[[float], Callable[[], bool]] = lambda _: lambda: True,
+    kernels: Kernels | None = None,
+    part: Part = lambda _: lambda: True,
 ) -> Condensed | None:
     """Return the vectors of a small plan; None where there is no time to evaluate one.
 
@@ -379,15 +421,16 @@ def condensed(
         roots: The best vector in each block of the initial belief.
         slack: What may be lost at a belief for a vector less.
         after: What may follow each vector and observation, to begin with: the first plan is then made of it alone.
+        kernels: Compiled counterparts of products of matrices.
         part: Returns a function that tells whether there is time left of a share of what remains now.
     """
     best: Condensed | None = None
-    controller = Controller(layout, vectors, defaults, after)
+    controller = Controller(layout, vectors, defaults, after, kernels)
     while True:
         if best is not None or after is None:
             _settle(controller, start, roots, slack if best is None else _FINER * slack, part(_SEARCH))
         reached = controller.reached(roots)
-        found = reached.evaluated(part(1.0))
+        found = reached.evaluated(part, _LOSS * slack)
         if found is None:
             return best
         lower, roots = _best_nodes(found, start)

@@ -18,7 +18,7 @@ from mdm.solvers.sarsop.graph import EDGES, LINKS, NODES, OUTCOMES, POINTS, VALU
 if TYPE_CHECKING:
     from mdm.solvers.sarsop.layout import Layout
 
-__all__ = ["add_node", "add_vector", "backup", "explore", "refresh"]
+__all__ = ["add_node", "add_vector", "arrive", "backup", "explore", "follow", "refresh"]
 
 _GRID = 1e12
 """Beliefs that agree to one part in so many are one, and have one upper bound: a coarser grid shows in it."""
@@ -409,6 +409,96 @@ def _back_up_vector(layout: Layout, graph: Graph, scratch: Scratch, node: int, a
         graph.values[at + state - base] = layout.rewards[action, state] + layout.discount * total
     for k in range(first, last):
         scratch.choice[graph.symbol[k]] = -1
+
+
+@compiled
+def follow(
+    layout: Layout,
+    actions: np.ndarray,
+    blocks: np.ndarray,
+    after: np.ndarray,
+    defaults: np.ndarray,
+    values: np.ndarray,
+    scratch: Scratch,
+    begin: int,
+    end: int,
+    result: np.ndarray,
+) -> None:
+    """Write what follows some nodes of a controller, discounted: N x Y, of which rows ``begin`` to ``end``.
+
+    ``after`` has the node after each node and observation, -1 for the one of ``defaults`` in the block of what is
+    observed; ``values`` has what each of them is worth, N x Y.
+    """
+    num_arrivals = len(layout.state)
+    for node in range(begin, end):
+        scratch.stamp[num_arrivals] += 1
+        now = scratch.stamp[num_arrivals]
+        action = actions[node]
+        base, last = layout.first_state[blocks[node]], layout.first_state[blocks[node] + 1]
+        for state in range(base, last):
+            row = layout.transitions.first[action] + state
+            total = 0.0
+            for j in range(layout.transitions.starts[row], layout.transitions.starts[row + 1]):
+                arrival = layout.transitions.columns[j]
+                if scratch.stamp[arrival] != now:
+                    scratch.stamp[arrival] = now
+                    of = layout.block[layout.state[arrival]]
+                    place = layout.state[arrival] - layout.first_state[of]
+                    seen = layout.observations.first[action] + arrival
+                    value = 0.0
+                    for i in range(layout.observations.starts[seen], layout.observations.starts[seen + 1]):
+                        chosen = after[node, layout.observations.columns[i]]
+                        if chosen < 0:
+                            chosen = defaults[of]
+                        value += layout.observations.values[i] * values[chosen, place]
+                    scratch.backed[arrival] = value
+                total += layout.transitions.values[j] * scratch.backed[arrival]
+            result[node, state - base] = layout.discount * total
+
+
+@compiled
+def arrive(  # noqa: C901 - one pass, no calls
+    layout: Layout,
+    actions: np.ndarray,
+    blocks: np.ndarray,
+    after: np.ndarray,
+    defaults: np.ndarray,
+    visits: np.ndarray,
+    scratch: Scratch,
+    nodes: np.ndarray,
+    result: np.ndarray,
+) -> None:
+    """Add the visits, N x Y, that follow those to some nodes of a controller, discounted; see `follow`."""
+    predicted, touched = scratch.predicted, scratch.touched
+    for node in nodes:
+        action = actions[node]
+        base, last = layout.first_state[blocks[node]], layout.first_state[blocks[node] + 1]
+        count = 0
+        for state in range(base, last):
+            weight = visits[node, state - base] * layout.discount
+            if weight == 0.0:
+                continue
+            row = layout.transitions.first[action] + state
+            for j in range(layout.transitions.starts[row], layout.transitions.starts[row + 1]):
+                gain = weight * layout.transitions.values[j]
+                if gain == 0.0:
+                    continue
+                arrival = layout.transitions.columns[j]
+                if predicted[arrival] == 0.0:
+                    touched[count] = arrival
+                    count += 1
+                predicted[arrival] += gain
+        for k in range(count):
+            arrival = touched[k]
+            of = layout.block[layout.state[arrival]]
+            place = layout.state[arrival] - layout.first_state[of]
+            seen = layout.observations.first[action] + arrival
+            for i in range(layout.observations.starts[seen], layout.observations.starts[seen + 1]):
+                chosen = after[node, layout.observations.columns[i]]
+                if chosen < 0:
+                    chosen = defaults[of]
+                result[chosen, place] += predicted[arrival] * layout.observations.values[i]
+            predicted[arrival] = 0.0
 
 
 @compiled

@@ -30,7 +30,7 @@ from mdm.solvers.bounds import blind_values, informed_values
 from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.undiscounted import remedy
-from mdm.solvers.sarsop.condensation import Condensed, Vectors, condensed
+from mdm.solvers.sarsop.condensation import Condensed, Kernels, Vectors, condensed
 from mdm.solvers.sarsop.graph import (
     EDGES,
     LINKS,
@@ -159,6 +159,7 @@ def _compiled() -> Any:
     first = _Search(tiny, limits, search)
     first.bounds()
     first.run(limits)
+    first.condensed(limits, 0.0, 0.0)
     return search
 
 
@@ -442,8 +443,14 @@ class _Search:
             np.searchsorted(some, graph.best[self._roots]),
             slack=slack,
             after=after,
+            kernels=self._kernels(),
             part=lambda share: limits.until(limits.seconds + share * (end - limits.seconds)),
         )
+
+    def _kernels(self) -> Kernels | None:
+        if self._is_plain or not can_compile():
+            return None
+        return Kernels(self._steps.follow, self._steps.arrive, self._scratch)
 
     def _vectors(self, which: npt.NDArray[np.intp] | slice) -> Vectors:
         graph = self._graph

@@ -17,7 +17,9 @@ from mdm.models.dynamics import Dynamics
 from mdm.solvers import Limits
 from mdm.solvers.bounds import blind_values
 from mdm.solvers.sarsop import sarsop
-from mdm.solvers.sarsop.condensation import Vectors, condensed
+from mdm.solvers.sarsop import search
+from mdm.solvers.sarsop.condensation import Controller, Kernels, Vectors, condensed
+from mdm.solvers.sarsop.graph import new_scratch
 from mdm.solvers.sarsop.layout import layout_of
 
 
@@ -115,3 +117,55 @@ def ticks():
     """Return a clock on which a run takes the same course each time."""
     times = itertools.count(0, 1e-5)
     return lambda: next(times)
+
+
+def random_controller(seed, kernels=None):
+    """Return a controller of twenty random nodes, and the model's layout."""
+    model = mixed(seed) if seed % 2 else random_model(seed)
+    layout, _ = layout_of(model.revealed(), Dynamics(model.revealed()))
+    random = np.random.default_rng(seed)
+    blocks = np.arange(20) % (len(layout.first_state) - 1)
+    values = random.normal(size=(20, layout.first_state[1]))
+    vectors = Vectors(values, random.integers(len(layout.rewards), size=20), blocks)
+    made_in = np.zeros(int(layout.observations.columns.max()) + 1, dtype=np.intp)  # an observation's block
+    counts = np.diff(layout.observations.starts.astype(np.int64))
+    rows = np.repeat(np.arange(len(counts)), counts) % len(layout.state)
+    made_in[layout.observations.columns] = layout.block[layout.state[rows]]
+    after = np.stack([random.permutation(20) for _ in made_in], axis=1)
+    after[blocks[after] != made_in] = -1
+    defaults = np.arange(len(layout.first_state) - 1)
+    return Controller(layout, vectors, defaults, after, kernels and kernels(layout)), layout
+
+
+def kernels(layout):
+    return Kernels(search.follow, search.arrive, new_scratch(layout, 1))
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_compiled_steps_between_nodes_are_those_of_matrices(seed):
+    (one, _), (other, _) = random_controller(seed), random_controller(seed, kernels)
+    start = np.random.default_rng(seed).random(one.vectors.values.shape)
+    goes_on = lambda: True  # noqa: E731
+    np.testing.assert_allclose(other.visits(start, None, goes_on), one.visits(start, None, goes_on), atol=1e-12)
+    values, expected = other.evaluated().values, one.evaluated().values
+    np.testing.assert_allclose(values, expected, atol=1e-6 * (1 + np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("kernels", [None, kernels])
+@pytest.mark.parametrize("asked", [3, 10, 30])
+def test_a_plan_whose_evaluation_is_cut_short_has_lower_bounds(kernels, asked):
+    exact, _ = random_controller(4, kernels)
+    controller, _ = random_controller(4, kernels)
+    begun = []
+
+    def part(share):
+        """Return a clock on which a share of less than all is soon used up."""
+        times = iter(range(asked if share < 1 else 1_000))
+        begun.append(share)
+        return lambda: next(times, None) is not None
+
+    found = controller.evaluated(part)
+    assert len(begun) == 2
+    assert (found.values <= exact.evaluated().values + 1e-9).all()
+    assert np.isfinite(found.values).all()

@@ -48,7 +48,7 @@ _CHUNK = 2_000_000
 """Numbers that are held at once for some nodes and what may follow them."""
 _CLOSE = 1e-10
 """What the linear system's solution may lose at least, as a share of the rewards."""
-_LOSS = 1e-2
+_LOSS = 0.1
 """The same, as a part of what a choice may lose."""
 _SOLUTION = 0.8
 """The part of the time for their evaluation in which the system is solved; the rest is for a backup that certifies."""
@@ -293,7 +293,9 @@ class Controller:
             front = after[~kept[after]]
             kept[front] = True
         place = np.cumsum(kept) - 1
-        result = Controller(self._layout, self.vectors.only(np.flatnonzero(kept)), place[self._defaults], kernels=self._kernels)
+        result = Controller(
+            self._layout, self.vectors.only(np.flatnonzero(kept)), place[self._defaults], kernels=self._kernels
+        )
         after = self._after[kept]
         result._after = np.where(after >= 0, place[after], -1)
         result._steps = self._steps
@@ -301,7 +303,9 @@ class Controller:
 
     def of(self, vectors: Vectors, *, chosen: bool = False) -> Controller:
         """Return the controller with other values of its nodes, with what was chosen or nothing chosen yet."""
-        result = Controller(self._layout, vectors, self._defaults, self._after.copy() if chosen else None, self._kernels)
+        result = Controller(
+            self._layout, vectors, self._defaults, self._after.copy() if chosen else None, self._kernels
+        )
         result._steps = self._steps
         return result
 

@@ -457,7 +457,7 @@ def follow(
 
 
 @compiled
-def arrive(  # noqa: C901 - one pass, no calls
+def arrive(
     layout: Layout,
     actions: np.ndarray,
     blocks: np.ndarray,

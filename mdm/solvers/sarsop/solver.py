@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import warnings
 from functools import cache
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -78,16 +79,18 @@ _ROUNDING = 4e-12
 """The bounds come no nearer than this share of the values: the slack for rounding."""
 _LEAST_VECTORS = 200
 _LEAST_NODES = 50_000
-_CONDENSATION = 0.5, 0.3
+_CONDENSATION = 0.5, 0.4
 """The seconds, and the part of the time so far, that a policy may take to be made small: the larger of them."""
-_RESERVED = 0.25
+_RESERVED = 0.4
 """The part of the time so far that is left of a time limit for it."""
 _BEYOND = 0.3
 """The seconds that it may take beyond a time limit."""
-_FIRST_PLAN, _LEAST_PLAN = 1.0, 0.1
+_FIRST_PLAN, _LEAST_PLAN = 1.0, 0.2
 """The seconds before a plan is looked for, and that the search for one may take at least."""
-_PLANS = 0.1
+_PLANS = 0.15
 """The part of the time that goes into plans; half of it where they are of no use."""
+_KNOWN = 0.5
+"""The part of the time that is left for a plan that begins with what is known to follow each vector, a smaller one."""
 _GAIN = 1e-3
 """What a plan must raise the lower bound by, as a share of the gap, to be taken into the search."""
 _SHORT = 1.0
@@ -132,7 +135,9 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
             lower, upper = search.bounds()
             if run.gap < upper - lower <= search.rounding:
                 run.reason = "converged"
-        search.learn_followers(run)
+        if not whole:
+            search.prune(run)
+            search.learn_followers(run)
         search.forget_beliefs()
         small = None if whole else search.condensed(run, lower, upper)
         vectors, lower = (search.whole(), lower) if small is None else small
@@ -194,7 +199,7 @@ class _Search:
         self._budget = 16
         self._pace = np.inf
         self._next_plan = _FIRST_PLAN
-        self._fewer = 0
+        self._tries = 0
         self._after: npt.NDArray[np.intp] | None = None
         self._start(blind)
         self._kept_vectors = self.size
@@ -324,12 +329,13 @@ class _Search:
             self._roots = forget_nodes(self._graph, self._roots)
             self._kept_nodes = int(counts[NODES])
         if self.size > 1.5 * self._kept_vectors + _LEAST_VECTORS:
-            self._prune_vectors(limits)
+            self.prune(limits)
         if counts[POINTS] > 1.5 * self._kept_points + _LEAST_VECTORS:
             prune_points(self._graph)
             self._kept_points = int(counts[POINTS])
 
-    def _prune_vectors(self, limits: Limits) -> None:
+    def prune(self, limits: Limits) -> None:
+        """Remove the vectors that no visited belief needs, where there is room to do so."""
         if bytes_to_need_vectors(self._graph) >= limits.room:
             return
         lower, upper = self.bounds()
@@ -384,15 +390,18 @@ class _Search:
         if began < self._next_plan:
             return
         lower, upper = self.bounds()
-        slack = _FEWER[self._fewer] * (upper - lower)
+        tried, known = divmod(self._tries, 2)
+        slack = _FEWER[tried % len(_FEWER)] * (upper - lower)
+        if known:
+            self.learn_followers(limits)
         end = min(began + 2 * max(_LEAST_PLAN, _PLANS * began), max(limits.end / (1 + _RESERVED), began + _LEAST_PLAN))
-        found = self._plan(limits, slack, end)
+        found = self._plan(limits, slack, end, known=bool(known))
         gains = found is not None and found.lower > lower + _GAIN * (upper - lower)
         if found is not None and gains:
             self._add(found)
-            self._prune_vectors(limits)
-        elif found is not None:
-            self._fewer = (self._fewer + 1) % len(_FEWER)
+            self.prune(limits)
+        else:
+            self._tries += 1
         share = _PLANS if gains else _PLANS / 2
         self._next_plan = limits.seconds + (limits.seconds - began) / share
 
@@ -409,16 +418,18 @@ class _Search:
         least, part = _CONDENSATION
         end = min(limits.seconds + max(least, part * limits.seconds), max(limits.end, limits.seconds) + _BEYOND)
         enough = min(lower, upper - limits.gap) if limits.reason == "gap" else lower - self.rounding
-        for share in _FEWER:
-            found = self._plan(limits, share * max(upper - lower, 0.0), end)
+        for share, known in product(_FEWER, (True, False)):
+            now = limits.seconds
+            until = now + _KNOWN * (end - now) if known else end
+            found = self._plan(limits, share * max(upper - lower, 0.0), until, known=known)
             if found is not None and found.lower >= enough:
                 return found.vectors, found.lower
             if limits.seconds >= end:
                 break
         return None
 
-    def _plan(self, limits: Limits, slack: float, end: float) -> Condensed | None:
-        """Return a plan; where it is known what follows each vector, one that begins with that."""
+    def _plan(self, limits: Limits, slack: float, end: float, *, known: bool) -> Condensed | None:
+        """Return a plan; one that begins with what is known to follow each vector, or one of all vectors."""
         graph = self._graph
         chosen = graph.is_active[: graph.counts[VECTORS]] > 0
         chosen[graph.default_vector] = True
@@ -431,7 +442,7 @@ class _Search:
         vectors = self._vectors(some)
         start = self._model.initial_belief[self._order].reshape(-1, vectors.values.shape[1])
         after = None
-        if self._after is not None:
+        if known and self._after is not None:
             place = np.full(len(chosen) + 1, -1)  # what is not chosen among, and no vector, is the default
             place[some] = np.arange(len(some))
             after = place[self._after[some]]

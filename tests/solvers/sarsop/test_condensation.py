@@ -16,8 +16,7 @@ from mdm.models import POMDP, MixedPOMDP
 from mdm.models.dynamics import Dynamics
 from mdm.solvers import Limits
 from mdm.solvers.bounds import blind_values
-from mdm.solvers.sarsop import sarsop
-from mdm.solvers.sarsop import search
+from mdm.solvers.sarsop import sarsop, search
 from mdm.solvers.sarsop.condensation import Controller, Kernels, Vectors, condensed
 from mdm.solvers.sarsop.graph import new_scratch
 from mdm.solvers.sarsop.layout import layout_of
@@ -146,7 +145,7 @@ def kernels(layout):
 def test_compiled_steps_between_nodes_are_those_of_matrices(seed):
     (one, _), (other, _) = random_controller(seed), random_controller(seed, kernels)
     start = np.random.default_rng(seed).random(one.vectors.values.shape)
-    goes_on = lambda: True  # noqa: E731
+    goes_on = lambda: True
     np.testing.assert_allclose(other.visits(start, None, goes_on), one.visits(start, None, goes_on), atol=1e-12)
     values, expected = other.evaluated().values, one.evaluated().values
     np.testing.assert_allclose(values, expected, atol=1e-6 * (1 + np.abs(expected).max()))

@@ -152,10 +152,10 @@ def test_plans_settle_where_choices_go_round_in_circles(monkeypatch):
     lower, upper = search.bounds()
     assert lower < -2
     for share in solver._FEWER[1:]:
-        found = search._plan(limits, share * (upper - lower), 1e9)
+        found = search._plan(limits, share * (upper - lower), 1e9, known=False)
         assert found.lower > 19
     monkeypatch.setattr(condensation, "_UNDAMPED", condensation._ROUNDS)
-    assert search._plan(limits, 0.0, 1e9).lower < 19
+    assert search._plan(limits, 0.0, 1e9, known=False).lower < 19
 
 
 def ticks():
@@ -262,7 +262,7 @@ def test_trials_are_no_deeper_than_there_is_time_for(monkeypatch, step):
         return 10  # in two readings of the clock
 
     monkeypatch.setattr(steps, "explore", watched)
-    monkeypatch.setattr(solver._Search, "_plan", lambda *_: None)
+    monkeypatch.setattr(solver._Search, "_plan", lambda *_, **__: None)
     monkeypatch.setattr(solver, "_SHORT", np.inf)
     limits = Limits(gap=0, time=3, iterations=100, clock=lambda: next(times))
     sarsop(load_model(TIGER).with_discount(0.999), limits=limits)
@@ -275,7 +275,7 @@ def test_plans_end_with_the_time(monkeypatch):
     """Those of the search leave time for the last ones, which end a part of a second after the limit."""
     ends = []
 
-    def plan(_search, limits, _slack, end):
+    def plan(_search, limits, _slack, end, **_):
         ends.append((limits.reason, end))
 
     monkeypatch.setattr(solver._Search, "_plan", plan)

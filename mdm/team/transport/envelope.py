@@ -31,6 +31,7 @@ _MOST_KEYS = 4096
 _NONE = -2  # a number that no other follows
 _FAR = 1024  # further behind than that an owner's messages do not come, whatever overtakes them
 _ENOUGH = 8
+_APART = 250_000_000  # nanoseconds; two that come as far apart are enough: what comes again comes at once
 _NO_START = b"no message begins so"
 _MOST_MISSING = 1 << 20
 _FRESH = 5_000_000_000  # nanoseconds for which a message is not taken for one that is sent again
@@ -52,19 +53,22 @@ class Refusal(Exception):
 class _Doubt:
     """Whether the last number under a key was one of its owner's: messages far behind it follow each other."""
 
-    __slots__ = ("ahead", "count", "number")
+    __slots__ = ("ahead", "count", "number", "since")
 
-    def __init__(self, number: int, ahead: int) -> None:
+    def __init__(self, number: int, ahead: int, now: int) -> None:
         self.number = number
         self.count = 1
         self.ahead = ahead
+        self.since = now
 
-    def confirms(self, number: int, ahead: int) -> bool:
-        """Take note of one more message; return whether there were so many that they count."""
-        follows = number == self.number + 1 and ahead == self.ahead
-        self.count = self.count + 1 if follows else 1
+    def confirms(self, number: int, ahead: int, now: int) -> bool:
+        """Take note of one more message; return whether there were so many, or over so long a time, that they count."""
+        if number == self.number + 1 and ahead == self.ahead:
+            self.count += 1
+        else:
+            self.count, self.since = 1, now
         self.number, self.ahead = number, ahead
-        return self.count >= _ENOUGH
+        return self.count >= _ENOUGH or (self.count > 1 and number < ahead and now - self.since >= _APART)
 
 
 class Packer:
@@ -210,7 +214,7 @@ class Unpacker:
         elif last.incarnation == incarnation and last.number != _NONE:
             missed = number - last.number - 1
             if missed < 0:
-                self._doubt(key, number, last.number, fresh=0 < now < time + _FRESH)
+                self._doubt(key, number, last.number, now, fresh=0 < now < time + _FRESH)
                 missed = 0
             elif missed > _FAR and last.leap == 0:
                 leap, missed = missed, 0
@@ -222,7 +226,7 @@ class Unpacker:
         self._last[key] = _Last(owner, incarnation, number, data[:start], leap)
         return Sample(key, owner, incarnation, data[start + _REST.size :], time)
 
-    def _doubt(self, key: str, number: int, ahead: int, *, fresh: bool) -> None:
+    def _doubt(self, key: str, number: int, ahead: int, now: int, *, fresh: bool) -> None:
         """Refuse a message that is behind the last of its key, unless that cannot have been its owner's.
 
         It cannot where it is far ahead of others that follow each other, or of such as were sent only now.
@@ -231,8 +235,8 @@ class Unpacker:
             Refusal: Nearly always.
         """
         if fresh or ahead - number > _FAR:
-            doubt = self._doubts.setdefault(key, _Doubt(number, ahead))
-            if doubt.number != number and doubt.confirms(number, ahead):
+            doubt = self._doubts.setdefault(key, _Doubt(number, ahead, now))
+            if doubt.number != number and doubt.confirms(number, ahead, now):
                 del self._doubts[key]
                 self._renumbered(key)
                 return

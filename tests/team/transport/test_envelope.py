@@ -22,9 +22,9 @@ def packer(owner="robot1", incarnation=1, **options):
     return Packer(owner, incarnation, lambda: 42, **options)
 
 
-def kind_of(unpacker, key, data):
+def kind_of(unpacker, key, data, now=0):
     with pytest.raises(Refusal) as refused:
-        unpacker.unpack(key, data)
+        unpacker.unpack(key, data, now)
     assert str(refused.value)
     return refused.value.kind
 
@@ -112,6 +112,36 @@ def test_a_forged_number_far_ahead_silences_nobody_for_long(ahead):
     for _ in range(100):
         assert receiver.unpack(KEY, sender.pack(KEY, b"honest")).body == b"honest"
     assert told == [KEY]
+
+
+@pytest.mark.parametrize("ahead", [5, 2000, 2**64 - 2])
+def test_a_forged_number_silences_nobody_who_speaks_once_a_second(ahead):
+    """What the agents of a stopped team say, a stop among it, they say once a lease."""
+    now = 10**18
+    sender, forger = (Packer("robot1", 1, lambda: now) for _ in range(2))
+    receiver = reader(lambda key, count: None)
+    receiver.unpack(KEY, sender.pack(KEY, b""), now)
+    forger._numbers[KEY] = ahead
+    receiver.unpack(KEY, forger.pack(KEY, b"forged"), now)
+    now += 10**9
+    assert kind_of(receiver, KEY, sender.pack(KEY, b""), now) == "repeated"
+    for _ in range(3):
+        now += 10**9
+        assert receiver.unpack(KEY, sender.pack(KEY, b"honest"), now).body == b"honest"
+
+
+def test_the_last_messages_of_a_key_that_come_again_at_their_pace_are_refused():
+    now = 10**18
+    sender = Packer("robot1", 1, lambda: now)
+    receiver = reader(lambda key, count: None, lambda key: pytest.fail("these are repeated"))
+    messages = []
+    for _ in range(2):
+        messages.append(sender.pack(KEY, b""))
+        receiver.unpack(KEY, messages[-1], now)
+        now += 10**9
+    for message in messages:
+        assert kind_of(receiver, KEY, message, now) == "repeated"
+        now += 10**9
 
 
 def test_messages_that_come_again_one_after_the_other_are_refused_all_the_same():

@@ -71,11 +71,12 @@ def for_ever(reward: float, discount: float) -> float:
     return value
 
 
-def blind_values(dynamics: Dynamics) -> Vector:
+def blind_values(dynamics: Dynamics, goes_on: Callable[[], bool] = lambda: True) -> Vector:
     """Return a lower bound of the value of each action, done for ever: A x S.
 
     Args:
         dynamics: The model; its discount is below 1.
+        goes_on: Asked before each sweep; False ends them, and what is left of the actions has rough bounds.
 
     Raises:
         ModelError: If the rewards are too large for numbers.
@@ -86,13 +87,13 @@ def blind_values(dynamics: Dynamics) -> Vector:
     result = np.empty((dynamics.num_actions, dynamics.num_states))
     for action, rewards in enumerate(dynamics.rewards.T):
         transition = dynamics.model.transition_matrix(action)
-        values = np.zeros(dynamics.num_states)
+        values = change = rewards  # a sweep over zeros
         for _ in range(_BLIND_SWEEPS):
+            if ahead * np.ptp(change) <= close or not goes_on():
+                break
             backed = rewards + dynamics.discount * (transition @ values)
             change = backed - values
             values = backed
-            if ahead * np.ptp(change) <= close:
-                break
         # The limit exceeds the last sweep by at least so much, but for rounding.
         values = values + ahead * change.min()
         result[action] = values - _ROUNDING * np.abs(values).max()
@@ -157,6 +158,9 @@ def informed_values(dynamics: Dynamics, limits: Limits, bound: InformedBound | N
     Raises:
         ModelError: If the rewards are too large for numbers.
     """
+    if limits.remaining <= 0:
+        most = for_ever(dynamics.rewards.max(), dynamics.discount)
+        return np.full(dynamics.rewards.shape, most + _ROUNDING * abs(most))
     table = known_state_values(dynamics, limits.part(_KNOWN_TIME))
     return (InformedBound(dynamics) if bound is None else bound).lowered(table, limits.part(_INFORMED_TIME))
 
@@ -220,16 +224,17 @@ class InformedBound:
 
         Args:
             table: Upper bounds, S x A.
-            goes_on: Asked after each sweep; False ends them.
+            goes_on: Asked before each sweep; False ends them.
         """
         discount = self._dynamics.discount
         table = np.array(table, order="C")
-        while True:
+        while goes_on():
             change = self.sweep(table)
             # A sweep shrinks the distance to the limit at least by the discount.
             scale = float(np.ptp(table)) + _CLOSE * float(np.abs(table).max())
-            if change * discount <= _INFORMED_CLOSE * scale * (1 - discount) or not goes_on():
-                return table
+            if change * discount <= _INFORMED_CLOSE * scale * (1 - discount):
+                break
+        return table
 
     def _sweep_at_once(self, table: Vector) -> float:
         lower = np.minimum(self.backup(table), table)

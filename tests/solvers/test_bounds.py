@@ -14,6 +14,7 @@ from mdm.models.dynamics import Dynamics
 from mdm.problems import tiger
 from mdm.solvers import Limits, bounds
 from mdm.solvers.bounds import InformedBound, blind_values, for_ever, informed_values, known_state_values, known_states
+from mdm.solvers.sarsop import sarsop
 
 DISCOUNT = 0.8
 POMDPS = flat_models(kinds=("POMDP",), events=True)
@@ -128,3 +129,28 @@ def test_rewards_that_are_all_alike():
     model = MDP([np.eye(2)] * 2, np.full((2, 2), 3.0), discount=0.5)
     assert blind_values(Dynamics(model)) == pytest.approx(np.full((2, 2), 6.0))
     assert known_state_values(Dynamics(model)) == pytest.approx(np.full((2, 2), 6.0))
+
+
+@pytest.mark.parametrize("sweeps", [0, 1, 2])
+def test_values_of_single_actions_hold_wherever_sweeps_end(sweeps):
+    model = tiger()
+    dynamics = Dynamics(model)
+    asked = iter(range(sweeps))
+    found = blind_values(dynamics, lambda: next(asked, None) is not None)
+    for action, values in enumerate(found):
+        transition = np.asarray(model.transition_matrix(action))
+        exact = np.linalg.solve(np.eye(2) - model.discount * transition, model.rewards[:, action])
+        assert (values <= exact).all()
+    assert list(asked) == []
+
+
+def test_no_sweep_begins_once_time_is_up(monkeypatch):
+    monkeypatch.setattr(InformedBound, "sweep", lambda *_: pytest.fail("a sweep began"))
+    monkeypatch.setattr("mdm.solvers.bounds.known_states", lambda *_: pytest.fail("a round began"))
+    model = tiger()
+    with Limits(time=0) as limits:
+        table = informed_values(Dynamics(model), limits)
+        found = sarsop(model, limits=limits)
+    assert table.min() >= model.rewards.max() / (1 - model.discount)
+    assert found.reason == "time"
+    assert found.lower <= 19.37 <= found.upper

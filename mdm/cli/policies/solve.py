@@ -49,7 +49,7 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         "--gap", metavar="G", type=limit, default=1e-3, help="stop when the bounds are this close (0.001)"
     )
     parser.add_argument(
-        "--time", metavar="S", type=limit, help="stop after S seconds; what SARSOP begins with is never cut short"
+        "--time", metavar="S", type=limit, help="stop after S seconds; to lay out a large model takes what it takes"
     )
     parser.add_argument("--memory", metavar="MB", type=limit, help="stop at this much memory (80 %% of the machine's)")
     parser.add_argument("--iterations", metavar="N", type=count, help="stop after N sweeps, trials or rounds")

@@ -209,9 +209,8 @@ def new_scratch(layout: Layout, depth: int) -> Scratch:
     )
 
 
-def lacking(graph: Graph, layout: Layout) -> dict[str, int]:
-    """Return the arrays that have no room for another step, and the lengths that they need."""
-    room = room_for(layout)
+def lacking(graph: Graph, room: dict[int, int]) -> dict[str, int]:
+    """Return the arrays that have no room for another step, see `room_for`, and the lengths that they need."""
     result = {}
     for name, count in _SIZED.items():
         length, needed = len(getattr(graph, name)), int(graph.counts[count]) + room[count]

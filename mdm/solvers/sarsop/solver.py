@@ -71,6 +71,8 @@ __all__ = ["sarsop"]
 
 _STEPS = "mdm.solvers.sarsop.search"
 _BINS = 50
+_BLIND_TIME = 0.1
+"""The part of the time that is left for the values of single actions."""
 _DEPTH, _LEAST_DEPTH = 1000, 16
 """Steps of a trial at most, and those that it may have however little time is left."""
 _SLACK = 1e-12
@@ -117,11 +119,11 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
     Raises:
         ModelError: If the discount is 1.
     """
-    model = model.revealed()
     if model.discount >= 1:
         raise ModelError(f"SARSOP needs a discount below 1, for bounds without end never meet: {remedy(model)}")
     _check_compiler()
     with Limits() if limits is None else limits as run:
+        model = model.revealed()
         end = run.end if whole else run.end / (1 + _RESERVED)
         search = _Search(model, run)
         lower, upper = search.bounds()
@@ -187,14 +189,14 @@ class _Search:
         elif steps is None:
             with limits.uncounted():
                 self._steps = _compiled()
-        blind = blind_values(dynamics)[:, self._order]
+        blind = blind_values(dynamics, limits.part(_BLIND_TIME))[:, self._order]
         bound = None if detections is None else detections.informed
         informed = informed_values(dynamics, limits, bound)[self._order].T
         self._informed = np.ascontiguousarray(informed + _SLACK * np.abs(informed).max())
         self._graph = new_graph(self._layout, _BINS)
         self._scratch = new_scratch(self._layout, _DEPTH)
-        room = room_for(self._layout)
-        self._room = np.array([room[count] for count in range(8)], dtype=np.int64)
+        self._needed = room_for(self._layout)
+        self._room = np.array([self._needed[count] for count in range(8)], dtype=np.int64)
         self.backups = 0
         self._budget = 16
         self._pace = np.inf
@@ -261,7 +263,7 @@ class _Search:
 
     def _grow(self, limits: Limits | None = None) -> bool:
         """Make room for another step, if the limits allow it."""
-        lengths = lacking(self._graph, self._layout)
+        lengths = lacking(self._graph, self._needed)
         if lengths and limits is not None and not limits.allows(bytes_of(self._graph, lengths)):
             return False
         for name, length in lengths.items():  # one by one: a full array is gone before the next is copied
@@ -416,16 +418,16 @@ class _Search:
     def condensed(self, limits: Limits, lower: float, upper: float) -> tuple[Vectors, float] | None:
         """Return few vectors and their lower bound; None where they would not keep the bound that was found."""
         least, part = _CONDENSATION
-        end = min(limits.seconds + max(least, part * limits.seconds), max(limits.end, limits.seconds) + _BEYOND)
+        end = min(limits.seconds + max(least, part * limits.seconds), limits.end + _BEYOND)
         enough = min(lower, upper - limits.gap) if limits.reason == "gap" else lower - self.rounding
         for share, known in product(_FEWER, (True, False)):
             now = limits.seconds
+            if now >= end:
+                break
             until = now + _KNOWN * (end - now) if known else end
             found = self._plan(limits, share * max(upper - lower, 0.0), until, known=known)
             if found is not None and found.lower >= enough:
                 return found.vectors, found.lower
-            if limits.seconds >= end:
-                break
         return None
 
     def _plan(self, limits: Limits, slack: float, end: float, *, known: bool) -> Condensed | None:

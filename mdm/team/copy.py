@@ -14,7 +14,7 @@ from mdm.errors import ModelError
 from mdm.messages import Control, Observation, State
 from mdm.models.digest import of_bytes
 from mdm.team.configuration import facts
-from mdm.team.transport.bounds import UNREADABLE, Name, Number, Offset
+from mdm.team.transport.bounds import UNREADABLE, Name, Number, Offset, can_be
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -28,6 +28,9 @@ __all__ = ["BEGIN", "Copy", "Part"]
 
 BEGIN = "begin"
 """The command that starts an ensemble which nobody has started or stopped before."""
+
+_DECISION = 1_000
+"""Nanoseconds that a decision takes at least."""
 
 
 class Part(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -289,7 +292,15 @@ class Copy:
             raise ModelError(f"this is not a copy of an ensemble: it has agents {', '.join(sorted(strangers))}")
         if not self._fit(held.kept) or (held.last is not None and not self._fit(held.last)):
             raise ModelError("this is not a copy of an ensemble: its factors have other values")
+        clock = self._ensemble.runtime.clock.now()
+        if not can_be(held.now, clock, 1):
+            raise ModelError(f"this is not a copy of an ensemble: it is {held.now} ns old")
+        before = self._control.snapshot()
         self._control.restore(held.control)
+        epoch = self._ensemble.controller.epoch
+        if not can_be(epoch, clock, _DECISION):
+            self._control.restore(before)
+            raise ModelError(f"this is not a copy of an ensemble: it has made {epoch} decisions")
         self._digest = None
         self.begun, self._kept, self._gone = held.begun, list(held.kept), dict(held.gone)
         self._silent, self._now, self._ahead = held.silent, held.now, dict(held.ahead)

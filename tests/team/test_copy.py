@@ -92,7 +92,25 @@ def test_two_copies_with_the_same_steps_are_the_same_and_one_can_become_the_othe
     run_virtual(main)
 
 
-FORGED = (-(2**63), -1, 1, 7, 2**62, 2**64 - 1, None, True, "x", [], [None], [7, 7], [["x", 1]], [["a", "b"]], b"", 1.5)
+FORGED = (
+    -(2**63),
+    -1,
+    1,
+    7,
+    2**62 - 1,
+    2**62,
+    2**64 - 1,
+    None,
+    True,
+    "x",
+    [],
+    [None],
+    [7, 7],
+    [["x", 1]],
+    [["a", "b"]],
+    b"",
+    1.5,
+)
 
 
 @pytest.mark.parametrize("takes", ["observations", "states"])
@@ -118,6 +136,7 @@ def test_whatever_a_snapshot_says_it_is_refused_or_gone_on_from(takes):
             taken += 1
             await in_turn(ensemble, copy.step, {names[0]: copy.part(5, [1])}, (names[1],), 6)
             await in_turn(ensemble, copy.step, {names[1]: copy.part(7, [0])}, (names[0],), 8)
+            copy.restore(copy.snapshot())  # which those who come later are sent
         assert refused > 5 * taken
 
     run_virtual(main)

@@ -164,6 +164,11 @@ class TeamLayer(Layer):
         raise NotImplementedError
 
     @property
+    def holds(self) -> bool:
+        """Whether this agent stays stopped beside a team that decides."""
+        return self.still and self.copy.running
+
+    @property
     def knows(self) -> object:
         """What is the same at agents that know of the same commands; plain values."""
         raise NotImplementedError
@@ -276,7 +281,7 @@ class TeamLayer(Layer):
         Args:
             settled: Whether the team knows of the stop that it took.
         """
-        held = settled and self.still and self.copy.running
+        held = settled and self.holds
         if held and not self.told_held:
             self.report("held", f"{self.agent} was stopped, and stays so while the team decides: start the team again")
         self.told_held = held

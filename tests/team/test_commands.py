@@ -8,6 +8,7 @@ import pytest
 from team_robots import over_beliefs, started, three
 
 from mdm.team.commands import Commands
+from mdm.team.sharing.calls import ask
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
@@ -132,6 +133,30 @@ def test_a_robot_that_holds_says_why():
         )
         held = [fault.detail for fault in squad.robots["r0"].faults if fault.kind == "held"]
         assert held == ["r0 was stopped, and stays so while the team decides: start the team again"]
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("mode", ["replicated", "centralised"])
+def test_who_is_stopped_with_all_others_is_not_told_to_be_held(mode):
+    async def main(runtime):
+        squad = await Squad(runtime, mode).begin()
+        console = squad.network.transport("console")
+        await console.open()
+
+        async def held():
+            status = await ask(console, squad.team, "status", ensemble="joint")
+            return [status[name]["held"] for name in NAMES]
+
+        squad.tell("stop", *NAMES)
+        await asyncio.sleep(2.0)
+        assert (squad.modes, await held()) == (["stopped"] * 3, [False] * 3)
+        squad.tell("start", "r1")
+        await asyncio.sleep(2.0)
+        await squad.cut("r0")
+        squad.tell("stop", "r0")
+        await squad.heal()
+        assert (squad.modes, await held()) == (["stopped", "deciding", "deciding"], [True, False, False])
 
     run_virtual(main)
 

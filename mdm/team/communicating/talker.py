@@ -164,6 +164,11 @@ class Talker(TeamLayer):
         return self.episode is not None and self.episode.running and not self._decides
 
     @property
+    def holds(self) -> bool:
+        """The same: there is no team that decides but the agents, each for itself."""
+        return self.still
+
+    @property
     def knows(self) -> object:
         """The stops that this agent knows of."""
         return dict(sorted(self.stops.last.items()))

@@ -119,7 +119,7 @@ class Answers(Actor):
             "epoch": ensemble.controller.epoch,
             "live": list(self._link.live),
             "clocks": msgspec.to_builtins(self._clocks.offsets),
-            "held": layer.still,
+            "held": layer.holds,
             "knows": layer.knows,
             "commands": layer.commands.outcomes,
         }

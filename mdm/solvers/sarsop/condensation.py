@@ -35,8 +35,10 @@ if TYPE_CHECKING:
     Part = Callable[[float], Callable[[], bool]]
     Indices = npt.NDArray[np.intp]
 
-__all__ = ["Condensed", "Controller", "Kernels", "Vectors", "condensed"]
+__all__ = ["CHOICE", "EVALUATION", "Condensed", "Controller", "Kernels", "Vectors", "condensed"]
 
+CHOICE, EVALUATION = 5, 14
+"""Arrays as large as a plan's vectors that are held while nodes are chosen among, and while they are evaluated."""
 _ROUNDS, _UNDAMPED = 60, 16
 """Rounds at most, and those in which nodes are chosen for the latest visits; after that it is for the mean of them."""
 _SETTLED = 1e-2
@@ -410,9 +412,10 @@ def condensed(
     slack: float,
     after: Indices | None = None,
     kernels: Kernels | None = None,
+    fits: Callable[[int], bool] = lambda _: True,
     part: Part = lambda _: lambda: True,
 ) -> Condensed | None:
-    """Return the vectors of a small plan; None where there is no time to evaluate one.
+    """Return the vectors of a small plan; None where there is no time or no room to evaluate one.
 
     The first plan is made of the vectors that are given. Its nodes are chosen among anew, by their own values, while
     that makes it better by more than what may be lost.
@@ -426,6 +429,7 @@ def condensed(
         slack: What may be lost at a belief for a vector less.
         after: What may follow each vector and observation, to begin with: the first plan is then made of it alone.
         kernels: Compiled counterparts of products of matrices.
+        fits: Whether there is room for so many bytes.
         part: Returns a function that tells whether there is time left of a share of what remains now.
     """
     best: Condensed | None = None
@@ -434,7 +438,8 @@ def condensed(
         if best is not None or after is None:
             _settle(controller, start, roots, slack if best is None else _FINER * slack, part(_SEARCH))
         reached = controller.reached(roots)
-        found = reached.evaluated(part, _LOSS * slack)
+        room = EVALUATION * reached.vectors.values.nbytes
+        found = reached.evaluated(part, _LOSS * slack) if fits(room) else None
         if found is None:
             return best
         lower, roots = _best_nodes(found, start)

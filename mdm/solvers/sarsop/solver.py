@@ -31,7 +31,7 @@ from mdm.solvers.bounds import blind_values, informed_values
 from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.undiscounted import remedy
-from mdm.solvers.sarsop.condensation import Condensed, Kernels, Vectors, condensed
+from mdm.solvers.sarsop.condensation import CHOICE, EVALUATION, Condensed, Kernels, Vectors, condensed
 from mdm.solvers.sarsop.graph import (
     EDGES,
     LINKS,
@@ -93,6 +93,8 @@ _PLANS = 0.15
 """The part of the time that goes into plans; half of it where they are of no use."""
 _KNOWN = 0.5
 """The part of the time that is left for a plan that begins with what is known to follow each vector, a smaller one."""
+_SMALLER = 0.5
+"""The part of the vectors that a plan has at most where it is expected to fit into memory."""
 _GAIN = 1e-3
 """What a plan must raise the lower bound by, as a share of the gap, to be taken into the search."""
 _SHORT = 1.0
@@ -125,7 +127,7 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
     with Limits() if limits is None else limits as run:
         model = model.revealed()
         end = run.end if whole else run.end / (1 + _RESERVED)
-        search = _Search(model, run)
+        search = _Search(model, run, whole=whole)
         lower, upper = search.bounds()
         while not run.ends(lower, upper, iterations=search.backups, size=search.size):
             search.compile(run)
@@ -173,8 +175,9 @@ def _compiled() -> Any:
 class _Search:
     """The state of a run."""
 
-    def __init__(self, model: POMDP, limits: Limits, steps: Any = None) -> None:
+    def __init__(self, model: POMDP, limits: Limits, steps: Any = None, *, whole: bool = False) -> None:
         self._model = model
+        self._whole = whole
         dynamics = Dynamics(model)
         detections = JointDynamics(dynamics, model.false_negative) if dynamics.moves_by_joints else None
         if detections is not None and (size := bytes_of_arrivals(detections)) > limits.room:
@@ -271,10 +274,14 @@ class _Search:
         return True
 
     def _leaves_room(self, limits: Limits) -> bool:
-        """Whether there is room for a policy of all vectors once beliefs are forgotten; else the run ends."""
+        """Whether there is room for a policy once beliefs are forgotten; else the run ends."""
         edges, outcomes, weights, values = self._graph.counts[[EDGES, OUTCOMES, WEIGHTS, VALUES]].tolist()
-        # It sorts the vectors, and lays them out by states.
-        return limits.allows(2 * 8 * values - (28 * edges + 16 * outcomes + 12 * weights))
+        # One of all vectors sorts them, and lays them out by states; a small one is chosen among the active.
+        needed = 2 * 8 * values
+        if not self._whole:
+            active = self.size * int(self._layout.first_state[1])
+            needed = max(needed, 8 * active * (1 + max(CHOICE, _SMALLER * EVALUATION)))
+        return limits.allows(int(needed) - (28 * edges + 16 * outcomes + 12 * weights))
 
     @property
     def size(self) -> int:
@@ -350,7 +357,7 @@ class _Search:
 
         Where there is no room for that, it is not known.
         """
-        graph = self._graph
+        graph, self._after = self._graph, None
         count = int(graph.counts[NODES])
         symbols = int(self._layout.observations.columns.max()) + 1
         if 64 * count + 8 * int(graph.counts[VECTORS]) * symbols >= limits.room:
@@ -438,8 +445,8 @@ class _Search:
         if slack == 0:  # only with the parts of the best vectors is there a plan that loses nothing
             chosen |= self._is_part()
         some = np.flatnonzero(chosen)
-        # What is chosen among, the visits, and a dozen vectors of the linear system.
-        if 16 * len(some) * self._graph.values.itemsize * int(self._layout.first_state[1]) >= limits.room:
+        numbers = len(some) * int(self._layout.first_state[1])
+        if 8 * numbers * (1 + CHOICE) >= limits.room:
             return None
         vectors = self._vectors(some)
         start = self._model.initial_belief[self._order].reshape(-1, vectors.values.shape[1])
@@ -457,6 +464,7 @@ class _Search:
             slack=slack,
             after=after,
             kernels=self._kernels(),
+            fits=lambda size: size < limits.room,
             part=lambda share: limits.until(limits.seconds + share * (end - limits.seconds)),
         )
 

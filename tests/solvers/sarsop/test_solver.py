@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import tracemalloc
 import warnings
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from sarsop_models import mixed
 from mdm import ConfigError, ModelError, ModelWarning, load_model, load_policy
 from mdm.models import POMDP, MixedPOMDP
 from mdm.models.compilation import plain
+from mdm.problems import rock_sample
 from mdm.solvers import Limits, solve
 from mdm.solvers.sarsop import condensation, sarsop, solver
 from mdm.solvers.sarsop.graph import VECTORS
@@ -269,6 +271,26 @@ def test_trials_are_no_deeper_than_there_is_time_for(monkeypatch, step):
     assert depths[0] == solver._LEAST_DEPTH
     assert depths[1:] == sorted(depths[1:], reverse=True)
     assert depths[1] == solver._DEPTH if step < 1e-3 else depths[1] <= 3 / (step / 10)
+
+
+def test_a_plan_is_found_in_little_memory_and_takes_no_more(monkeypatch):
+    """A limit of memory should make no policy larger: there is a plan where vectors have eight times their room."""
+    limits = Limits(gap=0)
+    search = solver._Search(rock_sample(5, 5), limits)
+    while search.backups < 500:
+        search.run(limits)
+    lower, upper = search.bounds()
+    given = 5e-3 * (upper - lower), 1e9
+    assert search._plan(limits, *given, known=False) is not None  # and what it needs is compiled
+    held = 8 * search.size * int(search._layout.first_state[1])
+    for share, fits in ((3, False), (8, True)):
+        monkeypatch.setattr(Limits, "room", share * held)
+        tracemalloc.start()
+        found = search._plan(limits, *given, known=False)
+        _, most = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert (found is not None) == fits
+        assert most <= share * held
 
 
 def test_plans_end_with_the_time(monkeypatch):

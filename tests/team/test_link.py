@@ -243,3 +243,22 @@ def test_a_farewell_counts_of_the_life_that_is_here_and_as_long_as_it_does_not_b
         assert a.left == {}
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize("life", [0, 2, 99])
+def test_a_farewell_of_another_life_counts_for_nothing(life):
+    """Who was then lost would be taken for one that has left, and nobody be told."""
+
+    async def main(runtime):
+        network = Network(runtime.clock)
+        a, b = await alone(runtime, network), network.transport("b")
+        await b.open()
+        assert b.incarnation not in {life, None}
+        beats(b, model="rooms")
+        await asyncio.sleep(0.05)
+        farewell = join("team", "b", "leaving")
+        a.transport.arrive(farewell, Packer("b", life, runtime.clock.now).pack(farewell, b""))
+        await asyncio.sleep(0.05)
+        assert (tuple(a.live), a.left) == (("a", "b"), {})
+
+    run_virtual(main)

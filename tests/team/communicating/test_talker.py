@@ -503,3 +503,35 @@ def test_two_in_episodes_that_another_made_unlike_agree_and_do_not_shout_at_each
         assert left.ensemble.mode == right.ensemble.mode == "deciding"
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("episode", "stops", "words"),
+    [
+        ({"number": 10**9}, {}, "is of episode 1000000000, which cannot be yet"),
+        ({"number": 7, "by": "mallory"}, {}, "is of an episode that 'mallory' began, who is none of the team"),
+        (
+            {"number": 7, "origin": 10**9},
+            {},
+            "is of an episode that begins at tick 1000000000, more than a lease ahead",
+        ),
+        ({"number": 7, "stops": {"left": 10**15}}, {}, "tells of a stop that cannot have been yet"),
+        ({"number": 7}, {"left": 10**15}, "tells of a stop that cannot have been yet"),
+    ],
+)
+def test_what_no_agent_says_of_episodes_and_stops_is_dropped(episode, stops, words):
+    async def main(runtime):
+        left, right = await two(runtime)
+        before = left.replica.episode
+        word = Word(msgspec.structs.replace(before, **episode), left.replica._configuration, (), stops)
+        right.member.link.put(right.replica._key, encode(word), priority="step")
+        await asyncio.sleep(0.2)
+        assert left.replica.episode == before
+        assert left.replica.stops.last == {}
+        assert left.replica.statistics().malformed == 1
+        [told] = [fault.detail for fault in left.faults if fault.kind == "incredible"]
+        assert words in told
+        await asyncio.sleep(3 * PERIOD)
+        assert left.ensemble.mode == right.ensemble.mode == "deciding"
+
+    run_virtual(main)

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.map import robot
 from mdm.cli.map.floor import add_floor, inputs, load, metres
 from mdm.cli.usage import UsageError, add_discount, count, seconds
 from mdm.errors import Error, MapError
@@ -80,6 +81,9 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         "--stages", metavar="N", type=count, help=f"the more, the less durations vary: Erlang's stages ({_STAGES})"
     )
     parser.add_argument("--radius", metavar="M", type=metres, help=f"the radius of the robot, in metres ({_RADIUS})")
+    parser.add_argument(
+        "--robot", metavar="FILE.toml", help="write the file of a robot that does this, which mdm run takes"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
 
@@ -88,12 +92,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Make the model; return the exit status."""
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.formats import save_durations, save_model  # noqa: PLC0415
-    from mdm.formats.target import check_place  # noqa: PLC0415
+    from mdm.formats.target import check_place, write_text  # noqa: PLC0415
     from mdm.maps import Map  # noqa: PLC0415
     from mdm.maps.model import arrivals, durations  # noqa: PLC0415
 
     _check_usage(arguments)
-    for target in (arguments.output, arguments.durations):
+    robot.check(arguments)
+    for target in (arguments.output, arguments.durations, arguments.robot):
         if target is not None:
             check_place(target, *inputs(arguments))
     parts = load(arguments)
@@ -108,6 +113,9 @@ def run(arguments: argparse.Namespace) -> int:
     save_model(made, arguments.output)
     if arguments.durations is not None and taken is not None:
         save_durations(durations(made, taken, stages=_given(arguments.stages, _STAGES)), arguments.durations)
+    if arguments.robot is not None:
+        latches = [(name, *_places(floor.graph, places)[:2]) for name, places in arguments.latches]
+        write_text(arguments.robot, robot.text(arguments, floor.graph, tour, latches))
     facts = {**_facts(arguments, made, floor.graph, taken), "tour": list(tour)}
     if arguments.json:
         print(as_json(facts))
@@ -268,6 +276,8 @@ def _facts(
     return {
         "model": arguments.output,
         "durations": arguments.durations,
+        "robot": arguments.robot,
+        "policy": None if arguments.robot is None else str(Path(arguments.output).with_suffix(".policy")),
         "kind": made.kind,
         "states": len(made.state_space),
         "factors": {factor.name: len(factor) for factor in made.state_space.factors},
@@ -297,12 +307,15 @@ def _tell(facts: dict[str, Any]) -> None:
     if facts["tour"]:
         places = ", ".join(f'"{name}"' for name in facts["tour"])
         print(f"tour      {', '.join(facts['tour'])}, and so on")
-        print(f"note: for the factor 'next', write into the table [places] of a TOML file: tour = [{places}]")
+        if facts["robot"] is None:
+            print(f"note: for the factor 'next', write into the table [places] of a TOML file: tour = [{places}]")
     if not facts["earns"]:
         print("note: nothing is earned in it, so that nothing is better than to do nothing: see --reward and --latch")
     if facts["durations"] is not None:
         print(f"{facts['durations']}: how long its actions take; solve it with mdm solve --durations")
     print(f"{facts['model']}: a model ({facts['kind']})")
+    if facts["robot"] is not None:
+        print(f"{facts['robot']}: a robot that does this, once mdm solve has made {facts['policy']}")
 
 
 def _given(value: Any, default: Any) -> Any:

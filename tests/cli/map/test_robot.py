@@ -1,0 +1,96 @@
+"""The file of a robot that `mdm map model --robot` writes: from a map alone to a patrol, in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from mdm import load_system
+from mdm.testing import probe, run_virtual
+
+ROBOT = """
+import asyncio, math
+from mdm.maps import Pose
+
+class Wheels:
+    at = (0.0, 3.0)
+
+    async def go(self, goal):
+        while math.dist(Wheels.at, (goal.x, goal.y)) > 0.01:
+            left = math.dist(Wheels.at, (goal.x, goal.y))
+            part = min(0.05 / left, 1.0)
+            Wheels.at = tuple(a + part * (b - a) for a, b in zip(Wheels.at, (goal.x, goal.y)))
+            await asyncio.sleep(0.1)
+
+async def localise(system):
+    while True:
+        system.places.see(Pose(*Wheels.at))
+        await asyncio.sleep(0.1)
+"""
+
+
+def patrol(path, seconds):
+    """Return where the robot of a file arrives, and how many of its actions failed."""
+    system = load_system(path)
+
+    async def main(runtime):
+        await runtime.start(system)
+        told = probe(system.predicates.events)
+        await asyncio.sleep(seconds)
+        arrived = [event for update in told for event in update.events if event.endswith(".arrived")]
+        return [event.removesuffix(".arrived") for event in arrived], dict(system.ensembles["patrol"].action.ended)
+
+    return run_virtual(main)
+
+
+@pytest.mark.parametrize("timed", [[], ["--speed", "0.5", "--period", "2"]])
+def test_from_a_map_alone_to_a_robot_that_visits_all_rooms(mdm, floor, tmp_path, timed, monkeypatch):
+    """Five commands, and nothing edited but the robot's own code."""
+    folder = tmp_path / "floor"
+    monkeypatch.chdir(folder)
+    options = ("--radius", "0.2")
+    (folder / "robot.py").write_text(ROBOT)
+    for command in (
+        ("goals", "map.yaml", "-o", "rooms.xml", "--least", "2", *options),
+        ("draft", "map.yaml", "rooms.xml", "-o", "labels.png"),
+        ("check", "map.yaml", "labels.png", "rooms.xml", *options),
+        ("model", "map.yaml", "labels.png", "rooms.xml", "--visit", "all", *options, *timed, "-o", "patrol.npz")
+        + ("--robot", "robot.toml"),
+    ):
+        assert mdm("map", *command)[0] == 0
+    assert mdm("solve", "patrol.npz", "-o", "patrol.policy")[0] == 0
+    assert mdm("check", "robot.toml")[0] == 0
+    arrived, ended = patrol(folder / "robot.toml", 300)
+    assert min(arrived.count(f"Room{number}") for number in (1, 2, 3)) >= 5
+    assert ended.get("failed", 0) == 0
+
+
+def test_a_latch_is_a_predicate_of_the_file(mdm, floor, tmp_path, monkeypatch):
+    folder = tmp_path / "floor"
+    monkeypatch.chdir(folder)
+    (folder / "robot.py").write_text(ROBOT)
+    model = ("map", "model", *floor, "--latch", "half way=office/store", "-o", "patrol.npz", "--robot", "robot.toml")
+    status, output, errors = mdm(*model)
+    assert (status, errors) == (0, "")
+    assert output[-1] == "robot.toml: a robot that does this, once mdm solve has made patrol.policy"
+    assert mdm("solve", "patrol.npz", "-o", "patrol.policy")[0] == 0
+    arrived, _ = patrol(folder / "robot.toml", 200)
+    assert min(arrived.count("office"), arrived.count("store")) >= 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("--robot robot.txt", "--robot: its file ends in .toml"),
+        ("--robot robot.toml --noise 0.1", "--robot: places that are seen with --noise make beliefs"),
+        ("--robot robot.toml --factors a:b", "--robot: only you know which predicates your --factors are"),
+        ("--robot robot.toml --stay Stay", "--robot: an action that stays is none of the map's"),
+    ],
+)
+def test_what_no_file_could_say_is_refused(mdm, floor, tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    status, output, errors = mdm("map", "model", *floor, "-o", "model.npz", *arguments.split())
+    assert (status, output) == (2, [])
+    assert words in errors
+    assert not list(tmp_path.glob("*.npz"))

@@ -174,16 +174,26 @@ class Paths:
         """
         way = [cell]
         while distances[way[-1]] > 0:
-            nearest = min(self._steps(way[-1]), key=distances.__getitem__, default=cell)
-            if not distances[nearest] < distances[way[-1]]:
-                raise MapError(f"there is no way from cell {cell}")
-            way.append(nearest)
+            way.append(self.next(distances, way[-1]))
         turns, begin = [], 0
         for index in range(2, len(way)):
             if not sees(self.open, way[begin], way[index]):
                 begin = index - 1
                 turns.append(way[begin])
         return [*turns, way[-1]]
+
+    def next(self, distances: Vector, cell: tuple[int, int]) -> tuple[int, int]:
+        """Return the cell that is next on the way from a cell; the same one where it ends.
+
+        Raises:
+            MapError: If there is no way.
+        """
+        nearest = min(self._steps(cell), key=distances.__getitem__, default=cell)
+        if distances[nearest] < distances[cell]:
+            return nearest
+        if distances[cell] > 0:
+            raise MapError(f"there is no way from cell {cell}")
+        return cell
 
     def _steps(self, cell: tuple[int, int]) -> list[tuple[int, int]]:
         """Return the neighbours of a cell that one comes to in a step, diagonally only past two open cells."""

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-from contextlib import suppress
-
 import numpy as np
 import pytest
 from floor_file import GRAPH, rooms, write_floor
@@ -102,12 +99,12 @@ def test_what_stands_between_two_goals():
     ]
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(
     door=st.integers(8, 20), depth=st.integers(2, 40), beside=st.integers(8, 24), at=st.integers(12, 60),
     radius=st.sampled_from([0.2, 0.25, 0.3]),
 )  # fmt: skip
-def test_paths_lead_wherever_the_check_lets_a_robot(door, depth, beside, at, radius):
+def test_a_robot_drives_wherever_the_check_lets_it(door, depth, beside, at, radius):
     """There and back through a passage of some width and depth, and past furniture; only if the check finds nothing."""
     low, wide, side = at / 20, door / 20, beside / 20
     long = 4.0 + depth / 20
@@ -142,12 +139,11 @@ def test_paths_lead_wherever_the_check_lets_a_robot(door, depth, beside, at, rad
         async with mdm.Runtime(log=None) as runtime:
             await runtime.start(building)
             for name in ("east", "west"):
-                with suppress(TimeoutError):
-                    async with asyncio.timeout(0.1):
-                        await robot.go(graph.node(name).goal)
+                await robot.go(graph.node(name).goal)
 
     if not problems:
         mdm.run(main, virtual=True)
+        assert robot.collisions == 0
     else:
         with pytest.raises((DriveError, MapError)):
             mdm.run(main, virtual=True)

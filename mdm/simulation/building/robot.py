@@ -37,8 +37,10 @@ _NEARER = 0.05
 """Metres that count as nearer."""
 _STUCK, _SLOW = 1.0, 0.02
 """Seconds below so many metres a second after which a robot that drives keeps no margin but that of its brakes."""
-_COMFORT, _TRUE = 0.15, 0.03
-"""Metres that it keeps from all where there is room, and by which the room may be less than the cells say."""
+_COMFORT = 0.15
+"""Metres that it keeps from all where there is room."""
+_TRUE = 0.6
+"""Cells by which the room may be less than the clearance of a cell says."""
 _AHEAD, _SAMPLES = 1.5, 16
 """Metres for which it looks ahead along its way, and at how many points."""
 _CLEAR, _FREEING = 0.15, 2.0
@@ -47,6 +49,10 @@ _BESIDE_OTHERS = 2.5
 """Seconds for which it stands first where others drive near it, who may have to give way."""
 _HELD, _MOVED = 50.0, 0.5
 """Seconds in which a robot that drives, or lets others pass, has moved so many metres, or its drive has failed."""
+_CARE, _CAREFUL, _STILL = 2.0, 4.0, 0.25
+"""Seconds within so many metres after which it follows its way from cell to cell, and for how many."""
+_TURNING, _AIMED, _THERE = 1.5, 0.1, 0.015
+"""How fast it turns then, in radians a second, at how many it drives on, and how many metres near a cell is reached."""
 _BLOCKED = 2.0
 """Seconds without getting nearer after which a robot gives way to one that was put there before it."""
 _IN_TURN = 3
@@ -77,6 +83,9 @@ class _Drive:
         self.free: tuple[float, float] | None = None  # where it drives to get away from a wall, and how long
         self.freeing = 0.0
         self.held = 0.0  # seconds since it was at the next, with less than a little way from there
+        self.careful = 0.0  # seconds for which it follows its way itself, and the cell to which it drives then
+        self.step: Cell | None = None
+        self.still, self.there = 0.0, math.inf  # seconds since it was so many metres from its goal, or nearly
         self.at = (math.inf, math.inf)
         self.around: frozenset[Cell] = frozenset()  # where bodies stand that its way leads around
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -235,6 +244,10 @@ class Robot(Body):
             return None
         return int(away[nearest][0]), int(away[nearest][1])
 
+    def _away(self, body: Body) -> float:
+        """Return the metres between its middle and another's."""
+        return math.dist(self.agent.position, body.agent.position)
+
     def _distance(self, cell: tuple[int, int]) -> float:
         x, y = self.agent.position
         return math.dist((x, y), self._grid.frame.centre(*cell))
@@ -273,6 +286,7 @@ class Robot(Body):
                     return
                 self._go_round(drive, bodies)
         self._turn(drive, cell)
+        self._take_care(drive, seconds, bodies)
         self.agent.behavior.safety_margin = self._margin(drive.turns[0])
         controller = self.agent.controller
         if len(drive.turns) == 1:
@@ -287,10 +301,44 @@ class Robot(Body):
         from navground.core import Frame, Twist2  # noqa: PLC0415 - an extra
 
         told = self.agent.last_cmd.relative(self.agent.pose)
-        forward = float(told.velocity[0])
-        share = brakes.share(self, forward * seconds, told.angular_speed * seconds, bodies)
-        if share < 1.0:
-            self.agent.last_cmd = Twist2((share * forward, 0.0), told.angular_speed, Frame.relative)
+        forward, turning = float(told.velocity[0]), float(told.angular_speed)
+        drive = self._drive
+        is_careful = drive is not None and drive.careful > 0
+        if drive is not None and is_careful:
+            forward, turning = self._along(drive, seconds)
+        share = brakes.share(self, forward * seconds, turning * seconds, bodies)
+        if share < 1.0 or is_careful:
+            self.agent.last_cmd = Twist2((share * forward, 0.0), turning, Frame.relative)
+
+    def _take_care(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> None:
+        """Follow the way itself, for a time, where nobody is near and what avoids walls has got it no nearer.
+
+        Before the mouth of a narrow passage that turns round and round.
+        """
+        if drive.careful <= 0:
+            drive.step = None
+        drive.careful -= seconds
+        there = float(drive.distances[self.cell])
+        drive.still += seconds
+        if abs(there - drive.there) > min(_STILL, self.speed / 2):
+            drive.there, drive.still = there, 0.0
+        if any(body is not self and self._away(body) < _MEETING for body in bodies):
+            drive.careful = 0.0
+        elif drive.still > _CARE:
+            drive.careful = _CAREFUL
+        if len(drive.turns) == 1 and self._distance(drive.turns[0]) < _NEAR:
+            drive.careful = 0.0
+
+    def _along(self, drive: _Drive, seconds: float) -> tuple[float, float]:
+        """Return the speeds, ahead and of turning, from the middle of a cell of its way to that of the next one."""
+        here = self.pose
+        if drive.step is None or self._distance(drive.step) < _THERE:
+            drive.step = drive.paths.next(drive.distances, self.cell)
+        x, y = self._grid.frame.centre(*drive.step)
+        off = math.remainder(math.atan2(y - here.y, x - here.x) - here.yaw, math.tau)
+        turning = max(-_TURNING, min(_TURNING, off / seconds))
+        metres = math.dist((x, y), (here.x, here.y))
+        return (min(self.speed / 2, metres / seconds) if abs(off) < _AIMED else 0.0), turning
 
     def _give_way(self, drive: _Drive, bodies: Sequence[Body]) -> bool:
         """Set out for where others can pass, if it is to let them; return whether it does."""
@@ -349,7 +397,7 @@ class Robot(Body):
             for part in np.linspace(0.0, share, _SAMPLES).tolist()
         )
         room = min(float(self._clearance[cell]) if cell is not None else 0.0 for cell in cells)
-        return max(GAP, min(_COMFORT, room - self.radius - _TRUE))
+        return max(GAP, min(_COMFORT, room - self.radius - _TRUE * self._grid.frame.resolution))
 
     def _frees_itself(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> bool:
         """Drive a little away from what stands where the brakes have stopped it; return whether it does."""

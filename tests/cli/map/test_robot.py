@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import re
+import shlex
 
 import pytest
+from floor_file import write_floor
+from places import ROOT
 
 from mdm import load_system
 from mdm.testing import probe, run_virtual
@@ -49,7 +53,7 @@ def test_from_a_map_alone_to_a_robot_that_visits_all_rooms(mdm, floor, tmp_path,
     """Five commands, and nothing edited but the robot's own code."""
     folder = tmp_path / "floor"
     monkeypatch.chdir(folder)
-    options = ("--radius", "0.2")
+    options = ("--radius", "0.15")
     (folder / "robot.py").write_text(ROBOT)
     for command in (
         ("goals", "map.yaml", "-o", "rooms.xml", "--least", "2", *options),
@@ -63,6 +67,26 @@ def test_from_a_map_alone_to_a_robot_that_visits_all_rooms(mdm, floor, tmp_path,
     assert mdm("check", "robot.toml")[0] == 0
     arrived, ended = patrol(folder / "robot.toml", 300)
     assert min(arrived.count(f"Room{number}") for number in (1, 2, 3)) >= 5
+    assert ended.get("failed", 0) == 0
+
+
+def test_the_page_s_commands_make_a_robot_that_visits_all_rooms_of_a_simulated_building(mdm, tmp_path, monkeypatch):
+    """With its `robot.py`, but for a smaller robot: the rooms' door is 0.4 m wide."""
+    folder = tmp_path / "floor"
+    write_floor(folder)
+    monkeypatch.chdir(folder)
+    page = (ROOT / "docs" / "maps.md").read_text().partition("## From a map to a patrol")[2].partition("## Places")[0]
+    commands, program = (re.search(rf"```{kind}\n(.*?)```", page, re.DOTALL)[1] for kind in ("console", "python"))
+    (folder / "robot.py").write_text(program.replace("speed=0.5", "speed=0.5, radius=0.12"))
+    *first, last = [shlex.split(line, comments=True)[1:] for line in commands.splitlines()]
+    for command in first:
+        radius = ("--radius", "0.12") if command[0] == "map" and command[1] != "draft" else ()
+        least = ("--least", "2") if command[1] == "goals" else ()
+        status, _, errors = mdm(*command, *radius, *least)
+        assert (status, errors) == (0, ""), command
+    assert last == ["run", "patrol.toml", "--virtual", "--seconds", "7200"]
+    arrived, ended = patrol(folder / "patrol.toml", 600)
+    assert min(arrived.count(f"Room{number}") for number in (1, 2, 3)) >= 10
     assert ended.get("failed", 0) == 0
 
 

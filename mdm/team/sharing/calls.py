@@ -13,6 +13,7 @@ import numpy as np
 
 from mdm.errors import Error
 from mdm.runtime import Actor, Subscription
+from mdm.runtime.statistics import Histogram
 from mdm.runtime.supervision import describe
 from mdm.team.transport.bounds import UNREADABLE
 from mdm.team.transport.keys import join
@@ -170,6 +171,43 @@ def _plain(value: object) -> object:
 _encode = msgspec.json.Encoder(enc_hook=_plain).encode
 
 
+class _Clock(msgspec.Struct):
+    seconds: float
+
+
+class _Status(msgspec.Struct):
+    """What whoever asks relies on of a status."""
+
+    ensemble: str
+    mode: str
+    causes: list[str]
+    live: list[str]
+    held: bool = False
+    clocks: dict[str, _Clock] = {}
+    commands: dict[str, str] = {}
+
+
+class _Traffic(msgspec.Struct):
+    messages: int
+    bytes: int
+
+
+class _Carried(msgspec.Struct):
+    lateness: Histogram
+    sent: dict[str, _Traffic]
+    received: dict[str, _Traffic]
+    dropped: dict[str, int]
+
+
+class _Statistics(msgspec.Struct):
+    """What whoever asks relies on of statistics."""
+
+    transport: _Carried
+
+
+_SHAPES: dict[str, Any] = {"status": _Status, "statistics": _Statistics}
+
+
 async def ask(
     transport: Transport,
     team: Team,
@@ -207,7 +245,9 @@ async def ask(
         if who in answers:
             try:
                 answer = msgspec.json.decode(answers[who])
-                found[who] = answer["result"] if "result" in answer else Error(answer["error"])
+                found[who] = answer["result"] if "result" in answer else Error(str(answer["error"]))
+                if "result" in answer and call in _SHAPES:
+                    msgspec.convert(answer["result"], _SHAPES[call])
             except (*UNREADABLE, TypeError, KeyError):
                 found[who] = Error(f"agent {who!r} answers in another form: {answers[who][:40]!r}")
     return found

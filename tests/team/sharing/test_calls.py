@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 
+import msgspec
 import pytest
 from team_robots import Robot, over_beliefs, started
 
 import mdm
 from mdm import problems
 from mdm.team.sharing.calls import CALLS, ask
+from mdm.team.sharing.commanding import COMMANDS, command
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
@@ -86,3 +88,53 @@ def test_who_is_refused_by_its_team_says_so():
         assert await ask(asks, left, "stop", agent="right", ensemble="joint") == {"right": "done"}
 
     run_virtual(main)
+
+
+class Answering:
+    """A transport on which each agent answers what it is told to."""
+
+    def __init__(self, answer):
+        self.answer = msgspec.json.encode(answer)
+
+    async def ask(self, *_, **__):
+        return dict.fromkeys(("left", "right"), self.answer)
+
+
+STATUS = {"ensemble": "joint", "mode": "stopped", "causes": [], "live": ["left", "right"]}
+NONE = [
+    {},
+    [],
+    ["result"],
+    {"error": 7},
+    {"result": 7},
+    {"result": []},
+    *({"result": {key: value for key, value in STATUS.items() if key != left}} for left in STATUS),
+    *({"result": STATUS | {key: value}} for key in (*STATUS, "commands") for value in (None, 7, [7], [[]], {"x": 7})),
+    {"result": STATUS | {"clocks": {"left": 7}}},
+]
+
+
+@pytest.mark.parametrize("call", sorted(COMMANDS))
+def test_what_is_no_status_ends_no_command(call):
+    """Who was asked may be forged, or another version: the others are told all the same, and it is named."""
+    team = Team("tigers", ["left", "right"])
+
+    async def told(answer):
+        found = await command(Answering(answer), team, call, ensemble="joint", seconds=0.001)
+        return [(one.agent, one.confirmed) for one in found]
+
+    async def main():
+        return await asyncio.gather(told({"result": STATUS}), *map(told, NONE))
+
+    sound, *others = asyncio.run(main())
+    assert sound == [("left", call != "start"), ("right", call != "start")]
+    assert others == [[("left", False), ("right", False)]] * len(NONE)
+
+
+@pytest.mark.parametrize("call", ["status", "statistics"])
+def test_what_is_no_answer_is_an_error_of_that_agent(call):
+    async def main():
+        return [await ask(Answering(answer), Team("tigers", ["left", "right"]), call) for answer in NONE]
+
+    for found in asyncio.run(main()):
+        assert [type(found[agent]) for agent in ("left", "right")] == [mdm.Error] * 2

@@ -91,8 +91,8 @@ _FIRST_PLAN, _LEAST_PLAN = 1.0, 0.2
 """The seconds before a plan is looked for, and that the search for one may take at least."""
 _PLANS = 0.15
 """The part of the time that goes into plans; half of it where they are of no use."""
-_KNOWN = 0.5
-"""The part of the time that is left for a plan that begins with what is known to follow each vector, a smaller one."""
+_FROM_ALL = 0.8
+"""The part of the time that is left for a plan of all vectors; the rest is for one of what is known to follow them."""
 _SMALLER = 0.5
 """The part of the vectors that a plan has at most where it is expected to fit into memory."""
 _GAIN = 1e-3
@@ -427,11 +427,11 @@ class _Search:
         least, part = _CONDENSATION
         end = min(limits.seconds + max(least, part * limits.seconds), limits.end + _BEYOND)
         enough = min(lower, upper - limits.gap) if limits.reason == "gap" else lower - self.rounding
-        for share, known in product(_FEWER, (True, False)):
+        for share, known in product(_FEWER, (False, True)):
             now = limits.seconds
             if now >= end:
                 break
-            until = now + _KNOWN * (end - now) if known else end
+            until = end if known else now + _FROM_ALL * (end - now)
             found = self._plan(limits, share * max(upper - lower, 0.0), until, known=known)
             if found is not None and found.lower >= enough:
                 return found.vectors, found.lower

@@ -138,3 +138,34 @@ def test_what_is_no_answer_is_an_error_of_that_agent(call):
 
     for found in asyncio.run(main()):
         assert [type(found[agent]) for agent in ("left", "right")] == [mdm.Error] * 2
+
+
+@pytest.mark.parametrize(
+    ("call", "mode"), [("stop", "deciding"), ("stop", "safe"), ("start", "stopped"), ("release", "safe")]
+)
+def test_who_is_not_what_it_was_to_be_has_not_confirmed(call, mode):
+    """Not even where it has answered that it is done."""
+    team, answer = Team("tigers", ["left", "right"]), {"result": STATUS | {"mode": mode}}
+    told = asyncio.run(command(Answering(answer), team, call, ensemble="joint", seconds=0.001))
+    assert [(one.confirmed, one.problem) for one in told] == [(False, f"it is {mode}")] * 2
+
+
+@pytest.mark.parametrize(("knows", "waits"), [(1, False), (2, True)])
+def test_a_stop_is_over_when_all_that_one_sees_know_of_the_same(knows, waits):
+    """A start that follows at another agent would be beaten by it, else."""
+
+    class Knowing(Answering):
+        asked = 0
+
+        async def ask(self, *_, **__):
+            self.asked += 1
+            other = msgspec.json.encode({"result": STATUS | {"knows": knows if self.asked < 6 else 1}})
+            return {"left": self.answer, "right": other}
+
+    async def main():
+        transport = Knowing({"result": STATUS | {"knows": 1}})
+        told = await command(transport, Team("tigers", ["left", "right"]), "stop", ensemble="joint", seconds=30.0)
+        assert [one.confirmed for one in told] == [True, True]
+        return transport.asked
+
+    assert (asyncio.run(main()) >= 6) is waits

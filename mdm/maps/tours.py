@@ -49,7 +49,8 @@ def tour(
         if names.count(name) > 1:
             raise MapError(f"the tour comes to {name!r} twice: name each place once")
     if len(names) < 2:
-        raise MapError("a tour takes two places or more")
+        there = "; the graph has only this one: add places to it by hand" if len(graph.names) == 1 else ""
+        raise MapError(f"a tour takes two places or more, not {', '.join(names) or 'none'}{there}")
     far = _distances(graph, lengths)[np.ix_(*2 * [[graph.names.index(name) for name in names]])]
     for one, other in np.argwhere(~np.isfinite(far)):
         raise MapError(f"no ways lead from {names[one]!r} to {names[other]!r}: a tour comes to both again and again")

@@ -91,6 +91,12 @@ def test_tours_that_cannot_be_are_refused(places, message):
         tour(Graph(floor.graph.nodes, edges), places)
 
 
+def test_a_floor_of_one_place_says_what_to_add():
+    graph = Graph((Node("Hall", Pose(1.0, 1.0)),), ())
+    with pytest.raises(MapError, match="two places or more, not Hall; the graph has only this one: add places to it"):
+        tour(graph)
+
+
 @pytest.mark.parametrize("drive", [None, 0.7])
 @pytest.mark.parametrize("start", [2.0, 11.0, 16.0])
 def test_a_robot_that_is_to_visit_all_rooms_comes_to_each_of_them_again_and_again(start, drive):

@@ -345,7 +345,7 @@ def test_what_does_not_fit_is_refused(options, words):
 def test_controllers_are_compared_with_their_model():
     model = dec_tiger()
     actions = dict.fromkeys(range(3), nothing)
-    with pytest.raises(ConfigError, match="agent 1: the policy is for 2 actions and 2 observations"):
+    with pytest.raises(ConfigError, match="agent 1: the policy is for 2 actions, but the model has 3"):
         Ensemble("robot", policy=TEAM, model=model, actions=actions)
     with pytest.raises(ConfigError, match="the policy is for 3 actions and 2 observations, but the model has 9 and 4"):
         Ensemble("robot", policy=PLAN, model=model, actions=actions)

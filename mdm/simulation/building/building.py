@@ -310,7 +310,8 @@ class Building(Actor):
             for way in paths:
                 free = way.open.copy()
                 for there, extent in [((row, column), radius), *((one.cell, one.radius) for one in standing)]:
-                    free &= np.hypot(rows - there[0], columns - there[1]) * side > extent + widest + PATH_MARGIN
+                    needed = extent + widest + 2 * PATH_MARGIN  # as of who goes round it
+                    free &= np.hypot(rows - there[0], columns - there[1]) * side > needed
                 if _groups(free, ends) > _groups(way.open, ends):
                     break
             else:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdm.errors import Error
+from mdm.errors import Error, MapError
 from mdm.maps import Pose
 from mdm.maps.paths import PATH_MARGIN, Paths
 from mdm.maps.sight import sees
@@ -303,15 +303,15 @@ class Robot(Body):
         told = self.agent.last_cmd.relative(self.agent.pose)
         forward, turning = float(told.velocity[0]), float(told.angular_speed)
         drive = self._drive
-        is_careful = drive is not None and drive.careful > 0
-        if drive is not None and is_careful:
-            forward, turning = self._along(drive, seconds)
+        chosen = None if drive is None or drive.careful <= 0 else self._along(drive, seconds)
+        if chosen is not None:
+            forward, turning = chosen
         share = brakes.share(self, forward * seconds, turning * seconds, bodies)
-        if share < 1.0 or is_careful:
+        if share < 1.0 or chosen is not None:
             self.agent.last_cmd = Twist2((share * forward, 0.0), turning, Frame.relative)
 
     def _take_care(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> None:
-        """Follow the way itself, for a time, where nobody is near and what avoids walls has got it no nearer.
+        """Follow the way itself, for a time, where nobody drives near it and what avoids walls has got it no nearer.
 
         Before the mouth of a narrow passage that turns round and round.
         """
@@ -322,18 +322,25 @@ class Robot(Body):
         drive.still += seconds
         if abs(there - drive.there) > min(_STILL, self.speed / 2):
             drive.there, drive.still = there, 0.0
-        if any(body is not self and self._away(body) < _MEETING for body in bodies):
+        if any(body is not self and body.remaining and self._away(body) < _MEETING for body in bodies):
             drive.careful = 0.0
         elif drive.still > _CARE:
             drive.careful = _CAREFUL
         if len(drive.turns) == 1 and self._distance(drive.turns[0]) < _NEAR:
             drive.careful = 0.0
 
-    def _along(self, drive: _Drive, seconds: float) -> tuple[float, float]:
-        """Return the speeds, ahead and of turning, from the middle of a cell of its way to that of the next one."""
+    def _along(self, drive: _Drive, seconds: float) -> tuple[float, float] | None:
+        """Return the speeds, ahead and of turning, from the middle of a cell of its way to that of the next one.
+
+        None where it was pushed to a cell from which there is no way.
+        """
         here = self.pose
         if drive.step is None or self._distance(drive.step) < _THERE:
-            drive.step = drive.paths.next(drive.distances, self.cell)
+            try:
+                drive.step = drive.paths.next(drive.distances, self.cell)
+            except MapError:
+                drive.careful = 0.0
+                return None
         x, y = self._grid.frame.centre(*drive.step)
         off = math.remainder(math.atan2(y - here.y, x - here.x) - here.yaw, math.tau)
         turning = max(-_TURNING, min(_TURNING, off / seconds))

@@ -29,14 +29,16 @@ floor = load_map(HERE / "floor.xml", grid=HERE / "floor.yaml", labels=HERE / "la
 class World:
     """What the robot knows of: people who have called, and what it has seen. ``tell`` takes all that happens.
 
-    ``since`` says when it came to know of each, ``attended`` after how many seconds it had seen to one of a kind, and
-    ``news`` is set when it has. All that is random is drawn from ``seed``.
+    ``since`` says when it came to know of each, ``attended`` after how many seconds it had seen to one of a kind,
+    ``left`` after how many one was gone by itself, and ``news`` is set when it has seen to one. All that is random is
+    drawn from ``seed``.
     """
 
     seed: ClassVar[int] = 3
     known: ClassVar[dict[int, Visit]] = {}
     since: ClassVar[dict[int, float]] = {}
     attended: ClassVar[list[tuple[float, str]]] = []
+    left: ClassVar[list[tuple[float, str]]] = []
     news: ClassVar[asyncio.Event] = asyncio.Event()
     tell: Callable[[str], None] = staticmethod(lambda _: None)
 
@@ -72,6 +74,8 @@ async def live(system: mdm.System) -> None:
         for number, visit in list(World.known.items()):
             if number not in there:
                 del World.known[number]
+                if number in World.since:
+                    World.left.append((runtime.clock.time() - World.since.pop(number), visit.kind))
                 World.tell(f"the {visit.kind} in {visit.place} is gone")
         for number, visit in there.items():
             if number not in World.known and (visit.kind == "person" or eyes.sees(visit.x, visit.y, reach=6.0)):
@@ -122,7 +126,7 @@ async def _attend(visit: Visit, seconds: float, told: str) -> None:
     await asyncio.sleep(seconds)
     if visit in building().present(visit.kind):  # and has not gone by itself
         World.tell(told)
-        World.attended.append((building().runtime.clock.time() - World.since[visit.number], visit.kind))
+        World.attended.append((building().runtime.clock.time() - World.since.pop(visit.number), visit.kind))
         building().go(visit)
         World.news.set()
 

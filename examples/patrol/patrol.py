@@ -66,12 +66,14 @@ async def patrol(arguments: argparse.Namespace, film: Film | None) -> None:
         print(f"  {name}: {display.decisions[name]} decisions; actions: {lives}{median}")
     for kind, name in PLURALS.items():
         took = sorted(took for took, attended in World.attended if attended == kind)
+        left = [took for took, gone in World.left if gone == kind]
+        waiting = sum(visit.kind == kind for visit in World.known.values())
         if took:
             mean, half = sum(took) / len(took), took[len(took) // 2]
-            waiting = sum(visit.kind == kind for visit in World.known.values())
+            gone = f"{len(left)} had gone, after {max(left):.1f} s at most; " if left else ""
             print(
                 f"  {name}: {len(took)} attended, after {mean:.1f} s in the mean, {half:.1f} s (median), and "
-                f"{took[-1]:.1f} s at most; {waiting} not yet"
+                f"{took[-1]:.1f} s at most; {gone}{waiting} not yet"
             )
     print(f"  top level: idle for {idle:.1f} s, which is {100 * idle / seconds:.1f} % of the time")
     print(f"  robot: {building().steps / 10:g} s on the floor; collisions: {robot().collisions}")

@@ -13,8 +13,11 @@ import subprocess
 import sys
 import zipfile
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from importlib import import_module
 
+import days
+import numpy as np
 import pytest
 from PIL import Image
 from places import EXAMPLES, ROOT
@@ -263,6 +266,65 @@ def test_another_seed_is_another_day_and_the_same_one_the_same():
     for output in (one, other):
         assert "top level: idle for 0.0 s, which is 0.0 % of the time" in output
         assert "collisions: 0" in output
+
+
+def test_a_patrol_that_nobody_disturbs_is_in_each_room_as_often_as_its_model_says():
+    """By the model's own chain, in which one drive of ten does not arrive: that changes no room's share."""
+    seen = days.day(1, 300, calm=True)
+    assert (seen.idle, seen.contacts, seen.failed, seen.longest) == (0.0, 0, 0, 0.0)
+    assert not any(leg.disturbed for leg in seen.legs)
+    model, policy = mdm.load_model(days.FOLDER / "patrol.npz"), mdm.load_policy(days.FOLDER / "patrol.policy")
+    chain = np.array([model.transition_matrix(action)[state] for state, action in enumerate(policy.actions)])
+    values, vectors = np.linalg.eig(chain.T)
+    shares = np.real(vectors[:, np.argmin(abs(values - 1))])
+    places = [model.state_space.unravel(state)[0] for state in range(len(chain))]
+    shares = np.bincount(places, weights=shares / shares.sum())
+    rooms = [places[leg.state] for leg in seen.legs]
+    assert len(rooms) >= 32  # four rounds
+    assert np.abs(np.bincount(rooms, minlength=6) - len(rooms) * shares).max() < 1.5  # by the round that has not ended
+
+
+def test_a_part_of_a_day_of_the_patrol():
+    """The whole of it, with twenty seeds, is ``python -m days``."""
+    seen = days.day(2, 300)
+    assert (seen.idle, seen.contacts) == (0.0, 0)
+    assert len(seen.attended) > 10
+    assert seen.longest < days.BOUND
+    forecast = days.Forecast(seen.legs)
+    own = [leg for leg in seen.legs if not leg.disturbed]
+    assert len(own) > 3
+    assert all(leg.action == forecast.actions[leg.state] for leg in seen.legs)
+    assert all(forecast.following[leg.state][leg.following] > 0 for leg in own)
+
+
+def a_day(seed, *, turns=0.0, count=4000):
+    """Draw the legs of a patrol by its model, called away three times of ten, which may stay in a room by error."""
+    random = np.random.default_rng(seed)
+    forecast = days.Forecast([days.Leg(0, 0, 1, disturbed=False)])
+    found, state = [], 1
+    for _ in range(count):
+        is_away = random.random() < 0.3
+        if is_away:
+            following = int(random.integers(12))
+        elif state // 2 == 3 and random.random() < turns:
+            following = state
+        else:
+            following = int(random.choice(12, p=forecast.following[state]))
+        found.append(days.Leg(state, forecast.actions[state], following, is_away))
+        state = following
+    return days.Day(idle=0.0, attended=[], left=[], waiting=[], contacts=0, failed=0, legs=found)
+
+
+def test_the_check_of_a_day_finds_what_is_wrong_alone():
+    right = [days.difference(a_day(seed)) for seed in range(20)]
+    assert max(right) < days.ERRORS
+    assert max(right) > 1  # its errors are no larger than chance makes them
+    assert min(days.difference(a_day(seed, turns=0.5)) for seed in range(5)) > days.ERRORS
+    whole = a_day(1)
+    assert days.faults(whole, 86400) == []
+    assert days.faults(replace(whole, idle=900.0), 86400) == ["idle for 900.0 s"]
+    assert days.faults(replace(whole, waiting=[(301.0, "fire")]), 86400) == ["a call waited for 301.0 s"]
+    assert days.faults(replace(whole, contacts=1), 86400) == ["1 contacts"]
 
 
 def test_the_robot_sees_to_what_it_knows_of_alone():

@@ -62,6 +62,15 @@ def _forgotten_modules(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
             del sys.modules[name]
 
 
+@pytest.fixture(autouse=True)
+def _same_signals() -> Iterator[None]:
+    """See that a test leaves signals to whom it found them with: a later one would wait for ever for its Ctrl-C."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(number) for number in numbers]
+    yield
+    assert [signal.getsignal(number) for number in numbers] == before
+
+
 @pytest.fixture
 def corpus(request: pytest.FixtureRequest) -> Path:
     """The folder of public files that may stand beside a checkout; `foreign` marks which of them a test needs."""

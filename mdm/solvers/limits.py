@@ -69,8 +69,12 @@ class Limits:
         self._history: list[Progress] = []
         self._interrupted = False
         self._previous: Any = None
+        self._entered = 0
 
     def __enter__(self) -> Self:
+        self._entered += 1
+        if self._entered > 1:  # by a solver within a program's own block: that block's time and signals count
+            return self
         self._began = self._clock()
         ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN  # by a shell that runs this in the background
         if threading.current_thread() is threading.main_thread() and not ignored:
@@ -80,7 +84,8 @@ class Limits:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._previous is not None:
+        self._entered -= 1
+        if self._entered == 0 and self._previous is not None:
             signal.signal(signal.SIGINT, self._previous)
             self._previous = None
 

@@ -86,6 +86,18 @@ def test_the_second_ctrl_c_breaks_off():
     assert limits.reason == "interrupted"
 
 
+def test_a_solver_within_a_block_of_its_limits_gives_ctrl_c_back_as_the_block_found_it():
+    before = signal.getsignal(signal.SIGINT)
+    ticks = iter([0.0, 1.0, 3.0, 6.0])
+    with Limits(clock=lambda: next(ticks)) as limits:  # two readings: it is made, and entered
+        during = signal.getsignal(signal.SIGINT)
+        with limits as run:
+            assert run.seconds == 3.0 - 1.0  # as the outer block counts
+        assert signal.getsignal(signal.SIGINT) == during != before
+        assert limits.seconds == 6.0 - 1.0
+    assert signal.getsignal(signal.SIGINT) is before
+
+
 def test_what_a_shell_ignores_stays_ignored():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:

@@ -6,10 +6,13 @@ import asyncio
 import atexit
 import os
 import signal
+import socket
 import threading
 from itertools import count
 from time import monotonic
 from typing import TYPE_CHECKING, Any
+
+from mdm.runtime.virtual import VirtualEventLoop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,6 +52,7 @@ class Signals:
         self._break_off = break_off
         self.last = last
         self.loop: asyncio.AbstractEventLoop | None = None
+        self._bell: _Bell | None = None
         self._process = 0
         self.previous: dict[int, Any] = {}
         self._numbers = count()
@@ -69,6 +73,8 @@ class Signals:
         for number in _NUMBERS:
             if _gives_way(signal.getsignal(number)):
                 self.previous[number] = signal.signal(number, self._handle)
+        if self.previous and not isinstance(loop, VirtualEventLoop):  # it tells by its files whether input can come
+            self._bell = _Bell(loop)
 
     def close(self) -> None:
         """Listen no more, and give the handlers back; after a signal not before the next one.
@@ -76,6 +82,9 @@ class Signals:
         A signal that came too late for the event loop to turn once more goes to whoever hears it then.
         """
         self.loop = None
+        if self._bell is not None:
+            self._bell.close()
+            self._bell = None
         late = self._exit is not None and self._until is None
         if self._until is not None:
             self._closed_at = monotonic()
@@ -147,6 +156,33 @@ class Signals:
 
     def _begin(self, error: BaseException) -> None:
         self._until = monotonic() + self._leave(error)
+
+
+class _Bell:
+    """Wakes an event loop at a signal, for Python's handlers run only where the main thread does.
+
+    It would sleep on where another thread takes the signal, or where it comes just before the loop begins to wait.
+    uvloop has such a bell of its own, and so has asyncio once a program asks it for a signal: these stay in place.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._reader, self._writer = socket.socketpair()
+        self._reader.setblocking(False)
+        self._writer.setblocking(False)
+        self._number = self._writer.fileno()
+        self._previous = signal.set_wakeup_fd(self._number, warn_on_full_buffer=False)
+        if self._previous == -1:
+            loop.add_reader(self._reader, self._reader.recv, 4096)
+        else:
+            signal.set_wakeup_fd(self._previous)
+
+    def close(self) -> None:
+        self._loop.remove_reader(self._reader)
+        if (now := signal.set_wakeup_fd(-1)) != self._number:
+            signal.set_wakeup_fd(now)
+        self._reader.close()
+        self._writer.close()
 
 
 def _signals_of(handler: object) -> Signals | None:

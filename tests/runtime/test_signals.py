@@ -81,6 +81,34 @@ def test_a_signal_runs_the_safe_action_whatever_runs_the_program(entry, number):
     assert "never retrieved" not in errors
 
 
+ELSEWHERE = """
+class Idle(mdm.Actor):
+    def on_stop(self):
+        print("stopped", flush=True)
+
+async def main():
+    async with mdm.Runtime(log=None, watchdog=None) as runtime:  # which wakes the loop now and then
+        await runtime.start(Idle("idle"))
+        threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})  # of this thread alone: the other one takes it
+        print("idle", flush=True)
+        await runtime.wait()
+"""
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_a_signal_that_another_thread_takes_wakes_the_loop(entry):
+    """Python's handlers run in the main thread, and asyncio's loop sleeps on while nothing tells it to turn."""
+    if "uvloop" in entry:
+        pytest.importorskip("uvloop")
+    with python("-c", program(f"{ELSEWHERE}\n{ENTRIES[entry]}")) as process:
+        assert process.stdout.readline() == "idle\n"
+        process.send_signal(signal.SIGTERM)
+        output, status, errors = ended(process)
+    assert output == "stopped\n", errors
+    assert status == 143
+
+
 @pytest.mark.parametrize(
     ("entry", "first", "second", "pause"),
     [

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.maps.check import check
 from mdm.maps.draft import draft
-from mdm.maps.files import load_graph, load_grid, load_map, save_graph, save_labels
+from mdm.maps.files import load_floors, load_graph, load_grid, load_map, save_graph, save_labels
+from mdm.maps.floors import Floors, Lift
 from mdm.maps.frame import Frame
 from mdm.maps.graph import Edge, Graph, Node, Pose
 from mdm.maps.grid import Grid
@@ -28,10 +29,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Edge",
+    "Floors",
     "Frame",
     "Graph",
     "Grid",
     "Labels",
+    "Lift",
     "Map",
     "Navigation",
     "Navigator",
@@ -44,6 +47,7 @@ __all__ = [
     "ReportingNavigator",
     "check",
     "draft",
+    "load_floors",
     "load_graph",
     "load_grid",
     "load_map",

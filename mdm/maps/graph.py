@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from mdm.errors import MapError
@@ -19,15 +19,17 @@ class Pose:
         x: In metres.
         y: In metres.
         yaw: Where it looks, from the world's x axis anticlockwise, in radians.
+        floor: The floor in whose frame this is, where there are several.
     """
 
     x: float
     y: float
     yaw: float = 0.0
+    floor: str = field(default="", kw_only=True)
 
     @property
     def is_finite(self) -> bool:
-        """Whether all three are numbers."""
+        """Whether all its numbers are finite."""
         return math.isfinite(self.x) and math.isfinite(self.y) and math.isfinite(self.yaw)
 
 
@@ -57,12 +59,16 @@ class Edge:
         target: The name of the place that it leads to.
         label: The action that takes it, such as ``Up``.
         cost: What it costs, where the graph knows.
+        lift: What it takes to another floor, where it is not driven.
+        seconds: How long that takes.
     """
 
     source: str
     target: str
     label: str
     cost: float | None = None
+    lift: str | None = None
+    seconds: float | None = None
 
 
 @dataclass(frozen=True)
@@ -113,8 +119,8 @@ class Graph:
         return {node.name: node for node in self.nodes}
 
     @cached_property
-    def _targets(self) -> dict[tuple[str, str], str]:
-        return {(edge.source, edge.label): edge.target for edge in self.edges}
+    def _ways(self) -> dict[tuple[str, str], Edge]:
+        return {(edge.source, edge.label): edge for edge in self.edges}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -139,7 +145,12 @@ class Graph:
 
     def target(self, source: str, label: str) -> str | None:
         """Return where the way of a label leads to from a place; None where there is no such way."""
-        return self._targets.get((source, label))
+        way = self.way(source, label)
+        return None if way is None else way.target
+
+    def way(self, source: str, label: str) -> Edge | None:
+        """Return the way of a label from a place; None where there is no such way."""
+        return self._ways.get((source, label))
 
 
 def _check(node: Node) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
+from mdm.maps.floors import Floors, place_of
 from mdm.maps.lookup import border_distance
 from mdm.maps.metres import check_metres
 from mdm.maps.passages import leads, passages, route_sentence, undivided, widest
@@ -14,17 +15,18 @@ from mdm.maps.paths import PATH_MARGIN, drivable
 from mdm.maps.problem import Problem
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from mdm.maps.floors import Lift
     from mdm.maps.graph import Graph, Node
     from mdm.maps.grid import Grid
     from mdm.maps.labels import Labels
     from mdm.maps.map import Map
     from mdm.maps.passages import Passage
 
-__all__ = ["MARGIN", "RADIUS", "check", "examine", "missing"]
+__all__ = ["MARGIN", "RADIUS", "check", "examine", "examine_lifts", "missing"]
 
 RADIUS = 0.25
 """The radius of a robot, in metres, if nobody says another."""
@@ -37,7 +39,7 @@ _SHOWN = 200
 """Cells of a stray colour that a problem names."""
 
 
-def check(floor: Map, *, radius: float = RADIUS, margin: float = MARGIN) -> tuple[Problem, ...]:
+def check(floor: Map | Floors, *, radius: float = RADIUS, margin: float = MARGIN) -> tuple[Problem, ...]:
     """Return what is wrong with a map.
 
     * A goal lies outside its own place, or so near to what is not free that the robot does not fit, with 5 cm to spare.
@@ -48,13 +50,14 @@ def check(floor: Map, *, radius: float = RADIUS, margin: float = MARGIN) -> tupl
     * Not all places can be reached from each other.
     * A colour of the image of labels is no place's, and has fewer cells than any place, and than 1 % of all.
     * The name of a place stands for something else in formulas, so that `Places` would refuse it.
+    * Of several floors: a robot does not fit where a lift stops, or no way on the floor leads there.
 
     Where the files are at hand, `mdm map check` also tells of larger colours that are no place's and cover free cells.
 
     What takes a grid is left out where the map has none.
 
     Args:
-        floor: The map.
+        floor: The map, or several floors.
         radius: The radius of the robot, in metres.
         margin: How deep inside a place a robot must be that comes into it, in metres.
 
@@ -63,7 +66,15 @@ def check(floor: Map, *, radius: float = RADIUS, margin: float = MARGIN) -> tupl
     """
     check_metres(radius, "the radius")
     check_metres(margin, "the margin")
-    return tuple(examine(floor.labels, floor.graph, floor.grid, radius=radius, margin=margin))
+    if not isinstance(floor, Floors):
+        return tuple(examine(floor.labels, floor.graph, floor.grid, radius=radius, margin=margin))
+    problems = [
+        problem.on(name)
+        for name, each in floor.maps.items()
+        for problem in examine(each.labels, each.graph, each.grid, radius=radius, margin=margin, alone=False)
+    ]
+    grids = {name: each.grid for name, each in floor.maps.items()}
+    return (*problems, *examine_lifts(floor.graph, floor.lifts, grids, radius=radius))
 
 
 def examine(
@@ -74,8 +85,12 @@ def examine(
     radius: float,
     margin: float,
     colours: NDArray[np.uint32] | None = None,
+    alone: bool = True,
 ) -> Iterator[Problem]:
-    """Yield what is wrong with labels and a graph, of the places that both have."""
+    """Yield what is wrong with labels and a graph, of the places that both have.
+
+    Where a floor is not alone, its places may be joined by way of another one: see `examine_lifts`.
+    """
     yield from _strays(labels, colours)
     if colours is not None and grid is not None:
         yield from _unnamed(labels, grid, colours)
@@ -94,8 +109,37 @@ def examine(
         if edge.source == edge.target:
             text = f"the way {edge.label!r} from {edge.source!r} leads to where it comes from"
             yield Problem("ways", text, (edge.source,))
-    yield from _apart(graph)
+    if alone:
+        yield from _apart(graph)
     yield from _names(tuple(dict.fromkeys((*labels.names, *graph.names))))
+
+
+def examine_lifts(
+    graph: Graph, lifts: Sequence[Lift], grids: Mapping[str, Grid | None], *, radius: float
+) -> Iterator[Problem]:
+    """Yield what is wrong with the lifts between floors, and with how the places of all floors hang together.
+
+    Args:
+        graph: The graph of all floors.
+        lifts: The ways between them.
+        grids: The grid of each floor.
+        radius: The radius of the robot, in metres.
+    """
+    driven = {name: None if grid is None else drivable(grid, radius) for name, grid in grids.items()}
+    joined = {end for edge in graph.edges if edge.lift is None for end in (edge.source, edge.target)}
+    for lift in lifts:
+        for stop in lift.stops:
+            (floor, place), goal = place_of(stop), graph.node(stop).goal
+            grid, fits = grids[floor], driven[floor]
+            cell = None if grid is None else grid.frame.cell(goal.x, goal.y)
+            if fits is not None and (cell is None or not fits[cell]):
+                text = f"{lift.name!r} stops at {stop!r}, and a robot of {2 * radius:g} m cannot drive to its goal"
+                yield Problem("lifts", text, (place,), floor=floor)
+            others = [name for name in graph.names if name != stop and place_of(name)[0] == floor]
+            if others and stop not in joined:
+                text = f"{lift.name!r} stops at {stop!r}, and no way on the floor leads to that place or away from it"
+                yield Problem("lifts", text, (place,), floor=floor)
+    yield from _apart(graph)
 
 
 def _strays(labels: Labels, colours: NDArray[np.uint32] | None) -> Iterator[Problem]:

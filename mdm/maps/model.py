@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
+from scipy.linalg import block_diag
 
 from mdm.errors import MapError
+from mdm.maps.floors import Floors
 from mdm.maps.metres import check_metres
 from mdm.maps.paths import Paths, drivable
 from mdm.models import Durations, Factor, FactoredMDP, FactoredPOMDP, Node, Space, Table, TwoSliceNetwork
@@ -267,13 +269,15 @@ def chances(graph: Graph, success: float | npt.NDArray[np.float64]) -> Vector:
     return taken
 
 
-def arrivals(floor: Map, *, speed: float, radius: float = 0.25) -> Vector:
+def arrivals(floor: Map | Floors, *, speed: float, radius: float = 0.25) -> Vector:
     """Return the seconds that each way takes, places x labels: the length of the path between goals, by the speed.
+
+    Lifts take their own seconds.
 
     Where there is no such way, the seconds of the shortest way from that place; of all where there is none at all.
 
     Args:
-        floor: The map, with its grid.
+        floor: The map, with its grid; or several floors.
         speed: In metres a second.
         radius: Of the robot, which keeps so far from walls, and 5 cm more.
 
@@ -281,31 +285,47 @@ def arrivals(floor: Map, *, speed: float, radius: float = 0.25) -> Vector:
         MapError: If there is no grid, a robot does not fit at a goal, there is no path, the speed is not above 0, or
             the radius is no length.
     """
-    if floor.grid is None:
-        raise MapError("the lengths of ways need a map with a grid")
     check_metres(radius, "the radius")
     if not is_number(speed) or not (math.isfinite(speed) and speed > 0):
         raise MapError(f"a speed of {speed!r} brings no robot anywhere: give metres a second above 0")
+    if isinstance(floor, Floors):
+        taken = {
+            (f"{name}.{source}", label): seconds
+            for name, each in floor.maps.items()
+            for (source, label), seconds in _driven(each, speed, radius).items()
+        }
+        taken |= {(edge.source, edge.label): edge.seconds for edge in floor.graph.edges if edge.seconds is not None}
+    else:
+        taken = _driven(floor, speed, radius)
     graph = floor.graph
-    paths = Paths(floor.grid.frame, drivable(floor.grid, radius))
-    goals = []
-    for node in graph.nodes:
-        try:
-            goals.append(paths.cell(node.goal.x, node.goal.y))
-        except MapError:
-            raise MapError(f"a robot with a radius of {radius:g} m does not fit at the goal of {node.name!r}") from None
     seconds = np.full((len(graph.nodes), len(graph.labels)), np.nan)
-    for edge in graph.edges:
-        source, target = graph.names.index(edge.source), graph.names.index(edge.target)
-        length = paths.length(goals[source], goals[target])
-        if not math.isfinite(length):
-            raise MapError(f"there is no path from {edge.source!r} to {edge.target!r} for a robot of {radius:g} m")
-        seconds[source, graph.labels.index(edge.label)] = max(length, floor.grid.frame.resolution) / speed
+    for (source, label), time in taken.items():
+        seconds[graph.names.index(source), graph.labels.index(label)] = time
     least = np.nanmin(seconds) if np.isfinite(seconds).any() else 1.0
     for row in seconds:
         known = row[np.isfinite(row)]
         row[np.isnan(row)] = known.min() if len(known) else least
     return seconds
+
+
+def _driven(floor: Map, speed: float, radius: float) -> dict[tuple[str, str], float]:
+    """Return the seconds that each way takes that is driven, by the place where it begins and its label."""
+    if floor.grid is None:
+        raise MapError("the lengths of ways need a map with a grid")
+    paths = Paths(floor.grid.frame, drivable(floor.grid, radius))
+    goals = {}
+    for node in floor.graph.nodes:
+        try:
+            goals[node.name] = paths.cell(node.goal.x, node.goal.y)
+        except MapError:
+            raise MapError(f"a robot with a radius of {radius:g} m does not fit at the goal of {node.name!r}") from None
+    taken = {}
+    for edge in floor.graph.edges:
+        length = paths.length(goals[edge.source], goals[edge.target])
+        if not math.isfinite(length):
+            raise MapError(f"there is no path from {edge.source!r} to {edge.target!r} for a robot of {radius:g} m")
+        taken[edge.source, edge.label] = max(length, floor.grid.frame.resolution) / speed
+    return taken
 
 
 def durations(model: FactoredMDP | FactoredPOMDP, seconds: npt.NDArray[np.float64], *, stages: int = 4) -> Durations:
@@ -332,13 +352,14 @@ def durations(model: FactoredMDP | FactoredPOMDP, seconds: npt.NDArray[np.float6
     return Durations(np.repeat(means, each, axis=0), stages)
 
 
-def sightings(floor: Map, noise: float, *, radius: float = 0.25) -> Vector:
+def sightings(floor: Map | Floors, noise: float, *, radius: float = 0.25) -> Vector:
     """Return P(place that is seen | place): a robot may be anywhere in a place, and its poses have a normal error.
 
     What falls outside all places is seen as what it would be seen as otherwise: rows sum to 1.
 
     Args:
-        floor: The map; where it has a grid, a robot is only where it fits.
+        floor: The map, or several floors; where it has a grid, a robot is only where it fits. Of a floor's places none
+            is seen from another one.
         noise: The standard deviation of its poses in each direction, in metres.
         radius: Of the robot, in metres.
 
@@ -348,6 +369,13 @@ def sightings(floor: Map, noise: float, *, radius: float = 0.25) -> Vector:
     if not is_number(noise) or not (math.isfinite(noise) and noise >= 0):
         raise MapError(f"a noise of {noise!r} is no standard deviation: give metres, 0 or more")
     check_metres(radius, "the radius")
+    if isinstance(floor, Floors):
+        seen: Vector = block_diag(*(_seen(each, noise, radius) for each in floor.maps.values()))
+        return seen
+    return _seen(floor, noise, radius)
+
+
+def _seen(floor: Map, noise: float, radius: float) -> Vector:
     labels = floor.labels
     across = math.hypot(*labels.frame.shape) * labels.frame.resolution
     if noise > across:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mdm.maps.labels import Labels
     from mdm.maps.passages import Passage
 
-__all__ = ["Picture", "around", "colour"]
+__all__ = ["Picture", "around", "colour", "stacked"]
 
 _FREE, _UNKNOWN, _OCCUPIED = (252, 252, 250), (226, 227, 230), (58, 62, 72)
 _INK, _PAPER, _MARK = (30, 33, 40), (255, 255, 255), (214, 30, 60)
@@ -124,6 +124,11 @@ class Picture:
             self._goal(node)
             x, y = places[node.name]
             self._write(node.name, (x, y + 22 * self._unit), fill=self._of(node.name), ink=_PAPER, rank=0)
+
+    def note(self, goal: Pose, text: str) -> None:
+        """Write a text above a goal."""
+        x, y = self._place(goal)
+        self._write(text, (x, y - 22 * self._unit), fill=_WIDTH, rank=0)
 
     def shade(self, cells: Sequence[tuple[int, int]]) -> None:
         """Fill cells with the colour of problems."""
@@ -354,6 +359,20 @@ class Picture:
         x = min(max(x, wide), max(self._image.width - wide, wide))
         y = min(max(y, high), max(self._image.height - high, high))
         return x - wide, y - high, x + wide, y + high
+
+
+def stacked(pictures: Sequence[tuple[str, Any]]) -> Any:
+    """Return finished pictures one below the other, each below its title."""
+    image, draw, font = _pillow()
+    high, letters = 34, font.load_default(20)
+    width = max(picture.width for _, picture in pictures)
+    whole = image.new("RGB", (width, sum(high + picture.height for _, picture in pictures)), _PAPER)
+    pen, top = draw.Draw(whole), 0
+    for title, picture in pictures:
+        pen.text((10, top + high / 2), title, font=letters, fill=_INK, anchor="lm")
+        whole.paste(picture, (0, top + high))
+        top += high + picture.height
+    return whole
 
 
 def _painted(labels: Labels, grid: Grid | None) -> NDArray[np.uint8]:

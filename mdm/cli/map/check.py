@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.map.floor import add_floor, load, metres
+from mdm.cli.map.floor import add_floor, load, metres, settle
 from mdm.errors import Error
 
 if TYPE_CHECKING:
@@ -34,7 +34,8 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
             "List what is wrong with a map: goals that are not in their own place, or where the robot does not fit; "
             "places that are nowhere deep enough to be entered; ways between places that do not touch, or by a passage "
             "that is too narrow; places that touch and have no way; places that cannot be reached from each other; "
-            "stray colours, and two names of one colour. The exit status is 1 where something is wrong."
+            "stray colours, and two names of one colour. Of a building's floors also: lifts that stop where the robot "
+            "does not fit. The exit status is 1 where something is wrong."
         ),
         epilog="example: mdm map check map.yaml labels.png graph.xml --radius 0.3 --pictures problems",
     )
@@ -56,40 +57,84 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
 def run(arguments: argparse.Namespace) -> int:
     """Check the map; return the exit status."""
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.maps.check import MARGIN, RADIUS, examine, missing  # noqa: PLC0415
+    from mdm.maps.check import MARGIN, RADIUS  # noqa: PLC0415
 
+    is_building = settle(arguments)
     if arguments.pictures is not None and Path(arguments.pictures).exists() and not Path(arguments.pictures).is_dir():
         raise Error(f"{arguments.pictures}: this is a file: give a folder for --pictures")
-    parts = load(arguments)
     radius = RADIUS if arguments.radius is None else arguments.radius
     margin = MARGIN if arguments.margin is None else arguments.margin
+    floors, names, problems = (_check_floors if is_building else _check_one)(arguments, radius, margin)
+    files = {} if arguments.pictures is None else _draw(floors, problems, Path(arguments.pictures), radius)
+    backgrounds = {name: _background(parts) for name, parts in floors.items()}
+    if arguments.json:
+        told = [
+            {"kind": each.kind, "problem": each.text, "places": each.places, "picture": files.get(index)}
+            | ({"floor": each.floor} if is_building else {})
+            for index, each in enumerate(problems)
+        ]
+        background = backgrounds if is_building else backgrounds[""]
+        print(as_json({"places": names, "background": background, "problems": told}))
+    else:
+        _tell(problems, files)
+        for name, background in backgrounds.items():
+            of = f"{name}: " if name else ""
+            for colour, count in background.items():
+                print(f"note: {of}the colour {colour} is no place's: the background, of {count:,} cells")
+        on = f" on {_number(len(floors), 'floor')}" if is_building else ""
+        found = _number(len(problems), "problem") if problems else "no problems"
+        print(f"{_number(len(names), 'place')}{on}, {found}")
+    return 1 if problems else 0
+
+
+def _check_one(
+    arguments: argparse.Namespace, radius: float, margin: float
+) -> tuple[dict[str, Parts], Sequence[str], list[Problem]]:
+    """Return a map as the only floor, the names of its places, and its problems."""
+    parts = load(arguments)
+    return {"": parts}, parts.graph.names, [*_problems(parts, arguments.map, radius, margin)]
+
+
+def _check_floors(
+    arguments: argparse.Namespace, radius: float, margin: float
+) -> tuple[dict[str, Parts], Sequence[str], list[Problem]]:
+    """Return the floors of a building, the names of all places, and the problems of all floors and lifts."""
+    from mdm.maps.check import examine_lifts  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.maps.files.building import load_building  # noqa: PLC0415
+
+    building = load_building(arguments.map)
     problems = [
-        *_greys(arguments.map),
-        *parts.problems,
-        *examine(parts.labels, parts.graph, parts.grid, radius=radius, margin=margin, colours=parts.colours),
+        problem.on(name)
+        for name, parts in building.floors.items()
+        for problem in _problems(parts, building.maps[name], radius, margin, alone=False)
     ]
-    files = {} if arguments.pictures is None else _draw(parts, problems, Path(arguments.pictures), radius)
+    grids = {name: parts.grid for name, parts in building.floors.items()}
+    problems += examine_lifts(building.graph, building.lifts, grids, radius=radius)
+    return building.floors, building.graph.names, problems
+
+
+def _problems(parts: Parts, path: str | Path, radius: float, margin: float, *, alone: bool = True) -> Iterator[Problem]:
+    """Yield what is wrong with a floor, whose map has a path."""
+    from mdm.maps.check import examine  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+    yield from _greys(path)
+    yield from parts.problems
+    options: dict[str, Any] = {"radius": radius, "margin": margin, "colours": parts.colours, "alone": alone}
+    yield from examine(parts.labels, parts.graph, parts.grid, **options)
+
+
+def _background(parts: Parts) -> dict[int, int]:
+    """Return the colours of the image of labels that are rightly no place's, with the numbers of their cells."""
+    from mdm.maps.check import missing  # noqa: PLC0415 - `mdm --help` needs no numpy
+
     labels = parts.labels
     wrong = {*labels.strays}
     if parts.grid is not None and parts.colours is not None:
         wrong |= missing(labels, parts.grid, parts.colours).keys()
-    background = {colour: count for colour, count in labels.unnamed.items() if colour not in wrong}
-    if arguments.json:
-        told = [
-            {"kind": each.kind, "problem": each.text, "places": each.places, "picture": files.get(index)}
-            for index, each in enumerate(problems)
-        ]
-        print(as_json({"places": parts.graph.names, "background": background, "problems": told}))
-    else:
-        _tell(problems, files)
-        for colour, count in background.items():
-            print(f"note: the colour {colour} is no place's: the background, of {count:,} cells")
-        names = parts.graph.names
-        print(f"{_number(len(names), 'place')}, {_number(len(problems), 'problem') if problems else 'no problems'}")
-    return 1 if problems else 0
+    return {colour: count for colour, count in labels.unnamed.items() if colour not in wrong}
 
 
-def _greys(path: str) -> Iterator[Problem]:
+def _greys(path: str | Path) -> Iterator[Problem]:
     """Yield a problem where the unknown cells of a map are free by its threshold."""
     from mdm.maps.files.occupancy import free_grey  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.maps.problem import Problem  # noqa: PLC0415
@@ -119,7 +164,7 @@ def _tell(problems: Sequence[Problem], files: dict[int, str]) -> None:
             print(f"  and {len(alike) - _TOLD} more")
 
 
-def _draw(parts: Parts, problems: Sequence[Problem], folder: Path, radius: float) -> dict[int, str]:
+def _draw(floors: dict[str, Parts], problems: Sequence[Problem], folder: Path, radius: float) -> dict[int, str]:
     """Draw a picture for each problem that is somewhere; return their files by the numbers of the problems."""
     from mdm.cli.map.drawing import keep, problem_picture  # noqa: PLC0415
 
@@ -129,7 +174,9 @@ def _draw(parts: Parts, problems: Sequence[Problem], folder: Path, radius: float
         raise Error(f"{folder}: the folder for --pictures cannot be made: {error.strerror}") from None
     files: dict[int, str] = {}
     for index, problem in enumerate(problems[:_DRAWN]):
-        picture = problem_picture(parts, problem, radius, _AROUND)
+        if problem.floor not in floors:
+            continue  # it is about several floors
+        picture = problem_picture(floors[problem.floor], problem, radius, _AROUND)
         if picture is not None:
             path = folder / f"{index + 1:02d}-{problem.kind}.png"
             keep(picture, path)

@@ -9,19 +9,23 @@ import numpy as np
 
 from mdm.errors import Error
 from mdm.formats.target import check_place, replacing
+from mdm.maps.floors import place_of
 from mdm.maps.labels import Labels
 from mdm.maps.passages import passages, widest
 from mdm.maps.paths import Paths
-from mdm.maps.picture import Picture, around
+from mdm.maps.picture import Picture, around, stacked
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from mdm.maps.files.building import BuildingParts
     from mdm.maps.files.load import Parts
     from mdm.maps.grid import Grid
     from mdm.maps.passages import Passage
     from mdm.maps.picture import Window
     from mdm.maps.problem import Problem
 
-__all__ = ["check_output", "floor_picture", "grid_picture", "keep", "problem_picture"]
+__all__ = ["building_picture", "check_output", "floor_picture", "grid_picture", "keep", "problem_picture"]
 
 _DETAIL = 800
 """Pixels of the longer side of a detail."""
@@ -50,7 +54,29 @@ def keep(picture: Any, path: str | Path) -> None:
         picture.save(file, format="PNG", optimize=True)
 
 
-def floor_picture(parts: Parts, radius: float, *, coordinates: bool = False) -> Any:
+def building_picture(building: BuildingParts, radius: float, *, coordinates: bool = False) -> Any:
+    """Return a picture of the floors of a building one below the other, each with its name and where lifts lead.
+
+    Args:
+        building: The floors and lifts.
+        radius: Of the robot, in metres.
+        coordinates: Whether there are lines of coordinates.
+    """
+    pictures = []
+    for name, parts in building.floors.items():
+        notes: dict[str, str] = {}
+        for edge in building.graph.edges:
+            floor, place = place_of(edge.source)
+            if edge.lift is not None and floor == name:
+                leads = f"{edge.lift} to {edge.target}, {edge.seconds:g} s"
+                notes[place] = f"{notes[place]}; {leads}" if place in notes else leads
+        pictures.append((name, floor_picture(parts, radius, coordinates=coordinates, notes=notes)))
+    return stacked(pictures)
+
+
+def floor_picture(
+    parts: Parts, radius: float, *, coordinates: bool = False, notes: Mapping[str, str] | None = None
+) -> Any:
     """Return a picture of a floor, for a robot of a radius in metres.
 
     Passages that are too narrow for it are left out, and of several between two places the widest is told.
@@ -59,6 +85,7 @@ def floor_picture(parts: Parts, radius: float, *, coordinates: bool = False) -> 
         parts: The floor.
         radius: Of the robot, in metres.
         coordinates: Whether there are lines of coordinates.
+        notes: What is written at the goals of places.
     """
     cells = np.argwhere(parts.labels.raster > 0)
     corners = [*_goals(parts, parts.graph.names)]
@@ -71,6 +98,8 @@ def floor_picture(parts: Parts, radius: float, *, coordinates: bool = False) -> 
     else:
         picture.scale()
     _furnish(picture, parts, [passage for passage in _passages(parts) if passage.width >= 2 * radius], radius)
+    for place, text in (notes or {}).items():
+        picture.note(parts.graph.node(place).goal, text)
     return picture.finished()
 
 

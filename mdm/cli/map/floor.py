@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from mdm.cli.usage import UsageError
 
 if TYPE_CHECKING:
     from mdm.maps.files.load import Parts
 
-__all__ = ["add_floor", "inputs", "load", "metres"]
+__all__ = ["add_floor", "inputs", "load", "metres", "settle"]
 
 
-def add_floor(parser: argparse.ArgumentParser, *, graph_needed: bool = True) -> None:
-    """Add the arguments for the files of a floor; a graph that is not needed comes as the labels if alone."""
-    parser.add_argument("map", metavar="MAP.yaml", help="ROS's map.yaml, whose image is a PGM, PNG or BMP")
+def add_floor(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments for the files of a floor; a graph without labels comes as the labels, see `settle`."""
+    parser.add_argument(
+        "map",
+        metavar="MAP.yaml",
+        help="ROS's map.yaml, whose image is a PGM, PNG or BMP; or a building.toml, alone, which names several floors",
+    )
     parser.add_argument(
         "labels",
         metavar="LABELS.png",
@@ -24,7 +31,7 @@ def add_floor(parser: argparse.ArgumentParser, *, graph_needed: bool = True) -> 
     parser.add_argument(
         "graph",
         metavar="GRAPH",
-        nargs=None if graph_needed else "?",
+        nargs="?",
         help="the original's TopologicalMap (XML), LCAS's tmap2 (YAML), or Nav2's route graph (GeoJSON)",
     )
     parser.add_argument(
@@ -37,6 +44,24 @@ def add_floor(parser: argparse.ArgumentParser, *, graph_needed: bool = True) -> 
     )
 
 
+def settle(arguments: argparse.Namespace, *, graph_needed: bool = True) -> bool:
+    """Let what is given alone beside the map be the graph; return whether it is a building's file instead of a map.
+
+    Raises:
+        UsageError: If there is no graph and one is needed, or there is more than a building's file.
+    """
+    if Path(arguments.map).suffix.lower() == ".toml":
+        given = [name for name in ("labels", "graph", "names", "reach") if getattr(arguments, name) is not None]
+        if given:
+            raise UsageError(f"{arguments.map}: a building's file names maps, graphs and labels itself: give it alone")
+        return True
+    if arguments.graph is None:
+        arguments.labels, arguments.graph = None, arguments.labels
+    if arguments.graph is None and graph_needed:
+        raise UsageError("the following arguments are required: GRAPH")
+    return False
+
+
 def load(arguments: argparse.Namespace) -> Parts:
     """Load the files of a floor."""
     from mdm.maps.files.load import load_parts  # noqa: PLC0415 - `mdm --help` needs no numpy
@@ -47,7 +72,7 @@ def load(arguments: argparse.Namespace) -> Parts:
 
 
 def inputs(arguments: argparse.Namespace) -> list[str]:
-    """Return the files that are read, the image of the map too, none of which may be written."""
+    """Return the files that are read of a floor, the image of the map too, none of which may be written."""
     from mdm.maps.files.occupancy import image_of  # noqa: PLC0415 - `mdm --help` needs no numpy
 
     given = (arguments.map, *(getattr(arguments, name, None) for name in ("labels", "graph", "names")))

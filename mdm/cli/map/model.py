@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.map import robot
-from mdm.cli.map.floor import add_floor, inputs, load, metres
+from mdm.cli.map.floor import add_floor, inputs, load, metres, settle
 from mdm.cli.usage import UsageError, add_discount, count, seconds
 from mdm.errors import Error, MapError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mdm.maps import Graph, Map
+    from mdm.maps import Floors, Graph, Map
     from mdm.maps.model import FloorFactor
     from mdm.models import FactoredMDP, FactoredPOMDP
     from mdm.models.matrices import Vector
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["add_parser", "run"]
 
 _SUFFIXES = (".pomdpx", ".pgmx", ".npz")
+_SPEED = 0.5
+"""Metres a second by which a tour of several floors weighs driving against lifts, if nobody says another speed."""
 _SUCCESS, _DISCOUNT, _RADIUS, _STAGES = 0.9, 0.95, 0.25, 4
 
 
@@ -93,18 +95,15 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
     from mdm.formats import save_durations, save_model  # noqa: PLC0415
     from mdm.formats.target import check_place, write_text  # noqa: PLC0415
-    from mdm.maps import Map  # noqa: PLC0415
     from mdm.maps.model import arrivals, durations  # noqa: PLC0415
 
+    is_building = settle(arguments)
     _check_usage(arguments)
     robot.check(arguments)
+    floor, files = _load_floors(arguments) if is_building else _load_floor(arguments)
     for target in (arguments.output, arguments.durations, arguments.robot):
         if target is not None:
-            check_place(target, *inputs(arguments))
-    parts = load(arguments)
-    if parts.problems:
-        raise MapError(parts.problems[0].text)
-    floor = Map(parts.labels, parts.graph, parts.grid)
+            check_place(target, *files)
     taken = None
     if arguments.speed is not None:
         taken = arrivals(floor, speed=arguments.speed, radius=_given(arguments.radius, _RADIUS))
@@ -122,6 +121,26 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         _tell(facts)
     return 0
+
+
+def _load_floor(arguments: argparse.Namespace) -> tuple[Map, list[str]]:
+    """Return the map, and the files that are read."""
+    from mdm.maps import Map  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+    parts = load(arguments)
+    if parts.problems:
+        raise MapError(parts.problems[0].text)
+    return Map(parts.labels, parts.graph, parts.grid), inputs(arguments)
+
+
+def _load_floors(arguments: argparse.Namespace) -> tuple[Floors, list[str]]:
+    """Return the floors of a building, and the files that are read; by default the robot begins where those say."""
+    from mdm.maps.files.building import load_building  # noqa: PLC0415 - `mdm --help` needs no numpy
+
+    building = load_building(arguments.map)
+    if arguments.start is None:
+        arguments.start = building.start
+    return building.whole(), [*map(str, building.files)]
 
 
 def _check_usage(arguments: argparse.Namespace) -> None:
@@ -175,7 +194,7 @@ def _check_usage(arguments: argparse.Namespace) -> None:
 
 
 def _made(
-    arguments: argparse.Namespace, floor: Map, taken: Vector | None, tour: Sequence[str]
+    arguments: argparse.Namespace, floor: Map | Floors, taken: Vector | None, tour: Sequence[str]
 ) -> FactoredMDP | FactoredPOMDP:
     """Return the model."""
     import numpy as np  # noqa: PLC0415
@@ -200,17 +219,20 @@ def _made(
     )
 
 
-def _tour(arguments: argparse.Namespace, floor: Map) -> tuple[str, ...]:
+def _tour(arguments: argparse.Namespace, floor: Map | Floors) -> tuple[str, ...]:
     """Return the places to come to in the order of a tour; none where none are given."""
-    from mdm.maps.model import arrivals  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.maps import Floors  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.maps.model import arrivals  # noqa: PLC0415
     from mdm.maps.tours import tour  # noqa: PLC0415
 
     graph, given = floor.graph, arguments.visits
     if not given:
         return ()
     lengths = None
-    if floor.grid is not None:
-        taken = arrivals(floor, speed=1.0, radius=_given(arguments.radius, _RADIUS))
+    if isinstance(floor, Floors) or floor.grid is not None:
+        # Of a floor the shortest tour is the quickest one, whatever the speed; lifts take what they take.
+        speed = _given(arguments.speed, _SPEED) if isinstance(floor, Floors) else 1.0
+        taken = arrivals(floor, speed=speed, radius=_given(arguments.radius, _RADIUS))
         lengths = {
             (edge.source, edge.target): float(taken[graph.names.index(edge.source), graph.labels.index(edge.label)])
             for edge in graph.edges
@@ -235,7 +257,7 @@ def _factors(arguments: argparse.Namespace, graph: Graph, tour: Sequence[str]) -
     reference = arguments.factors
     if reference is None:
         return factors
-    function = find_function(reference, Path(arguments.graph).parent)
+    function = find_function(reference, Path(arguments.graph or arguments.map).parent)
     try:
         returned = function(graph)
         own = [returned] if isinstance(returned, FloorFactor) else None if returned is None else list(returned)

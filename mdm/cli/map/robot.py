@@ -23,6 +23,7 @@ def check(arguments: argparse.Namespace) -> None:
     if arguments.robot is None:
         return
     for given, why in (
+        (arguments.graph is None, "a robot has one floor as yet: leave it out for a building"),
         (Path(arguments.robot).suffix.lower() != ".toml", "its file ends in .toml"),
         (arguments.noise is not None, "places that are seen with --noise make beliefs: leave one of them out"),
         (arguments.factors is not None, "only you know which predicates your --factors are: leave one of them out"),
@@ -55,9 +56,11 @@ def text(
         'tasks = ["robot:localise"]',
         "",
         "[places]",
-        f"graph = {path(arguments.graph)}",
-        f"grid = {path(arguments.map)}",
     ]
+    if arguments.graph is None:
+        lines.append(f"building = {path(arguments.map)}")
+    else:
+        lines += [f"graph = {path(arguments.graph)}", f"grid = {path(arguments.map)}"]
     lines += [f"{key} = {path(given)}" for key in ("labels", "names") if (given := getattr(arguments, key)) is not None]
     if arguments.reach is not None:
         lines.append(f"reach = {arguments.reach!r}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.map.floor import add_floor, inputs, load, metres
+from mdm.cli.map.floor import add_floor, inputs, load, metres, settle
 from mdm.cli.usage import UsageError
 
 if TYPE_CHECKING:
@@ -27,11 +27,11 @@ def add_parser(verbs: Any) -> argparse.ArgumentParser:
         description=(
             "Show a map: its places with their areas, goals and ways, and how wide the passages between them are. A "
             "passage's width is twice its largest clearance, true to a cell. Without a graph, show the map alone with "
-            "lines of coordinates, by which goals can be chosen."
+            "lines of coordinates, by which goals can be chosen. Of a building show each floor, and where lifts lead."
         ),
         epilog="example: mdm map show map.yaml labels.png graph.xml -o floor.png",
     )
-    add_floor(parser, graph_needed=False)
+    add_floor(parser)
     parser.add_argument("-o", "--output", metavar="PNG", help="draw the map into a file (needs mdm[maps])")
     parser.add_argument(
         "--radius", metavar="M", type=metres, help="leave out passages that are too narrow for a robot of this radius"
@@ -45,8 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Show the map; return the exit status."""
     from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
 
-    if arguments.graph is None:  # what is given alone beside the map is the graph
-        arguments.labels, arguments.graph = None, arguments.labels
+    if settle(arguments, graph_needed=False):
+        return _show_building(arguments)
     if arguments.output is not None:
         from mdm.cli.map.drawing import check_output  # noqa: PLC0415
 
@@ -67,6 +67,47 @@ def run(arguments: argparse.Namespace) -> int:
 
         radius = RADIUS if arguments.radius is None else arguments.radius
         keep(floor_picture(parts, radius, coordinates=arguments.coordinates), arguments.output)
+        if not arguments.json:
+            print(f"{arguments.output}: drawn")
+    return 0
+
+
+def _show_building(arguments: argparse.Namespace) -> int:
+    """Show the floors of a building; return the exit status."""
+    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.maps.files.building import load_building  # noqa: PLC0415
+
+    building = load_building(arguments.map)
+    if arguments.output is not None:
+        from mdm.cli.map.drawing import check_output  # noqa: PLC0415
+
+        check_output(arguments.output, *map(str, building.files))
+    floors = {name: _facts(parts, 2 * (arguments.radius or 0.0)) for name, parts in building.floors.items()}
+    lifts = [
+        {"name": lift.name, "stops": lift.stops, "seconds": lift.seconds, "one_way": lift.one_way}
+        for lift in building.lifts
+    ]
+    if arguments.json:
+        print(as_json({"floors": floors, "lifts": lifts, "start": building.start}))
+    else:
+        for name, facts in floors.items():
+            print(f"floor {name}")
+            _tell(facts)
+            for problem in building.floors[name].problems:
+                print(f"note: {problem.text}")
+            print()
+        print("lifts" if lifts else "no lifts")
+        for lift in building.lifts:
+            way = " -> " if lift.one_way else " - "
+            print(f"  {lift.name}: {way.join(lift.stops)}, {lift.seconds:g} s from one to the next")
+        if building.start is not None:
+            print(f"the robot starts in {building.start}")
+    if arguments.output is not None:
+        from mdm.cli.map.drawing import building_picture, keep  # noqa: PLC0415
+        from mdm.maps.check import RADIUS  # noqa: PLC0415
+
+        radius = RADIUS if arguments.radius is None else arguments.radius
+        keep(building_picture(building, radius, coordinates=arguments.coordinates), arguments.output)
         if not arguments.json:
             print(f"{arguments.output}: drawn")
     return 0

@@ -19,6 +19,7 @@ import msgspec
 from mdm.errors import FormatError, MapError
 from mdm.formats.source import Source
 from mdm.maps.files.load import load_parts
+from mdm.maps.files.occupancy import image_of
 from mdm.maps.floors import Floors, Lift, joined
 from mdm.maps.map import Map
 
@@ -65,12 +66,14 @@ class BuildingParts:
         floors: The parts of each floor, by its name.
         lifts: The ways between them.
         start: The place where the robot is first, where the file says so.
-        files: The files that were read, the building's own first.
+        maps: The file of each floor's map.
+        files: All files that were read.
     """
 
     floors: dict[str, Parts]
     lifts: tuple[Lift, ...]
     start: str | None
+    maps: dict[str, Path]
     files: tuple[Path, ...]
 
     @cached_property
@@ -124,7 +127,9 @@ def load_building(path: str | PathLike[str]) -> BuildingParts:
         with file.telling("lifts", name, "seconds" if table.seconds <= 0 else "stops"):
             lifts.append(Lift(name, tuple(table.stops), table.seconds, table.one_way))
             joined(graphs, lifts)
-    parts = BuildingParts(floors, tuple(lifts), document.start, (file.source.path, *file.read))
+    maps = {name: file.source.path.parent / table.map for name, table in tables.items()}
+    files = file.source.path, *file.read, *(image_of(path) for path in maps.values())
+    parts = BuildingParts(floors, tuple(lifts), document.start, maps, files)
     if document.start is not None:
         with file.telling("start"):
             parts.graph.node(document.start)

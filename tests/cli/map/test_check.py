@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from building_file import BUILDING, write_building
 from floor_file import GRAPH, NUMBERS, rooms, write_floor
 from PIL import Image as Pillow
 
@@ -272,3 +273,23 @@ def test_the_map_of_the_original(mdm, corpus, original, tmp_path):
     ]
     assert len(list((tmp_path / "pictures").iterdir())) == 8
     assert mdm("map", "check", *original, "--radius", "0.15")[1][-1] == "6 places, 7 problems"
+
+
+def test_the_floors_of_a_building_are_checked_and_what_joins_them(mdm, tmp_path):
+    status, output, errors = mdm("map", "check", write_building(tmp_path), "--radius", "0.15")
+    assert (status, errors, output[-1]) == (0, "", "6 places on 2 floors, no problems")
+    apart = BUILDING[: BUILDING.index("[lifts")]
+    status, output, _ = mdm("map", "check", write_building(tmp_path, apart), "--radius", "0.15")
+    assert (status, output[-1]) == (1, "6 places on 2 floors, 1 problem")
+    assert "  no ways join 'upper.hall', 'upper.office', 'upper.store' with 'ground.hall'" in output
+    graphs = {"upper": GRAPH.replace("2.0 3.5", "0.95 3.5")}
+    options = ("--radius", "0.15", "--pictures", tmp_path / "pictures")
+    status, output, _ = mdm("map", "check", write_building(tmp_path, graphs=graphs), *options)
+    assert status == 1
+    text = "\n".join(output)
+    assert "upper: the goal of 'store', (0.95, 3.5), is not free in the map" in text
+    assert "'lift' stops at 'upper.store', and a robot of 0.3 m cannot drive to its goal" in text
+    assert (tmp_path / "pictures" / "01-goals.png").exists()
+    facts = json.loads(mdm("map", "check", tmp_path / "building.toml", "--radius", "0.15", "--json")[1][0])
+    assert {problem["floor"] for problem in facts["problems"]} == {"upper"}
+    assert facts["background"]["ground"] == {str(200 * 0x010101): 203}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from building_file import write_building
 from floor_file import GRAPH
 from places import EXAMPLES
 
@@ -368,3 +369,21 @@ def test_a_map_with_faults_is_told(mdm, floor, tmp_path):
     status, output, errors = mdm("map", "model", *floor, "-o", tmp_path / "floor.npz")
     assert (status, output) == (1, [])
     assert "lie on the same colour" in errors
+
+
+def test_the_floors_of_a_building_make_one_model(mdm, tmp_path):
+    building, model, times = write_building(tmp_path), tmp_path / "site.npz", tmp_path / "times.npz"
+    options = ("--radius", "0.15", "--speed", "0.5", "--durations", times, "--visit", "all", "-o", model)
+    status, output, errors = mdm("map", "model", building, *options)
+    assert (status, errors) == (0, "")
+    assert output[0] == "states    36: position (6), next (6)"
+    assert output[1] == "actions   Up, Right, Down, Left, lift to upper, lift to ground"
+    assert any(
+        line.split() == ["ground.store,", "lift", "to", "upper:", "upper.store", "12.0", "0.9"] for line in output
+    )
+    made = load_model(model)
+    assert made.transition("lift to upper", "ground.store ground.hall", "upper.store ground.hall") == pytest.approx(0.9)
+    assert made.initial_belief[0] == 1.0  # the start of the building's file
+    (tour,) = (line.split(maxsplit=1)[1].split(", ") for line in output if line.startswith("tour"))
+    floors = [place.partition(".")[0] for place in tour[:-1]]
+    assert sum(one != other for one, other in zip(floors, floors[1:] + floors[:1], strict=True)) == 2

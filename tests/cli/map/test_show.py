@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from building_file import write_building
 from floor_file import GRAPH, write_floor
 from PIL import Image as Pillow
 
@@ -127,3 +128,40 @@ def test_the_map_of_the_original(mdm, original, tmp_path):
     assert all(way["width"] > 1.2 for place in facts["places"] for way in place["ways"])
     assert mdm("map", "show", *original, "-o", tmp_path / "floor.png")[0] == 0
     assert size(tmp_path / "floor.png")[0] > 1000
+
+
+def test_the_floors_of_a_building_are_shown_with_its_lifts(mdm, tmp_path):
+    building = write_building(tmp_path / "site")
+    picture = tmp_path / "site.png"
+    status, output, errors = mdm("map", "show", building, "-o", picture, "--radius", "0.15")
+    assert (status, errors) == (0, "")
+    assert [line for line in output if line.startswith("floor ")] == ["floor ground", "floor upper"]
+    assert output[-4:] == [
+        "lifts",
+        "  lift: ground.store - upper.store, 12 s from one to the next",
+        "the robot starts in ground.hall",
+        f"{picture}: drawn",
+    ]
+    alone = tmp_path / "ground.png"
+    files = [tmp_path / "site" / "ground" / name for name in ("map.yaml", "labels.ppm", "graph.xml")]
+    assert mdm("map", "show", *files, "-o", alone, "--radius", "0.15")[0] == 0
+    with Pillow.open(picture) as both, Pillow.open(alone) as one:
+        assert both.width == one.width
+        assert both.height > 2 * one.height
+        again = both.crop((0, 34, one.width, 34 + one.height))
+        rows = np.argwhere((np.asarray(again) != np.asarray(one)).any(axis=(1, 2)))
+        assert 5 < len(rows) < 60  # where the lift leads is all that is more
+    facts = json.loads(mdm("map", "show", building, "--json")[1][0])
+    assert [place["name"] for place in facts["floors"]["upper"]["places"]] == ["hall", "office", "store"]
+    assert facts["lifts"] == [
+        {"name": "lift", "stops": ["ground.store", "upper.store"], "seconds": 12.0, "one_way": False}
+    ]
+
+
+def test_a_building_is_given_alone_and_its_files_are_kept(mdm, floor, tmp_path):
+    building = write_building(tmp_path)
+    status, _, errors = mdm("map", "show", building, floor[2])
+    assert status == 2
+    assert "a building's file names maps, graphs and labels itself: give it alone" in errors
+    status, _, errors = mdm("map", "show", tmp_path / "no.toml")
+    assert (status, errors.count("no.toml: there is no such file")) == (1, 1)

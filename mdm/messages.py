@@ -63,12 +63,13 @@ class SensorUpdate(Message, frozen=True, gc=False):
 class PoseUpdate(Message, frozen=True, gc=False):
     """Where a robot is, in the frame of its map: metres, and radians anticlockwise from the x axis.
 
-    ``time`` is when it was there.
+    ``time`` is when it was there, and ``floor`` the floor in whose frame this is, where there are several.
     """
 
     x: float
     y: float
     yaw: float = 0.0
+    floor: str = ""
 
 
 class ParticleUpdate(Message, frozen=True, gc=False):

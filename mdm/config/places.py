@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.config.tables import PlacesTable
 from mdm.errors import ConfigError
-from mdm.maps import Navigation, Places, load_map
+from mdm.maps import Navigation, Places, load_floors, load_map
 from mdm.runtime.handler import kind_of
 from mdm.runtime.supervision import describe
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mdm.config.functions import Functions
     from mdm.config.problems import Problems
     from mdm.config.share import Share
-    from mdm.maps import Map
+    from mdm.maps import Floors, Map
 
 __all__ = ["read_places"]
 
@@ -66,12 +66,19 @@ def read_places(
     return None, None
 
 
-def _floor(table: PlacesTable, folder: Path) -> Map:
+def _floor(table: PlacesTable, folder: Path) -> Map | Floors:
     def path(given: str) -> Path:
         if not given or "\0" in given:
             raise ConfigError(f"the path of a file was expected, not {given!r}")
         return folder / given
 
+    if table.building is not None:
+        given = [key for key in ("graph", "grid", "labels", "names", "reach") if getattr(table, key) is not None]
+        if given:
+            raise ConfigError(f"a building's file names the files of its floors: leave {', '.join(given)} out")
+        return load_floors(path(table.building))
+    if table.graph is None:
+        raise ConfigError("the required key 'graph' is missing; or give 'building', a file of several floors")
     grid, labels = (None if given is None else path(given) for given in (table.grid, table.labels))
     names = path(table.names) if isinstance(table.names, str) else table.names
     return load_map(path(table.graph), grid=grid, labels=labels, names=names, reach=table.reach)
@@ -99,4 +106,7 @@ class _Parked:
     """In place of a navigator that is not to be made, or cannot be."""
 
     async def go(self, goal: object) -> None:
+        """Stay."""
+
+    async def ride(self, lift: str, goal: object) -> None:
         """Stay."""

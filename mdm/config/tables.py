@@ -149,7 +149,8 @@ class PlacementTable(_Table, frozen=True):
 class PlacesTable(_Table, frozen=True):
     """The places of a map, see `mdm.maps.load_map` and `mdm.maps.Places`; and what drives to them."""
 
-    graph: str
+    graph: str | None = None
+    building: str | None = None
     grid: str | None = None
     labels: str | None = None
     names: str | dict[str, int] | None = None

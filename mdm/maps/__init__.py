@@ -23,7 +23,7 @@ from mdm.maps.problem import Problem
 from mdm.maps.propose import propose
 
 if TYPE_CHECKING:
-    from mdm.maps.navigation import Navigation, Navigator, ReportingNavigator
+    from mdm.maps.navigation import LiftNavigator, Navigation, Navigator, ReportingNavigator
     from mdm.maps.place_belief import PlaceBelief
     from mdm.maps.places import Places
 
@@ -35,6 +35,7 @@ __all__ = [
     "Grid",
     "Labels",
     "Lift",
+    "LiftNavigator",
     "Map",
     "Navigation",
     "Navigator",
@@ -58,6 +59,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "LiftNavigator": "navigation",
     "Navigation": "navigation",
     "Navigator": "navigation",
     "PlaceBelief": "place_belief",

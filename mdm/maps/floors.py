@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from heapq import heappop, heappush
+from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +20,7 @@ if TYPE_CHECKING:
 
     from mdm.maps.map import Map
 
-__all__ = ["Floors", "Lift", "joined", "place_of"]
+__all__ = ["Floors", "Lift", "joined", "place_of", "rides"]
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,40 @@ def joined(graphs: Mapping[str, Graph], lifts: Iterable[Lift]) -> Graph:
         known.add(lift.name)
         edges += lift.ways()
     return Graph(tuple(nodes), tuple(edges))
+
+
+def rides(graph: Graph, source: str, target: str, *, speed: float = 0.5) -> tuple[Edge, ...]:
+    """Return the lifts that the quickest way from a place to another one takes, in their order; none where none is.
+
+    Args:
+        graph: Of all floors.
+        source: Where the way begins.
+        target: Where it ends.
+        speed: At which ways are driven, as far as their goals are apart, in metres a second.
+
+    Raises:
+        MapError: If no ways lead there.
+    """
+    best: dict[str, float] = {}
+    queue: list[tuple[float, int, str, tuple[Edge, ...]]] = [(0.0, 0, source, ())]
+    pushed = count(1)
+    while queue:
+        seconds, _, place, taken = heappop(queue)
+        if place == target:
+            return taken
+        if seconds >= best.get(place, math.inf):
+            continue
+        best[place] = seconds
+        here = graph.node(place).goal
+        for edge in graph.edges:
+            if edge.source == place:
+                there = graph.node(edge.target).goal
+                lasts = (
+                    math.dist((here.x, here.y), (there.x, there.y)) / speed if edge.seconds is None else edge.seconds
+                )
+                after = taken if edge.lift is None else (*taken, edge)
+                heappush(queue, (seconds + lasts, next(pushed), edge.target, after))
+    raise MapError(f"no ways and lifts lead from {source!r} to {target!r}")
 
 
 def place_of(name: str) -> tuple[str, str]:

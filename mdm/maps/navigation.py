@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from typing import TYPE_CHECKING, Any, Protocol, Unpack
 
 from mdm.actors.binding import Binding
@@ -10,7 +11,8 @@ from mdm.actors.sequel import Sequel
 from mdm.choice import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.logic import similar
-from mdm.maps.map import Map
+from mdm.maps.floors import rides
+from mdm.maps.graph import Graph
 from mdm.maps.places import Places
 from mdm.maps.position import Position
 from mdm.messages import Heading, Progress
@@ -22,10 +24,12 @@ if TYPE_CHECKING:
     from mdm.actors import PredicateManager
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.sequel import SequelOptions
-    from mdm.maps.graph import Graph, Node, Pose
+    from mdm.maps.floors import Floors
+    from mdm.maps.graph import Edge, Node, Pose
+    from mdm.maps.map import Map
     from mdm.messages import Action
 
-__all__ = ["Navigation", "Navigator", "ReportingNavigator"]
+__all__ = ["LiftNavigator", "Navigation", "Navigator", "ReportingNavigator"]
 
 
 class Navigator(Protocol):
@@ -50,6 +54,16 @@ class ReportingNavigator(Protocol):
         """
 
 
+class LiftNavigator(Protocol):
+    """A navigator of a robot that goes to other floors, too: `Floors`, or a graph with lifts, take one."""
+
+    def go(self, goal: Pose, /) -> Awaitable[None]:
+        """Drive to a pose on the floor where the robot is."""
+
+    def ride(self, lift: str, goal: Pose, /) -> Awaitable[None]:
+        """Take a lift, before which the robot is, to a pose on another floor: that of its stop there."""
+
+
 class Navigation:
     """Makes actions of the ways of a map: ``Up`` goes where the way ``Up`` leads from the place where the robot is.
 
@@ -63,19 +77,23 @@ class Navigation:
     A drive has succeeded when its navigator says so and, by `Places`, the robot is at the goal; until then that goal
     does not count as reached, so that what is decided there does not end the drive short of it.
 
+    Of several floors, a drive to another one takes the lifts that lead there: to the stop by `go`, on by the
+    navigator's method `ride`, and from the stop by `go` again. The robot's floor is that of its last pose; where none
+    counts, that of the place that was decided on, or whose predicate is true.
+
     Where each drive leads and why is on the channel ``navigation/headings``, and what a navigator tells of its way on
     ``navigation/progress``.
 
     Args:
-        floor: The map, or its graph alone.
+        floor: The map, or its graph alone; or several floors.
         navigator: What drives the robot.
         places: Where the robot is: `Places`; or the predicate manager, which has a predicate for each place.
         prefix: Of a predicate manager, what predicates have before the names of places.
         name: What its channel begins with.
 
     Raises:
-        ConfigError: If there is no predicate for a place, or the navigator cannot be called, or ``replaces`` is neither
-            True nor False.
+        ConfigError: If there is no predicate for a place, or the navigator cannot be called, or has no `ride` where
+            there are lifts, or ``replaces`` is neither True nor False.
 
     Attributes:
         heading: Where the drive under way leads, and why; None where there is none.
@@ -91,14 +109,14 @@ class Navigation:
 
     def __init__(
         self,
-        floor: Map | Graph,
-        navigator: Navigator | ReportingNavigator,
+        floor: Map | Graph | Floors,
+        navigator: Navigator | ReportingNavigator | LiftNavigator,
         places: Places | PredicateManager,
         *,
         prefix: str = "",
         name: str = "navigation",
     ) -> None:
-        self.graph = floor.graph if isinstance(floor, Map) else floor
+        self.graph = floor if isinstance(floor, Graph) else floor.graph
         self.navigator = navigator
         self._places: Places | None = None
         if isinstance(places, Places):
@@ -113,6 +131,12 @@ class Navigation:
         self.heading: Heading | None = None
         self._drives = 0
         self._reports = _takes_feedback(navigator)
+        self._has_floors = len({node.goal.floor for node in self.graph.nodes}) > 1
+        if self._has_floors and not callable(getattr(navigator, "ride", None)):
+            raise ConfigError(
+                f"there are several floors, and the navigator has no async method 'ride', which takes the name of a "
+                f"lift and the pose of its stop on another floor: {navigator!r}"
+            )
         self.replaces = getattr(navigator, "replaces", False)
         check_flag(self.replaces, "replaces, of a navigator,", key="replaces")
         self._rooms = {node.name: prefix + node.name for node in self.graph.nodes}
@@ -261,10 +285,47 @@ class Navigation:
             return None
         return self.predicates.value(predicate)
 
+    def _rides(self, goal: Node, heading: Heading) -> tuple[Edge, ...]:
+        """Return the lifts to take, in their order, from where the robot is; none where it is on the goal's floor.
+
+        Raises:
+            Error: If it is not known on which floor the robot is, or no ways lead to the other one.
+        """
+        if not self._has_floors:
+            return ()
+        here = self._nearest(heading)
+        if here.goal.floor == goal.goal.floor:
+            return ()
+        way = None if heading.source is None else self.graph.way(heading.source, heading.label)
+        if way is not None and way.lift is not None and self.graph.node(way.source).goal.floor == here.goal.floor:
+            return (way,)
+        return rides(self.graph, here.name, goal.name)
+
+    def _nearest(self, heading: Heading) -> Node:
+        """Return the place where the robot is; or else, on its floor, the one whose goal is nearest."""
+        pose = None if self._places is None else self._places.pose
+        if pose is None:
+            return self.graph.node(self.place() if heading.source is None else heading.source)
+        room = None if self._places is None else self._places.place
+        if room is not None and (node := self.graph.node(room)).goal.floor == pose.floor:
+            return node
+        there = [node for node in self.graph.nodes if node.goal.floor == pose.floor]
+        return min(there, key=lambda node: math.dist((node.goal.x, node.goal.y), (pose.x, pose.y)))
+
     def _now(self) -> int:
         return self.predicates.runtime.clock.now() if self.predicates.life == "running" else 0
 
     # -- Lives ---------------------------------------------------------------------------------------------------
+
+    async def _travel(self, node: Node, heading: Heading, go: Callable[[Pose], Awaitable[None]]) -> None:
+        """Go to a place's goal, by the lifts that lead to its floor."""
+        navigator: Any = self.navigator
+        taken = self._rides(node, heading)
+        for ride in taken:
+            await go(self.graph.node(ride.source).goal)
+            await _awaitable(navigator.ride(ride.lift, self.graph.node(ride.target).goal), "ride")
+        if not taken or taken[-1].target != node.name:
+            await go(node.goal)
 
     async def _drive(self, node: Node, heading: Heading) -> None:
         navigator: Any = self.navigator
@@ -280,13 +341,14 @@ class Navigation:
             if under_way:  # else it comes late, of a drive that has ended
                 channel.publish(Progress(runtime.clock.now(), node.name, float(remaining)))
 
+        async def go(goal: Pose) -> None:
+            await _awaitable(navigator.go(goal, feedback) if self._reports else navigator.go(goal), "go")
+
         try:
             if self._reports:
                 channel = runtime.channel(f"{self.name}/progress", Progress)
                 channel.supersedes = lambda _: "progress"
-                await _awaitable(navigator.go(node.goal, feedback))
-            else:
-                await _awaitable(navigator.go(node.goal))
+            await self._travel(node, heading, go)
             if self._places is not None:
                 await self._places.arrive(node.name)
         finally:
@@ -345,10 +407,12 @@ def _stay() -> None:
     """Do nothing: that an action is chosen has ended the drive before it."""
 
 
-def _awaitable(given: Any) -> Any:
+def _awaitable(given: Any, method: str) -> Any:
     """Return what a navigator's method returned, if it can be awaited."""
     if not inspect.isawaitable(given):
-        raise Error(f"a navigator's 'go' is an async function, and this one returned {given!r}: the drive has no end")
+        raise Error(
+            f"a navigator's {method!r} is an async function, and this one returned {given!r}: the drive has no end"
+        )
     return given
 
 

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Literal
 from mdm.actors.predicates.declarations import ACTION_END
 from mdm.choice import check_choice
 from mdm.errors import ConfigError, Error, MapError
+from mdm.maps.floors import Floors
 from mdm.maps.graph import Pose
+from mdm.maps.labels import Labels
 from mdm.maps.lookup import border_distance, lookup
 from mdm.maps.map import Map
 from mdm.messages import PoseUpdate
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mdm.actors import PredicateManager
-    from mdm.maps.labels import Labels
     from mdm.runtime import Supervision, Timer
 
 __all__ = ["Places"]
@@ -56,7 +57,7 @@ class Places(Actor):
     ended, for at most ten seconds, and no other goal is reached.
 
     Args:
-        floor: The map; or its labels alone, without goals.
+        floor: The map; or its labels alone, without goals; or several floors, of which each pose names one.
         predicates: The predicate manager, where all is declared; started with this actor unless it already runs.
         margin: In metres; three standard deviations of the poses' error are right.
         max_age: In seconds.
@@ -74,8 +75,8 @@ class Places(Actor):
         MapError: If a place has no cell as deep as the margin: it could not be entered.
 
     Attributes:
-        floor: The map, or the labels.
-        labels: Which place each cell belongs to.
+        floor: The map, the labels, or the floors.
+        labels: Which place each cell belongs to; of several floors, on that of the last pose.
         predicates: The predicate manager.
         prefix: What all names begin with.
         late: How many poses were older than the last one, or than the ``max_age``.
@@ -83,7 +84,7 @@ class Places(Actor):
 
     def __init__(
         self,
-        floor: Map | Labels,
+        floor: Map | Labels | Floors,
         predicates: PredicateManager,
         *,
         margin: float = 0.3,
@@ -102,21 +103,31 @@ class Places(Actor):
         check_seconds(max_age, "max_age", key="max_age")
         check_choice(outside, ("unknown", "keep"), "outside", key="outside")
         self.floor = floor
-        self.labels = floor.labels if isinstance(floor, Map) else floor
+        if isinstance(floor, Floors):
+            self._levels = {
+                name: _Level(labels, name, [f"{name}.{place}" for place in floor.maps[name].labels.names], margin)
+                for name, labels in floor.labels.items()
+            }
+        else:
+            labels = floor.labels if isinstance(floor, Map) else floor
+            self._levels = {"": _Level(labels, "", labels.names, margin)}
+        self._level = next(iter(self._levels.values()))
+        self.labels = self._level.labels
         self.predicates = predicates
         self.prefix = prefix
         self.late = 0
         self._keeps = outside == "keep"
         self._max_age = round(max_age * 1e9)
-        _check_depths(self.labels, margin)
-        self._look_up = lookup(self.labels, margin)
-        nodes = floor.graph.nodes if isinstance(floor, Map) else ()
+        nodes = () if isinstance(floor, Labels) else floor.graph.nodes
         self._goals = tuple(
             (node.goal.x, node.goal.y, near * near, (near + margin) * (near + margin))
             for node in nodes
             for near in [float(tolerance if node.tolerance is None else node.tolerance)]
         )
         self._rooms = tuple(prefix + name for name in self.labels.names)
+        for index, node in enumerate(nodes):
+            if node.goal.floor in self._levels:
+                self._levels[node.goal.floor].goals.append((index, *self._goals[index]))
         self._goal_names = tuple(prefix + node.name for node in nodes)
         self._nodes = {node.name: index for index, node in enumerate(nodes)}
         self._tour = _tour(tour, [node.name for node in nodes])
@@ -177,7 +188,7 @@ class Places(Actor):
                 raise Error(f"a stamp is a time in seconds of the runtime's clock, not {stamp!r}")
             now = round(min(now, stamp * 1e9))
         try:
-            update = PoseUpdate(now, float(pose.x), float(pose.y), float(pose.yaw))
+            update = PoseUpdate(now, float(pose.x), float(pose.y), float(pose.yaw), getattr(pose, "floor", ""))
         except (AttributeError, TypeError, ValueError, OverflowError):
             raise Error(f"a Pose of x, y and yaw was expected, not {pose!r}") from None
         self.channel("pose", PoseUpdate).publish(update)
@@ -186,6 +197,11 @@ class Places(Actor):
     def place(self) -> str | None:
         """The name of the place where the robot is, without the prefix; None where that is unknown."""
         return self.labels.names[self._room - 1] if self._room else None
+
+    @property
+    def pose(self) -> Pose | None:
+        """The last pose that counts; None where there is none."""
+        return self._pose
 
     # -- What navigation calls -----------------------------------------------------------------------------------
 
@@ -215,6 +231,11 @@ class Places(Actor):
         try:
             if not await arrives and self._pose is not None:
                 far = self._distance(goal, self._pose)
+                if math.isinf(far):
+                    raise Error(
+                        f"the drive to {place!r} has ended, and the robot is on the floor {self._pose.floor!r} by its "
+                        f"poses"
+                    )
                 most = math.sqrt(self._goals[goal][3])
                 raise Error(
                     f"the drive to {place!r} has ended, and the robot is {far:.2g} m from the goal: at most {most:g} m "
@@ -238,6 +259,8 @@ class Places(Actor):
         return True
 
     def _distance(self, goal: int, pose: Pose) -> float:
+        if not any(index == goal for index, *_ in self._levels[pose.floor].goals):
+            return math.inf  # it is on another floor
         x, y, *_ = self._goals[goal]
         return math.hypot(pose.x - x, pose.y - y)
 
@@ -264,17 +287,18 @@ class Places(Actor):
 
     def _on_pose(self, pose: PoseUpdate) -> None:
         now = self.runtime.clock.now()
-        here = Pose(pose.x, pose.y, pose.yaw)
-        if not here.is_finite:
-            self._on_bad_pose(pose, now)
+        here = Pose(pose.x, pose.y, pose.yaw, floor=pose.floor)
+        if not here.is_finite or pose.floor not in self._levels:
+            self._on_bad_pose(here, now)
             return
         time = min(pose.time, now)
         if time < self._seen or now - time >= self._max_age:
             self._on_late_pose(time, now)
             return
         self._seen, self._pose = time, here
-        code = self._look_up(pose.x, pose.y)
-        label, room = code >> 1, self._room
+        room = self._room if pose.floor == self._level.name else self._change(pose.floor)
+        code = self._level.look_up(pose.x, pose.y)
+        label = code >> 1
         if code & 1 or (label and not room):
             room = label
         if label or (self._keeps and room):  # in the margin of another place it is in the last one all the same
@@ -293,6 +317,12 @@ class Places(Actor):
             self._wait()
         if self._arrives is not None and not self._arrives.done() and self._arrive(here):
             self._arrives.set_result(True)
+
+    def _change(self, floor: str) -> int:
+        """Be on another floor, where the robot is in no place yet, of whose borders there would be a margin."""
+        self._level = self._levels[floor]
+        self.labels = self._level.labels
+        return 0
 
     def _goals_at(self, x: float, y: float, time: int) -> frozenset[int]:
         """Return the goals where the robot is: within the tolerance, and the margin where it was there before.
@@ -323,16 +353,16 @@ class Places(Actor):
         before = self._at
         return frozenset(
             index
-            for index, (goal_x, goal_y, near, far) in enumerate(self._goals)
+            for index, goal_x, goal_y, near, far in self._level.goals
             # Products, not powers, which raise where a pose is too far away for its square.
             if (x - goal_x) * (x - goal_x) + (y - goal_y) * (y - goal_y) <= (far if index in before else near)
         )
 
     def _nearest(self, pose: Pose) -> str:
         """Return the place whose goal is nearest, by path where the floor has a grid and there is one."""
-        assert isinstance(self.floor, Map)
-        nodes = self.floor.graph.nodes
-        grid = self.floor.grid
+        assert not isinstance(self.floor, Labels)
+        floor = self.floor.maps[pose.floor] if isinstance(self.floor, Floors) else self.floor
+        nodes, grid = [node for node in self.floor.graph.nodes if node.goal.floor == pose.floor], floor.grid
         lengths = [math.inf] * len(nodes)
         here = None if grid is None else grid.frame.cell(pose.x, pose.y)
         if grid is not None and here is not None and grid.free[here]:
@@ -345,11 +375,16 @@ class Places(Actor):
             lengths = [math.hypot(pose.x - node.goal.x, pose.y - node.goal.y) for node in nodes]
         return nodes[lengths.index(min(lengths))].name
 
-    def _on_bad_pose(self, pose: PoseUpdate, now: int) -> None:
+    def _on_bad_pose(self, pose: Pose, now: int) -> None:
         self._lose()
         if now - self._bad >= _QUIET:
             where = f"x = {pose.x}, y = {pose.y}, yaw = {pose.yaw}"
-            self.report("pose", f"a pose is not finite ({where}): places are unknown until one is")
+            told = f"a pose is not finite ({where}): places are unknown until one is"
+            if pose.is_finite:
+                several = isinstance(self.floor, Floors)
+                floors = f"there are {', '.join(self._levels)}" if several else "the map is of one floor without a name"
+                told = f"a pose is on the floor {pose.floor!r}, which there is not ({floors}): places are unknown"
+            self.report("pose", told)
         self._bad = now
 
     def _on_late_pose(self, time: int, now: int) -> None:
@@ -428,6 +463,23 @@ class Places(Actor):
         self._wait()
 
 
+class _Level:
+    """A floor: its name, its labels, the look-up in them, and the goals there.
+
+    Raises:
+        MapError: If a place of the floor has no cell as deep as the margin.
+    """
+
+    __slots__ = ("goals", "labels", "look_up", "name")
+
+    def __init__(self, labels: Labels, name: str, places: Sequence[str], margin: float) -> None:
+        _check_depths(labels, places, margin)
+        self.name = name
+        self.labels = labels
+        self.look_up = lookup(labels, margin)
+        self.goals: list[tuple[int, float, float, float, float]] = []
+
+
 def _tour(tour: Sequence[str], names: Sequence[str]) -> tuple[int, ...]:
     """Return the goals of a tour by their numbers, after a check."""
     for name in tour:
@@ -440,10 +492,10 @@ def _tour(tour: Sequence[str], names: Sequence[str]) -> tuple[int, ...]:
     return tuple(names.index(name) for name in tour)
 
 
-def _check_depths(labels: Labels, margin: float) -> None:
+def _check_depths(labels: Labels, places: Sequence[str], margin: float) -> None:
     """Refuse places that no pose could enter."""
     distances = border_distance(labels)
-    for name in labels.names:
+    for name in places:
         cells = labels.cells(name)
         deepest = float(distances[cells].max(initial=0.0))
         if not cells.any():

@@ -7,6 +7,7 @@ import sys
 
 import pytest
 import team_file as team
+from building_file import write_building
 from loading import written
 
 from mdm import ConfigError, Error, load_system
@@ -275,3 +276,68 @@ def test_a_tour_is_of_the_places(tmp_path):
     run_virtual(main)
     found = problems(tmp_path, FILE.replace('prefix = "In"\n', 'prefix = "In"\ntour = ["Hall", "Attic"]\n'))
     assert any(key.startswith("places") and "the tour comes to 'Attic'" in message for key, message in found)
+
+
+SITE = """[floors.ground]
+map = "ground/map.yaml"
+graph = "ground/graph.xml"
+labels = "ground/labels.ppm"
+[floors.upper]
+map = "upper/map.yaml"
+graph = "upper/graph.xml"
+labels = "upper/labels.ppm"
+[lifts.lift]
+stops = ["ground.store", "upper.store"]
+seconds = 12.0
+"""
+FLOORS = """
+[places]
+building = "building.toml"
+navigator = "wheels:Wheels"
+[ensembles.robot]
+policy = [0, 1, 0, 0, 0, 0]
+[ensembles.robot.states.place]
+"ground.hall" = "ground.hall.reached"
+"ground.office" = "ground.office.reached"
+"ground.store" = "ground.store.reached"
+"upper.hall" = "upper.hall.reached"
+"upper.office" = "upper.office.reached"
+"upper.store" = "upper.store.reached"
+[ensembles.robot.actions]
+Up = { way = "lift to upper" }
+Home = { place = "upper.hall" }
+"""
+
+
+def test_a_building_has_the_places_of_all_its_floors(tmp_path):
+    write_building(tmp_path, SITE)
+    path = file(tmp_path, FLOORS)
+    (tmp_path / "wheels.py").write_text(
+        ROBOT.replace("class Broken", "    def ride(self, lift, goal): ...\nclass Broken")
+    )
+    system = load_system(path, callbacks=False)
+
+    async def main(runtime):
+        await runtime.start(system)
+        system.places.see(Pose(2.0, 3.5, floor="upper"))
+        await asyncio.sleep(0.1)
+        assert system.predicates.value("upper.store.reached") is True
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ('building = "building.toml"', "", "the required key 'graph' is missing; or give 'building'"),
+        ('navigator = "wheels', 'reach = 1.0\nnavigator = "wheels', "names the files of its floors: leave reach out"),
+        ('"building.toml"', '"no.toml"', "no.toml: there is no such file"),
+        ('"building.toml"', '""', "the path of a file was expected, not ''"),
+        ("navigator", "prefix", "a place needs what drives there"),
+        ("", "", "the navigator has no async method 'ride'"),
+    ],
+)
+def test_a_building_that_is_none_is_told(tmp_path, before, after, words):
+    write_building(tmp_path, SITE)
+    found = problems(tmp_path, FLOORS.replace(before, after) if before else FLOORS)
+    assert any(words in message for _, message in found), found

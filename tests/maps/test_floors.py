@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from mdm.errors import MapError
 from mdm.maps import Edge, Floors, Frame, Graph, Grid, Labels, Lift, Map, Node, Pose, check
-from mdm.maps.floors import place_of
+from mdm.maps.floors import place_of, rides
 from mdm.maps.model import arrivals, model, sightings
 
 
@@ -196,3 +196,44 @@ def test_a_place_of_another_floor_is_not_seen():
     assert seen[:2, :2] == pytest.approx(sightings(GROUND, 0.5, radius=0.2))
     assert seen[2].tolist() == [0.0, 0.0, 1.0]
     assert seen[:2, 2].tolist() == [0.0, 0.0]
+
+
+def quickest(floors, start):
+    """Return the least seconds from a place to each other one, by relaxing all ways again and again."""
+    far = dict.fromkeys(floors.names, np.inf) | {start: 0.0}
+    ways = [
+        (
+            f"{floor}.{edge.source}",
+            f"{floor}.{edge.target}",
+            2.0 * abs(int(edge.source[1:]) - int(edge.target[1:])) / 0.5,
+        )
+        for floor, each in floors.maps.items()
+        for edge in each.graph.edges
+    ]
+    for lift in floors.lifts:
+        for one, source in enumerate(lift.stops):
+            for other, target in enumerate(lift.stops):
+                if other > one or (other < one and not lift.one_way):
+                    ways.append((source, target, lift.seconds * abs(other - one)))
+    for _ in floors.names:
+        for source, target, seconds in ways:
+            far[target] = min(far[target], far[source] + seconds)
+    return far
+
+
+@settings(max_examples=40, deadline=None)
+@given(drawn(), st.data())
+def test_the_lifts_to_take_are_those_of_the_quickest_way(floors, data):
+    source, target = (data.draw(st.sampled_from(floors.names)) for _ in range(2))
+    least = quickest(floors, source)[target]
+    if not np.isfinite(least):
+        with pytest.raises(MapError, match="no ways and lifts lead from"):
+            rides(floors.graph, source, target)
+        return
+    taken = rides(floors.graph, source, target)
+    here, driven = source, 0.0
+    for ride in taken:
+        on_floor = quickest(Floors(floors.maps), here)
+        driven += on_floor[ride.source] + ride.seconds
+        here = ride.target
+    assert driven + quickest(Floors(floors.maps), here)[target] == pytest.approx(least)

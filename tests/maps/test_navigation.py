@@ -11,7 +11,7 @@ from rows_of_rooms import row_of_rooms
 
 import mdm
 from mdm.errors import ConfigError, Error, MapError
-from mdm.maps import Edge, Graph, Map, Navigation, Pose
+from mdm.maps import Edge, Floors, Graph, Lift, Map, Navigation, Places, Pose
 from mdm.messages import Action, ActionLife, Heading, Progress
 from mdm.testing import capture_decisions, probe, run_virtual
 
@@ -567,3 +567,133 @@ def test_a_way_decides_again_after_a_failure_as_its_binding_says():
         assert driven.robot.places.place == "C"
 
     drive(script, Blocked, navigation={"then": "decide", "pause": 2.0})
+
+
+ROOMS = {floor: row_of_rooms("Hall", "Shaft") for floor in ("ground", "first", "roof")}
+TOWER = Floors(
+    ROOMS,
+    (
+        Lift("lift", ("ground.Shaft", "first.Shaft"), 20.0),
+        Lift("stairs", ("first.Hall", "roof.Hall"), 30.0),
+    ),
+)
+
+
+class Lifted:
+    """A robot on three floors that is at once where it is told to go, and tells its poses if it has places."""
+
+    def __init__(self, *, localised=True, at="ground.Hall"):
+        self.predicates = mdm.PredicateManager()
+        self.places = Places(TOWER, self.predicates, max_age=5.0)
+        self.localised = localised
+        self.at = TOWER.graph.node(at).goal
+        self.said = []
+        self.navigation = Navigation(TOWER, self, self.places)
+
+    async def go(self, goal):
+        assert goal.floor == self.at.floor
+        self.said.append(f"go {goal.floor} {goal.x:g}")
+        await self._be(goal)
+
+    async def ride(self, lift, goal):
+        assert goal.floor != self.at.floor
+        self.said.append(f"{lift} to {goal.floor}")
+        await self._be(goal)
+
+    async def _be(self, goal):
+        await asyncio.sleep(1.0)
+        self.at = goal
+        self.tell()
+
+    def tell(self):
+        if self.localised:
+            self.places.see(self.at)
+
+    def do(self, binding):
+        """Return what it says while it does an action."""
+
+        async def main(runtime):
+            await runtime.start(self.places)
+            self.tell()
+            await asyncio.sleep(0.1)
+            await binding(self.navigation).function()
+            return self.said
+
+        return run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("at", "act", "said"),
+    [
+        ("ground.Hall", lambda navigation: navigation.go_to("ground.Shaft"), ["go ground 6"]),
+        ("ground.Shaft", lambda navigation: navigation.way("lift to first"), ["go ground 6", "lift to first"]),
+        ("ground.Hall", lambda navigation: navigation.way("Right"), ["go ground 6"]),
+        (
+            "ground.Hall",
+            lambda navigation: navigation.go_to("roof.Shaft"),
+            ["go ground 6", "lift to first", "go first 2", "stairs to roof", "go roof 6"],
+        ),
+        ("roof.Shaft", lambda navigation: navigation.go_to("first.Hall"), ["go roof 2", "stairs to first"]),
+    ],
+)
+def test_a_place_on_another_floor_is_reached_by_lifts(at, act, said):
+    assert Lifted(at=at).do(act) == said
+
+
+def test_a_robot_that_is_up_already_drives_to_the_goal_of_a_lift_s_way():
+    robot = Lifted(at="first.Hall")
+    state = Action(0, 0, 0, 0)
+
+    class Position:
+        def of(self, action):
+            return "ground.Shaft"
+
+    async def main(runtime):
+        await runtime.start(robot.places)
+        robot.tell()
+        await asyncio.sleep(0.1)
+        node, heading = robot.navigation.resolve("lift to first", state, Position())
+        await robot.navigation._drive(node, heading)
+        return robot.said, heading.target
+
+    assert run_virtual(main) == (["go first 6"], "first.Shaft")
+
+
+def test_where_no_lift_leads_there_is_a_sentence():
+    one_way = Floors({"a": THREE, "b": THREE}, (Lift("slide", ("b.A", "a.A"), 3.0, one_way=True),))
+    predicates = mdm.PredicateManager()
+    for name in one_way.names:
+        predicates.sensor(name, initial=name == "a.B")
+
+    class Wheels:
+        async def go(self, goal):
+            pass
+
+        async def ride(self, lift, goal):
+            pass
+
+    navigation = Navigation(one_way, Wheels(), predicates)
+
+    async def main(runtime):
+        await runtime.start(predicates)
+        with pytest.raises(MapError, match=r"no ways and lifts lead from 'a\.B' to 'b\.C'"):
+            await navigation.go_to("b.C").function()
+
+    run_virtual(main)
+
+
+def test_several_floors_take_a_navigator_that_rides():
+    class Wheels:
+        async def go(self, goal):
+            pass
+
+    predicates = mdm.PredicateManager()
+    with pytest.raises(ConfigError, match="there are several floors, and the navigator has no async method 'ride'"):
+        Navigation(TOWER, Wheels(), Places(TOWER, predicates))
+
+
+def test_a_ride_that_is_no_async_function_is_told():
+    robot = Lifted(at="ground.Shaft")
+    robot.ride = lambda lift, goal: None
+    with pytest.raises(Error, match="a navigator's 'ride' is an async function, and this one returned None"):
+        robot.do(lambda navigation: navigation.way("lift to first"))

@@ -13,7 +13,7 @@ from rows_of_rooms import row_of_rooms
 
 import mdm
 from mdm.errors import ConfigError, Error, MapError
-from mdm.maps import Frame, Graph, Labels, Map, Node, Places, Pose
+from mdm.maps import Floors, Frame, Graph, Labels, Lift, Map, Node, Places, Pose
 from mdm.messages import PoseUpdate
 from mdm.testing import crash, probe, run_virtual
 
@@ -621,3 +621,85 @@ def test_a_tour_tells_which_place_is_next():
 def test_tours_that_cannot_be_are_refused(tour, words):
     with pytest.raises(ConfigError, match=words):
         Places(TWO, mdm.PredicateManager(), tour=tour)
+
+
+BUILDING = Floors(
+    {"ground": TWO, "upper": row_of_rooms("Hall", "Loft")}, (Lift("lift", ("ground.Hall", "upper.Hall"), 10.0),)
+)
+
+
+def test_a_pose_counts_on_its_own_floor():
+    async def script(watched):
+        places = watched.places
+        see = places.see
+        see(Pose(2.0, 2.0, floor="ground"))
+        await asyncio.sleep(0.1)
+        assert (places.place, places.pose) == ("ground.Hall", Pose(2.0, 2.0, floor="ground"))
+        see(Pose(2.0, 2.0, floor="upper"))
+        await asyncio.sleep(0.1)
+        assert places.place == "upper.Hall"
+        assert places.labels.name(6.0, 2.0) == "upper.Loft"
+        # On another floor no margin keeps it in the place of the last one, though it is near a border.
+        see(Pose(4.1, 2.0, floor="ground"))
+        await asyncio.sleep(0.1)
+        assert places.place == "ground.Kitchen"
+        assert watched.events == [
+            "ground.Hall.entered",
+            "ground.Hall.arrived",
+            "ground.Hall.left",
+            "upper.Hall.entered",
+            "upper.Hall.arrived",
+            "upper.Hall.left",
+            "ground.Kitchen.entered",
+        ]
+        reached = [name for name, value in watched.predicates.values().items() if name.endswith("reached") and value]
+        assert reached == ["upper.Hall.reached"]
+        assert watched.faults == []
+
+    watch(script, BUILDING)
+
+
+def test_of_all_floors_it_is_in_one_place():
+    async def script(watched):
+        for floor, x in (("ground", 2.0), ("upper", 6.0), ("upper", 2.0), ("ground", 6.0), ("upper", 6.0)):
+            watched.places.see(Pose(x, 2.0, floor=floor))
+            await asyncio.sleep(0.05)
+            values = watched.predicates.values()
+            own = f"{floor}.{BUILDING.maps[floor].labels.name(x, 2.0)}"
+            for end in ("", ".at_goal", ".reached"):
+                assert [name for name in BUILDING.names if values[f"{name}{end}"]] == [own]
+
+    watch(script, BUILDING)
+
+
+@pytest.mark.parametrize(
+    ("floor", "given", "words"),
+    [
+        (BUILDING, "", "a pose is on the floor '', which there is not (there are ground, upper): places are unknown"),
+        (BUILDING, "cellar", "a pose is on the floor 'cellar', which there is not (there are ground, upper)"),
+        (TWO, "upper", "a pose is on the floor 'upper', which there is not (the map is of one floor without a name)"),
+    ],
+)
+def test_a_floor_that_there_is_not_is_told(floor, given, words):
+    async def script(watched):
+        watched.places.see(Pose(2.0, 2.0, floor=given))
+        await asyncio.sleep(0.1)
+        assert [fault.detail.startswith(words) for fault in watched.faults] == [True]
+        assert watched.places.place is None
+
+    watch(script, floor)
+
+
+def test_the_nearest_goal_is_one_of_the_floor():
+    async def script(watched):
+        watched.places.see(Pose(9.0, 2.0, floor="upper"))  # in no place
+        await asyncio.sleep(0.1)
+        assert watched.predicates.value("upper.Loft.reached")
+
+    watch(script, BUILDING)
+
+
+def test_a_place_too_shallow_is_told_of_its_floor():
+    shallow = {"ground": TWO, "upper": row_of_rooms("Hall", "Slot", "Loft", width=0.4)}
+    with pytest.raises(MapError, match=r"the place 'upper.Hall' could not be entered|the place 'upper.Slot' could not"):
+        Places(Floors(shallow), mdm.PredicateManager())

@@ -23,7 +23,6 @@ def check(arguments: argparse.Namespace) -> None:
     if arguments.robot is None:
         return
     for given, why in (
-        (arguments.graph is None, "a robot has one floor as yet: leave it out for a building"),
         (Path(arguments.robot).suffix.lower() != ".toml", "its file ends in .toml"),
         (arguments.noise is not None, "places that are seen with --noise make beliefs: leave one of them out"),
         (arguments.factors is not None, "only you know which predicates your --factors are: leave one of them out"),
@@ -52,7 +51,8 @@ def text(
 
     lines = [
         "# A robot on a map, as `mdm map model` has written it. In robot.py are its own parts: `localise`, which tells",
-        "# poses by `system.places.see(pose)`, and `Wheels`, whose `go(goal)` drives.",
+        "# poses by `system.places.see(pose)`, and `Wheels`, whose `go(goal)` drives"
+        + ("." if arguments.graph is not None else ", and whose `ride(lift, goal)` takes lifts."),
         'tasks = ["robot:localise"]',
         "",
         "[places]",

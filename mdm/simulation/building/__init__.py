@@ -6,6 +6,18 @@ It needs navground, the extra ``mdm[simulation]``, and is meant for examples and
 from mdm.simulation.building.building import Building
 from mdm.simulation.building.guest import Guest, Whereabouts
 from mdm.simulation.building.robot import DriveError, Robot
+from mdm.simulation.building.tower import Rider, Tower
 from mdm.simulation.building.visits import Visit, VisitChange, Visits
 
-__all__ = ["Building", "DriveError", "Guest", "Robot", "Visit", "VisitChange", "Visits", "Whereabouts"]
+__all__ = [
+    "Building",
+    "DriveError",
+    "Guest",
+    "Rider",
+    "Robot",
+    "Tower",
+    "Visit",
+    "VisitChange",
+    "Visits",
+    "Whereabouts",
+]

@@ -40,6 +40,10 @@ _BESIDE, _APART = 0.5, 0.2
 """Metres that are free between a visit's body and goals, and other bodies."""
 _TRIES = 20
 """Points that are tried for a visit's body until one is in nobody's way."""
+_AWAY = -1e6
+"""Metres east of the map, and of each other: where robots are that are on another floor."""
+_ROOM = 0.2
+"""Metres between a robot that comes from another floor and the next one."""
 _MOST = 10
 """Steps at once, where the clock has run ahead."""
 
@@ -94,6 +98,7 @@ class Building(Actor):
         self.robots: dict[str, Robot] = {}
         self.guests: dict[str, Guest] = {}
         self._bystanders: list[Bystander] = []
+        self._away: set[str] = set()  # the robots that are on another floor
         self._bodies: dict[str, Body] = {}  # robots and guests, in the order in which they were put there
         self.steps = 0
         self._world = simulator.World()
@@ -134,7 +139,7 @@ class Building(Actor):
         self,
         name: str,
         *,
-        at: str | Pose,
+        at: str | Pose | None,
         places: Places | None = None,
         radius: float = 0.25,
         speed: float = 0.5,
@@ -146,7 +151,7 @@ class Building(Actor):
 
         Args:
             name: Its name.
-            at: Where it begins: a place, at its goal, or a pose.
+            at: Where it begins: a place, at its goal, or a pose; None where it is not on the floor yet, see `enter`.
             places: Told of its poses, too.
             radius: In metres.
             speed: In metres a second.
@@ -161,15 +166,9 @@ class Building(Actor):
         self._check_name(name)
         _check(name, radius=radius, speed=speed, reach=reach, noise=noise, beams=beams)
         start = self.floor.graph.node(at).goal if isinstance(at, str) else at
+        if start is not None:
+            self._check_start(name, start, radius)
         paths = self._paths_for(radius)
-        cell = self.grid.frame.cell(start.x, start.y)
-        if cell is None or self._clearance[cell] < radius:
-            raise MapError(f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: it would stand in a wall")
-        for other in self._bodies.values():
-            if math.dist((start.x, start.y), (other.pose.x, other.pose.y)) < radius + other.radius:
-                raise MapError(
-                    f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: robot {other.name!r} is there"
-                )
         core, simulator = _navground()
         kinematics = core.kinematics.TwoWheelsDifferentialDriveKinematics(max_speed=speed, wheel_axis=1.6 * radius)
         behavior = core.behaviors.HLBehavior(kinematics=kinematics, radius=radius)
@@ -183,7 +182,8 @@ class Building(Actor):
             state_estimations=[simulator.state_estimations.BoundedStateEstimation(range=5.0)],
             control_period=1 / _RATE,
         )
-        agent.pose = core.Pose2((start.x, start.y), start.yaw)
+        if start is not None:
+            agent.pose = core.Pose2((start.x, start.y), start.yaw)
         scanner = None
         if beams:
             scanner = simulator.state_estimations.LidarStateEstimation(range=reach, resolution=beams)
@@ -198,9 +198,49 @@ class Building(Actor):
             scanner=scanner,
         )
         self.robots[name] = self._bodies[name] = robot
+        if start is None:
+            self.leave(name)
         if places is not None:
             self._places[name] = places
         return robot
+
+    def _check_start(self, name: str, start: Pose, radius: float) -> None:
+        cell = self.grid.frame.cell(start.x, start.y)
+        if cell is None or self._clearance[cell] < radius:
+            raise MapError(f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: it would stand in a wall")
+        for other in self._bodies.values():
+            if math.dist((start.x, start.y), (other.pose.x, other.pose.y)) < radius + other.radius:
+                raise MapError(
+                    f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: robot {other.name!r} is there"
+                )
+
+    def leave(self, name: str) -> None:
+        """Take a robot off the floor, as one that goes to another one."""
+        from navground.core import Pose2, Twist2  # noqa: PLC0415 - an extra
+
+        robot = self.robots[name]
+        robot.fail("has left the floor")
+        self._away.add(name)
+        robot.agent.pose = Pose2((_AWAY * (1 + [*self.robots].index(name)), _AWAY), 0.0)
+        robot.agent.twist = Twist2((0.0, 0.0), 0.0)
+
+    def enter(self, name: str, pose: Pose) -> bool:
+        """Put a robot that has left back on the floor; return whether there was room."""
+        from navground.core import Pose2  # noqa: PLC0415 - an extra
+
+        robot = self.robots[name]
+        near = (body for body in self._standing() if body is not robot)
+        for other in near:
+            if math.dist((pose.x, pose.y), other.agent.position) < robot.radius + other.radius + _ROOM:
+                return False
+        self._away.discard(name)
+        robot.agent.pose = Pose2((pose.x, pose.y), pose.yaw)
+        return True
+
+    def _standing(self) -> tuple[Body, ...]:
+        """Return all bodies that are on the floor."""
+        visits = (one for one in self._bystanders if one.visit is not None)
+        return (*(body for name, body in self._bodies.items() if name not in self._away), *visits)
 
     def guest(self, name: str, *, radius: float = 0.25) -> Guest:
         """Have a robot of another process on the floor, where that tells it to be; robots of this one give way to it.
@@ -365,8 +405,8 @@ class Building(Actor):
             robot.fail("cannot go on: the building has stopped")
 
     def _step(self, tick: Tick) -> None:
-        robots = tuple(self.robots.values())
-        bodies = (*self._bodies.values(), *(one for one in self._bystanders if one.visit is not None))
+        robots = tuple(robot for name, robot in self.robots.items() if name not in self._away)
+        bodies = self._standing()
         for _ in range(min(_MOST, 1 + tick.missed)):
             for body in bodies:
                 body.steer(1 / _RATE, bodies)
@@ -377,8 +417,8 @@ class Building(Actor):
             self.steps += 1
             for robot in robots:
                 robot.look(self._world)
-        for name, robot in self.robots.items():
-            pose = robot.estimate()
+        for robot in robots:
+            name, pose = robot.name, robot.estimate()
             if name not in self._channels:
                 whereabouts = self.channel(f"{name}/whereabouts", Whereabouts)
                 self._channels[name] = self.channel(f"{name}/pose", PoseUpdate), whereabouts

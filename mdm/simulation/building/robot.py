@@ -171,9 +171,9 @@ class Robot(Body):
         way = tuple(self._paths.frame.centre(*cell) for cell in self.turns)
         return Whereabouts(time, here.x, here.y, here.yaw, (east, north), self.remaining, way)
 
-    def estimate(self) -> Pose:
-        """Return where it believes to be: its pose with noise."""
-        true = self.pose
+    def estimate(self, at: Pose | None = None) -> Pose:
+        """Return where it believes to be: its pose with noise, or another one where it is said to be."""
+        true = self.pose if at is None else at
         east, north, turn = self._generator.normal(size=3).tolist()
         return Pose(true.x + self.noise * east, true.y + self.noise * north, true.yaw + 0.2 * self.noise * turn)
 

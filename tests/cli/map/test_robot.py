@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import re
 import shlex
+from pathlib import Path
 
 import pytest
+from building_file import write_building
 from floor_file import write_floor
 from places import ROOT
 
@@ -118,3 +120,22 @@ def test_what_no_file_could_say_is_refused(mdm, floor, tmp_path, monkeypatch, ar
     assert (status, output) == (2, [])
     assert words in errors
     assert not list(tmp_path.glob("*.npz"))
+
+
+def test_the_page_s_commands_make_a_robot_that_visits_all_rooms_of_two_floors(mdm, tmp_path, monkeypatch):
+    """With its `robot.py`, but for a smaller robot."""
+    write_building(tmp_path / "site")
+    monkeypatch.chdir(tmp_path / "site")
+    page = (ROOT / "docs" / "maps.md").read_text().partition("**A patrol of all floors**")[2].partition("## Models")[0]
+    commands, program = (re.search(rf"```{kind}\n(.*?)```", page, re.DOTALL)[1] for kind in ("console", "python"))
+    Path("robot.py").write_text(program.replace("speed=0.5", "speed=0.5, radius=0.12"))
+    model, solve, run = [shlex.split(line)[1:] for line in commands.splitlines()]
+    assert mdm(*model, "--radius", "0.12")[0] == 0
+    assert mdm(*solve)[0] == 0
+    assert mdm("check", "patrol.toml")[::2] == (0, "")
+    assert run == ["run", "patrol.toml", "--virtual", "--seconds", "7200"]
+    arrived, ended = patrol(Path("patrol.toml"), 600)
+    rooms = [f"{floor}.{room}" for floor in ("ground", "upper") for room in ("hall", "office", "store")]
+    assert min(arrived.count(room) for room in rooms) >= 5
+    assert ended.get("failed", 0) == 0
+    assert mdm("run", "patrol.toml", "--virtual", "--seconds", "60")[0] == 0

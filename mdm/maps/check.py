@@ -159,9 +159,19 @@ def _unnamed(labels: Labels, grid: Grid, colours: NDArray[np.uint32]) -> Iterato
 
 
 def missing(labels: Labels, grid: Grid, colours: NDArray[np.uint32]) -> dict[int, NDArray[np.bool_]]:
-    """Return the colours that are no place's, though most of their cells are free; and for each cell whether it is."""
-    found = {colour: (colours == colour) & grid.free for colour in labels.unnamed if colour not in labels.strays}
-    return {colour: here for colour, here in found.items() if 2 * np.count_nonzero(here) > labels.unnamed[colour]}
+    """Return the colours that are no place's, though most of their cells are free; and for each cell whether it is.
+
+    Free cells to which nothing free leads from any place do not count, such as those around a building.
+    """
+    parts, _ = ndimage.label(grid.free)
+    inside = grid.free & np.isin(parts, np.unique(parts[labels.raster > 0]))
+    found = {}
+    for colour in labels.unnamed.keys() - labels.strays.keys():
+        cells = (colours == colour) & (inside | ~grid.free)
+        here = cells & inside
+        if 2 * np.count_nonzero(here) > np.count_nonzero(cells):
+            found[colour] = here
+    return dict(sorted(found.items()))
 
 
 def _inmost(cells: NDArray[np.bool_]) -> tuple[int, int]:

@@ -111,6 +111,27 @@ def test_a_free_colour_that_is_no_place_s(mdm, floor, tmp_path):
     assert not any("16711680 is no place's: the background" in line for line in output)
 
 
+def test_what_is_free_around_a_building_is_no_place(mdm, floor):
+    """Simulators' maps are free outside, where nothing leads to."""
+    grid = Path(floor[0])
+    with Pillow.open(grid.parent / "map.pgm") as picture:
+        inside = picture.convert("L")
+    with Pillow.open(floor[1]) as picture:
+        labels = picture.copy()
+    wide = Pillow.new("L", (inside.width + 120, inside.height), 254)
+    wide.paste(inside, (0, 0))
+    wide.save(grid.parent / "map.pgm")
+    around = Pillow.new(labels.mode, wide.size, 0)
+    around.paste(labels, (0, 0))
+    around.save(floor[1])
+    assert mdm("map", "check", *floor, "--radius", "0.15")[0] == 0
+    wide.paste(254, (inside.width - 12, 5, inside.width, 12))  # a hole in the wall
+    wide.save(grid.parent / "map.pgm")
+    status, output, _ = mdm("map", "check", *floor, "--radius", "0.15")
+    assert status == 1
+    assert output[1].startswith("  the colour 0 is no place's, and ")
+
+
 def test_zones_in_place_of_an_image(mdm, floor, tmp_path):
     graph = {
         "nodes": [

@@ -11,7 +11,7 @@ from mdm.maps.floors import Floors, place_of
 from mdm.maps.lookup import border_distance
 from mdm.maps.metres import check_metres
 from mdm.maps.passages import leads, passages, route_sentence, undivided, widest
-from mdm.maps.paths import PATH_MARGIN, drivable
+from mdm.maps.paths import drivable, needed_clearance
 from mdm.maps.problem import Problem
 
 if TYPE_CHECKING:
@@ -95,15 +95,15 @@ def examine(
     if colours is not None and grid is not None:
         yield from _unnamed(labels, grid, colours)
     inside = border_distance(labels)
-    clearance = None if grid is None else grid.clearance()
     shallow = {problem.places[0]: problem for problem in _shallow(labels, grid, inside, margin)}
     for node in graph.nodes:
         if node.name in labels.names:
-            yield from _goal(node, labels, clearance, radius)
+            yield from _goal(node, labels)
             if node.name not in shallow:
                 yield from _shallow_goal(node, labels, inside, margin)
     yield from shallow.values()
     if grid is not None:
+        yield from _cramped([node for node in graph.nodes if node.name in labels.names], grid, radius)
         yield from _ways(labels, graph, grid, radius)
     for edge in graph.edges:
         if edge.source == edge.target:
@@ -181,7 +181,7 @@ def _inmost(cells: NDArray[np.bool_]) -> tuple[int, int]:
     return int(row), int(column)
 
 
-def _goal(node: Node, labels: Labels, clearance: NDArray[np.float64] | None, radius: float) -> Iterator[Problem]:
+def _goal(node: Node, labels: Labels) -> Iterator[Problem]:
     where = f"the goal of {node.name!r}, ({node.goal.x:g}, {node.goal.y:g}),"
     cell = labels.frame.cell(node.goal.x, node.goal.y)
     if cell is None:
@@ -191,12 +191,22 @@ def _goal(node: Node, labels: Labels, clearance: NDArray[np.float64] | None, rad
     if own != node.name:
         text = f"{where} lies in {repr(own) if own else 'no place'}"
         yield Problem("goals", text, (node.name,), [cell])
-    if clearance is None:
-        return
-    if clearance[cell] == 0:
-        yield Problem("goals", f"{where} is not free in the map", (node.name,), [cell])
-    elif clearance[cell] < (needed := radius + PATH_MARGIN) - _SLACK:
-        text = f"{where} is {clearance[cell]:.2f} m from what is not free, and the robot needs {needed:.3g} m to drive"
+
+
+def _cramped(nodes: Sequence[Node], grid: Grid, radius: float) -> Iterator[Problem]:
+    """Yield a problem for each goal at which a robot does not fit."""
+    driven, clearance, needed = drivable(grid, radius), grid.clearance(), needed_clearance(grid, radius)
+    for node in nodes:
+        cell = grid.frame.cell(node.goal.x, node.goal.y)
+        if cell is None or driven[cell]:
+            continue
+        text = f"the goal of {node.name!r}, ({node.goal.x:g}, {node.goal.y:g}), is "
+        if clearance[cell] == 0:
+            text += "not free in the map"
+        elif clearance[cell] < needed:
+            text += f"{clearance[cell]:.2f} m from what is not free, and the robot needs {needed:.3g} m to drive"
+        else:
+            text += "too near to a corner of what is not free for the robot to drive"
         yield Problem("goals", text, (node.name,), [cell])
 
 
@@ -242,7 +252,7 @@ def _ways(labels: Labels, graph: Graph, grid: Grid, radius: float) -> Iterator[P
     driven = drivable(grid, radius)
     open_pairs = {frozenset(passage.places) for passage in found if leads(passage, driven)}
     parts = _parts(labels, graph, driven)
-    needed = 2 * (radius + PATH_MARGIN)
+    needed = 2 * needed_clearance(grid, radius)
     robot = f"a robot of {2 * radius:g} m"
     for pair, (source, target) in wanted.items():
         passage, goals = widths.get(pair), {parts.get(source, 0), parts.get(target, 0)}
@@ -250,7 +260,7 @@ def _ways(labels: Labels, graph: Graph, grid: Grid, radius: float) -> Iterator[P
             text = "these places do not touch"
         elif pair not in open_pairs:
             wide = f"{passage.width:.2f} m"
-            text = f"the widest passage is {wide}, too narrow for {robot}, which needs {needed:g} m to drive"
+            text = f"the widest passage is {wide}, too narrow for {robot}, which needs {needed:.3g} m to drive"
         elif len(goals) > 1 and 0 not in goals:
             text = f"what stands about leaves no path between their goals that is wide enough for {robot}"
         else:

@@ -58,3 +58,14 @@ class Grid:
         inside = np.pad(self.free, 1)  # beyond the raster nothing is known to be free
         distances: Vector = ndimage.distance_transform_edt(inside)[1:-1, 1:-1] * self.frame.resolution
         return distances
+
+    def clearance_to_edges(self) -> Vector:
+        """Return for each cell the distance of its centre to the nearest edge of a cell that is not free, in metres."""
+        rows, columns = self.frame.shape
+        # The nearest point of a square to a centre has coordinates in whole or half cells.
+        half = np.ones((2 * rows + 1, 2 * columns + 1), dtype=bool)
+        half[[0, -1]] = half[:, [0, -1]] = False  # beyond the raster nothing is known to be free
+        for below, beside in np.ndindex(3, 3):
+            half[below : below + 2 * rows : 2, beside : beside + 2 * columns : 2] &= self.free
+        distances: Vector = ndimage.distance_transform_edt(half)[1::2, 1::2] * (self.frame.resolution / 2)
+        return distances

@@ -20,18 +20,33 @@ if TYPE_CHECKING:
     from mdm.maps.grid import Grid
     from mdm.models.matrices import Vector
 
-__all__ = ["PATH_MARGIN", "Paths", "drivable"]
+__all__ = ["PATH_MARGIN", "WALL_GAP", "Paths", "drivable", "needed_clearance"]
 
 PATH_MARGIN = 0.05
 """Metres that a robot needs on each side, beside its radius: in paths, in driving, and in what is checked."""
+WALL_GAP = 0.01
+"""Metres left between a robot and the edges of walls, where these end and not where the centres of their cells are."""
+_SLACK = 1e-9
+"""Metres by which lengths differ that are meant to be the same."""
 _LEAST = 50
 """Cells around the ends of ways where one looks first."""
 _STEPS = ((0, 1, 1.0), (1, 0, 1.0), (1, 1, math.sqrt(2)), (1, -1, math.sqrt(2)))
 
 
+def needed_clearance(grid: Grid, radius: float) -> float:
+    """Return the clearance, in metres between centres of cells, that a robot of a radius needs to drive.
+
+    It has `PATH_MARGIN` to spare; on a coarse grid more, for walls reach half a cell beyond the centres of theirs.
+    """
+    return radius + max(PATH_MARGIN, grid.frame.resolution / 2 + WALL_GAP)
+
+
 def drivable(grid: Grid, radius: float) -> NDArray[np.bool_]:
-    """Return over which cells a robot of a radius in metres can drive, with `PATH_MARGIN` to spare on each side."""
-    return grid.fits(radius + PATH_MARGIN)
+    """Return over which cells a robot of a radius in metres can drive: with `needed_clearance`, past all corners."""
+    open_cells = grid.fits(needed_clearance(grid, radius))
+    if math.sqrt(0.5) * grid.frame.resolution + WALL_GAP > PATH_MARGIN:  # else no corner reaches so far
+        open_cells &= grid.clearance_to_edges() >= radius + WALL_GAP - _SLACK
+    return open_cells
 
 
 class Paths:

@@ -22,7 +22,7 @@ from mdm.maps.labels import Labels
 from mdm.maps.lookup import border_distance
 from mdm.maps.metres import check_metres
 from mdm.maps.passages import leads, passages
-from mdm.maps.paths import PATH_MARGIN, drivable
+from mdm.maps.paths import drivable, needed_clearance
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -88,7 +88,7 @@ def _goals(labels: Labels, grid: Grid, reached: Mask, radius: float, margin: flo
     Far enough is a robot's radius and the margin from walls, and the margin from other places; if none is, the furthest
     counts.
     """
-    room = grid.clearance() - radius - PATH_MARGIN
+    room = grid.clearance() - needed_clearance(grid, radius)
     far = np.minimum(room / margin, border_distance(labels) / margin) if margin else reached
     far = np.minimum(far, _AMPLY)
     cells = []

@@ -6,14 +6,12 @@ import numpy as np
 
 from mdm.maps import Edge, Frame, Graph, Grid, Labels, Map, Node, Pose
 
-RESOLUTION = 0.05
-
 
 class Floor:
-    """Rooms as rectangles in metres, walls between them, doors as gaps, and what stands about."""
+    """Rooms as rectangles in metres, walls between them, doors as gaps, and what stands about, in cells of a side."""
 
-    def __init__(self, width, height, rooms, doors, *, furniture=(), specks=0, wall=0.15, seed=0):
-        self.frame = Frame(round(height / RESOLUTION), round(width / RESOLUTION), RESOLUTION, -2.0, -1.0)
+    def __init__(self, width, height, rooms, doors, *, furniture=(), specks=0, wall=0.15, seed=0, side=0.05):
+        self.frame = Frame(round(height / side), round(width / side), side, -2.0, -1.0)
         self.rooms, self.doors = rooms, doors
         free = np.zeros(self.frame.shape, dtype=bool)
         truth = np.zeros(self.frame.shape, dtype=np.uint16)

@@ -49,11 +49,11 @@ def test_a_goal_in_another_place_in_none_in_a_wall_and_outside(tmp_path):
 
 def test_a_goal_where_the_robot_does_not_fit(tmp_path):
     some = moved(floor(tmp_path), "hall", -0.75, 3.0)
-    assert told(some, radius=0.15) == []
+    assert told(some, radius=0.1) == []
     (problem,) = (problem for problem in check(some, radius=0.2) if problem.kind == "goals")
     assert (
         problem.text
-        == "the goal of 'hall', (-0.75, 3), is 0.20 m from what is not free, and the robot needs 0.25 m to drive"
+        == "the goal of 'hall', (-0.75, 3), is 0.20 m from what is not free, and the robot needs 0.26 m to drive"
     )
     assert (problem.places, problem.cells) == (("hall",), [(29, 2)])
 
@@ -72,7 +72,7 @@ def test_a_passage_that_is_too_narrow(tmp_path):
             "ways",
             (
                 "a way leads from 'hall' to 'office', and the widest passage is 0.40 m, too narrow for a robot of "
-                "0.36 m, which needs 0.46 m to drive"
+                "0.36 m, which needs 0.48 m to drive"
             ),
         )
     ]
@@ -102,9 +102,9 @@ def test_what_stands_between_two_goals():
 @settings(max_examples=15)
 @given(
     door=st.integers(8, 20), depth=st.integers(2, 40), beside=st.integers(8, 24), at=st.integers(12, 60),
-    radius=st.sampled_from([0.2, 0.25, 0.3]),
+    radius=st.sampled_from([0.2, 0.25, 0.3]), resolution=st.sampled_from([0.05, 0.1]),
 )  # fmt: skip
-def test_a_robot_drives_wherever_the_check_lets_it(door, depth, beside, at, radius):
+def test_a_robot_drives_wherever_the_check_lets_it(door, depth, beside, at, radius, resolution):
     """There and back through a passage of some width and depth, and past furniture; only if the check finds nothing."""
     low, wide, side = at / 20, door / 20, beside / 20
     long = 4.0 + depth / 20
@@ -115,7 +115,7 @@ def test_a_robot_drives_wherever_the_check_lets_it(door, depth, beside, at, radi
     }
     drawn = Floor(
         long + 4.0, 4.5, rooms, {("east", "west"): (3.8, low, long + 0.2, low + wide)},
-        furniture=[(long + 1.2, 0.075 + side, long + 1.6, 4.5)],
+        furniture=[(long + 1.2, 0.075 + side, long + 1.6, 4.5)], side=resolution,
     )  # fmt: skip
     labels = np.where(drawn.grid.free, drawn.labels.raster, 0)
     labels[labels == 2] = 1

@@ -15,7 +15,8 @@ from mdm.maps import Frame, Grid
 @given(st.integers(1, 7), st.integers(1, 7), st.randoms(use_true_random=False))
 def test_clearance_is_the_distance_to_the_nearest_cell_that_is_not_free(rows, columns, random):
     free = np.array([[random.random() < 0.8 for _ in range(columns)] for _ in range(rows)])
-    clearance = Grid(Frame(rows, columns, 0.5), free, np.zeros_like(free)).clearance()
+    grid = Grid(Frame(rows, columns, 0.5), free, np.zeros_like(free))
+    clearance, edges = grid.clearance(), grid.clearance_to_edges()
     blocked = [
         (r, c)
         for r in range(-1, rows + 1)
@@ -25,6 +26,9 @@ def test_clearance_is_the_distance_to_the_nearest_cell_that_is_not_free(rows, co
     for r in range(rows):
         for c in range(columns):
             assert clearance[r, c] == pytest.approx(0.5 * min(math.dist((r, c), other) for other in blocked))
+            away = [[max(abs(one - here) - 0.5, 0.0) for one, here in zip(at, (r, c), strict=True)] for at in blocked]
+            nearest = 0.0 if not free[r, c] else 0.5 * min(math.hypot(*each) for each in away)
+            assert edges[r, c] == pytest.approx(nearest)
 
 
 def test_rasters_that_do_not_fit_are_refused():

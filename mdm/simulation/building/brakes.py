@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.maps.paths import PATH_MARGIN
+from mdm.maps.paths import WALL_GAP
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["GAP", "Brakes"]
 
-GAP = 0.4 * PATH_MARGIN
-"""Metres that are left between two bodies, and half of it to walls."""
+GAP = 2 * WALL_GAP
+"""Metres that are left between two bodies."""
 _PAST = 0.01
 """Of what is driven, what may lead nearer to a body that is passed."""
 _BEYOND = 64
@@ -69,7 +69,7 @@ class Brakes:
     def _before_walls(self, x: float, y: float, heading: float, share: float, metres: float, radius: float) -> float:
         """Return the share that ends far enough from walls, or not nearer to them than now."""
         side = self._frame.resolution
-        needed, cell = radius + GAP / 2, self._frame.cell(x, y)
+        needed, cell = radius + WALL_GAP, self._frame.cell(x, y)
         if cell is None or self._clearance[cell] > needed + metres + side:
             return share
         here = np.array(self._frame.locate(x, y))

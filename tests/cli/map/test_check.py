@@ -18,7 +18,7 @@ def size(path):
 
 
 def test_a_map_without_problems(mdm, floor):
-    status, output, errors = mdm("map", "check", *floor, "--radius", "0.15")
+    status, output, errors = mdm("map", "check", *floor, "--radius", "0.1")
     assert (status, errors) == (0, "")
     assert output == [
         f"note: the colour {200 * 0x010101} is no place's: the background, of 203 cells",
@@ -30,7 +30,7 @@ def test_problems_are_grouped_and_drawn(mdm, floor, tmp_path):
     graph = tmp_path / "wrong.xml"
     graph.write_text(GRAPH.replace("0.0 3.0 0", "-0.85 3.0 0").replace('"Left">hall', '"Left">store'))
     pictures = tmp_path / "new" / "pictures"
-    status, output, errors = mdm("map", "check", *floor[:2], graph, "--radius", "0.15", "--pictures", pictures)
+    status, output, errors = mdm("map", "check", *floor[:2], graph, "--radius", "0.1", "--pictures", pictures)
     assert (status, errors) == (1, "")
     assert [line for line in output if not line.startswith((" ", "note"))] == ["goals", "ways", "3 places, 3 problems"]
     assert output[1].startswith("  the goal of 'hall', (-0.85, 3), is 0.10 m from what is not free")
@@ -44,7 +44,7 @@ def test_problems_are_grouped_and_drawn(mdm, floor, tmp_path):
 def test_as_json(mdm, floor, tmp_path):
     graph = tmp_path / "wrong.xml"
     graph.write_text(GRAPH.replace('"Left">hall', '"Left">store'))
-    status, output, _ = mdm("map", "check", *floor[:2], graph, "--radius", "0.15", "--json")
+    status, output, _ = mdm("map", "check", *floor[:2], graph, "--radius", "0.1", "--json")
     facts = json.loads(output[0])
     assert status == 1
     assert facts["places"] == ["hall", "office", "store"]
@@ -56,7 +56,7 @@ def test_as_json(mdm, floor, tmp_path):
 def test_two_names_of_one_colour_and_all_else_at_once(mdm, floor, tmp_path):
     names = tmp_path / "names.yaml"
     names.write_text("hall: 255\noffice: 255\nstore: 7\nattic: 9\n")
-    status, output, _ = mdm("map", "check", *floor, "--names", names, "--radius", "0.15")
+    status, output, _ = mdm("map", "check", *floor, "--names", names, "--radius", "0.1")
     assert status == 1
     text = "\n".join(output)
     for words in (
@@ -73,7 +73,7 @@ def test_many_problems_of_a_kind_are_counted(mdm, floor, tmp_path):
     for index in range(30):
         labels.putpixel((35, 3 + index), (index, 77, 77))
     labels.save(tmp_path / "labels.png")
-    status, output, _ = mdm("map", "check", floor[0], tmp_path / "labels.png", floor[2], "--radius", "0.15")
+    status, output, _ = mdm("map", "check", floor[0], tmp_path / "labels.png", floor[2], "--radius", "0.1")
     assert status == 1
     assert output[0] == "colours"
     assert output[11] == "  and 20 more"
@@ -89,7 +89,7 @@ def test_a_threshold_that_makes_what_is_unknown_free(mdm, floor):
     lines = [line for line in grid.read_text().splitlines() if not line.startswith(("free", "occupied"))]
     for free, told in ((0.25, True), (0.195, False)):
         grid.write_text("\n".join([*lines, "occupied_thresh: 0.65", f"free_thresh: {free}", ""]))
-        output = mdm("map", "check", *floor, "--radius", "0.15")[1]
+        output = mdm("map", "check", *floor, "--radius", "0.1")[1]
         words = (
             "  free_thresh, 0.25, makes all 400 cells of the grey 205 free, and there are brighter ones: is that what"
         )
@@ -104,7 +104,7 @@ def test_a_free_colour_that_is_no_place_s(mdm, floor, tmp_path):
     labels = Pillow.open(floor[1])
     labels.putpixel((30, 24), (1, 2, 3))
     labels.save(tmp_path / "labels.png")
-    arguments = (floor[0], tmp_path / "labels.png", floor[2], "--radius", "0.15", "--pictures", tmp_path / "pictures")
+    arguments = (floor[0], tmp_path / "labels.png", floor[2], "--radius", "0.1", "--pictures", tmp_path / "pictures")
     status, output, _ = mdm("map", "check", *arguments)
     assert status == 1
     assert "  the colour 16711680 is no place's, and 721 of its 721 cells are free: a place is missing?" in output[1]
@@ -124,10 +124,10 @@ def test_what_is_free_around_a_building_is_no_place(mdm, floor):
     around = Pillow.new(labels.mode, wide.size, 0)
     around.paste(labels, (0, 0))
     around.save(floor[1])
-    assert mdm("map", "check", *floor, "--radius", "0.15")[0] == 0
+    assert mdm("map", "check", *floor, "--radius", "0.1")[0] == 0
     wide.paste(254, (inside.width - 12, 5, inside.width, 12))  # a hole in the wall
     wide.save(grid.parent / "map.pgm")
-    status, output, _ = mdm("map", "check", *floor, "--radius", "0.15")
+    status, output, _ = mdm("map", "check", *floor, "--radius", "0.1")
     assert status == 1
     assert output[1].startswith("  the colour 0 is no place's, and ")
 
@@ -150,7 +150,7 @@ def test_zones_in_place_of_an_image(mdm, floor, tmp_path):
         ]
     }
     (tmp_path / "graph.tmap2").write_text(yaml.safe_dump(graph))
-    status, output, errors = mdm("map", "check", floor[0], tmp_path / "graph.tmap2", "--radius", "0.15")
+    status, output, errors = mdm("map", "check", floor[0], tmp_path / "graph.tmap2", "--radius", "0.1")
     assert (status, output, errors) == (0, ["2 places, no problems"], "")
 
 
@@ -220,7 +220,7 @@ def test_bad_graphs_give_a_sentence(mdm, floor, tmp_path, graph, words):
 
 def test_geojson_without_names_goes_by_numbers(mdm, floor, tmp_path):
     (tmp_path / "graph.geojson").write_text(json.dumps(GEOJSON))
-    status, output, _ = mdm("map", "check", *floor[:2], tmp_path / "graph.geojson", "--radius", "0.15")
+    status, output, _ = mdm("map", "check", *floor[:2], tmp_path / "graph.geojson", "--radius", "0.1")
     assert status == 1
     assert "  from '2' there is no way back to '1'" in output
 
@@ -243,7 +243,7 @@ def test_labels_with_a_palette_or_in_grey(mdm, floor, tmp_path, mode):
     picture.save(tmp_path / "labels.png")
     names = tmp_path / "names.yaml"
     names.write_text("".join(f"{name}: {index}\n" for index, name in enumerate(NUMBERS, 1)))
-    arguments = (floor[0], tmp_path / "labels.png", floor[2], "--names", names, "--radius", "0.15")
+    arguments = (floor[0], tmp_path / "labels.png", floor[2], "--names", names, "--radius", "0.1")
     assert mdm("map", "check", *arguments)[:2] == (
         0,
         ["note: the colour 0 is no place's: the background, of 203 cells", "3 places, no problems"],
@@ -260,7 +260,7 @@ def test_a_map_that_is_turned_by_a_right_angle(mdm, tmp_path):
     for x, y in ((0.0, 3.0), (0.0, 5.0), (2.0, 3.5)):
         turned = turned.replace(f"<Goal>{x} {y} ", f"<Goal>{-1 - (y - 2)} {2 + (x + 1)} ")
     Path(floor[2]).write_text(turned)
-    assert mdm("map", "check", *floor, "--radius", "0.15")[0] == 0
+    assert mdm("map", "check", *floor, "--radius", "0.1")[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -297,20 +297,20 @@ def test_the_map_of_the_original(mdm, corpus, original, tmp_path):
 
 
 def test_the_floors_of_a_building_are_checked_and_what_joins_them(mdm, tmp_path):
-    status, output, errors = mdm("map", "check", write_building(tmp_path), "--radius", "0.15")
+    status, output, errors = mdm("map", "check", write_building(tmp_path), "--radius", "0.1")
     assert (status, errors, output[-1]) == (0, "", "6 places on 2 floors, no problems")
     apart = BUILDING[: BUILDING.index("[lifts")]
-    status, output, _ = mdm("map", "check", write_building(tmp_path, apart), "--radius", "0.15")
+    status, output, _ = mdm("map", "check", write_building(tmp_path, apart), "--radius", "0.1")
     assert (status, output[-1]) == (1, "6 places on 2 floors, 1 problem")
     assert "  no ways join 'upper.hall', 'upper.office', 'upper.store' with 'ground.hall'" in output
     graphs = {"upper": GRAPH.replace("2.0 3.5", "0.95 3.5")}
-    options = ("--radius", "0.15", "--pictures", tmp_path / "pictures")
+    options = ("--radius", "0.1", "--pictures", tmp_path / "pictures")
     status, output, _ = mdm("map", "check", write_building(tmp_path, graphs=graphs), *options)
     assert status == 1
     text = "\n".join(output)
     assert "upper: the goal of 'store', (0.95, 3.5), is not free in the map" in text
-    assert "'lift' stops at 'upper.store', and a robot of 0.3 m cannot drive to its goal" in text
+    assert "'lift' stops at 'upper.store', and a robot of 0.2 m cannot drive to its goal" in text
     assert (tmp_path / "pictures" / "01-goals.png").exists()
-    facts = json.loads(mdm("map", "check", tmp_path / "building.toml", "--radius", "0.15", "--json")[1][0])
+    facts = json.loads(mdm("map", "check", tmp_path / "building.toml", "--radius", "0.1", "--json")[1][0])
     assert {problem["floor"] for problem in facts["problems"]} == {"upper"}
     assert facts["background"]["ground"] == {str(200 * 0x010101): 203}

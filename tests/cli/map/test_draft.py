@@ -30,7 +30,7 @@ def test_a_draft_is_told_as_a_table_and_read_again(mdm, floor, given, tmp_path):
     drawn = load_map(floor[2], grid=floor[0], labels=labels).labels
     agrees = [drawn.names[label - 1] if label else "" for label in drawn.raster[free()]] == rooms()[free()]
     assert agrees.mean() > 0.98
-    assert mdm("map", "check", floor[0], labels, floor[2], "--radius", "0.15")[0] == 0
+    assert mdm("map", "check", floor[0], labels, floor[2], "--radius", "0.12")[0] == 0
 
 
 def test_where_the_graph_and_the_draft_differ(mdm, given, tmp_path):

@@ -14,7 +14,7 @@ from mdm.maps import load_graph
 def test_a_proposal_is_told_as_a_table_and_taken_by_the_other_verbs(mdm, floor, tmp_path):
     """From the map alone to a policy, by nothing but commands."""
     graph, labels = tmp_path / "graph.xml", tmp_path / "labels.png"
-    options = ("--radius", "0.15", "--least", "2", "--picture", tmp_path / "rooms.png")
+    options = ("--radius", "0.12", "--least", "2", "--picture", tmp_path / "rooms.png")
     status, output, errors = mdm("map", "goals", floor[0], "-o", graph, *options)
     assert (status, errors) == (0, "")
     assert output[0].split() == ["place", "free", "goal", "ways", "to"]
@@ -25,14 +25,14 @@ def test_a_proposal_is_told_as_a_table_and_taken_by_the_other_verbs(mdm, floor, 
         assert picture.size == (960, 960)
     assert len(load_graph(graph).edges) == 4
     assert mdm("map", "draft", floor[0], graph, "-o", labels)[0] == 0
-    assert mdm("map", "check", floor[0], labels, graph, "--radius", "0.15")[0] == 0
+    assert mdm("map", "check", floor[0], labels, graph, "--radius", "0.12")[0] == 0
     model = (tmp_path / "model.npz", "--reward", "Room1=1")
     assert mdm("map", "model", floor[0], labels, graph, "-o", *model)[0] == 0
     assert mdm("solve", tmp_path / "model.npz", "-o", tmp_path / "policy.npz")[0] == 0
 
 
 def test_as_json(mdm, floor, tmp_path):
-    command = ("map", "goals", floor[0], "-o", tmp_path / "graph.xml", "--least", "2", "--radius", "0.15", "--json")
+    command = ("map", "goals", floor[0], "-o", tmp_path / "graph.xml", "--least", "2", "--radius", "0.12", "--json")
     status, output, _ = mdm(*command)
     facts = json.loads(output[0])
     assert status == 0

@@ -87,9 +87,9 @@ def test_all_that_is_given_is_in_the_model(mdm, floor, tmp_path):
 
 def test_at_a_fixed_rate_ways_take_as_long_on_average_as_their_paths(mdm, floor, tmp_path):
     path = tmp_path / "floor.npz"
-    arguments = ["--speed", "0.5", "--period", "2", "--radius", "0.15", "-o", path]
+    arguments = ["--speed", "0.5", "--period", "2", "--radius", "0.12", "-o", path]
     status, output, _ = mdm("map", "model", *floor, *arguments, "--reward", "office=1")
-    taken = arrivals(load_map(floor[2], grid=floor[0], labels=floor[1]), speed=0.5, radius=0.15)
+    taken = arrivals(load_map(floor[2], grid=floor[0], labels=floor[1]), speed=0.5, radius=0.12)
     made = load_model(path)
     assert status == 0
     assert made.transition("Up", "hall", "office") == pytest.approx(min(1.0, 2 / taken[0, 0]))
@@ -102,7 +102,7 @@ def test_at_a_fixed_rate_ways_take_as_long_on_average_as_their_paths(mdm, floor,
 def test_solving_with_durations_is_iteration_over_time(mdm, facts, floor, tmp_path):
     """From the command line alone, to the value that a direct iteration over decisions has."""
     path, drive = tmp_path / "floor.npz", tmp_path / "drive.npz"
-    arguments = ["--speed", "0.5", "--durations", drive, "--stages", "3", "--radius", "0.15", "--discount", "0.98"]
+    arguments = ["--speed", "0.5", "--durations", drive, "--stages", "3", "--radius", "0.12", "--discount", "0.98"]
     status, output, errors = mdm("map", "model", *floor, *arguments, "--latch", "half=office/store", "-o", path)
     assert (status, errors) == (0, "")
     assert "discount  0.98 of a second" in output
@@ -213,7 +213,7 @@ def test_factors_that_are_none(mdm, floor, tmp_path, function, words):
 def test_a_patrol_that_visits_all_places(mdm, floor, tmp_path):
     """Wherever one begins in the model, by its policy one comes to the place that is next, and that then changes."""
     model, policy = tmp_path / "floor.npz", tmp_path / "policy.npz"
-    status, output, errors = mdm("map", "model", *floor, "--visit", "all", "--radius", "0.15", "-o", model)
+    status, output, errors = mdm("map", "model", *floor, "--visit", "all", "--radius", "0.12", "-o", model)
     assert (status, errors) == (0, "")
     assert "tour      hall, store, office, and so on" in output
     assert any(line.endswith('[places] of a TOML file: tour = ["hall", "store", "office"]') for line in output)
@@ -227,11 +227,11 @@ def test_a_patrol_that_visits_all_places(mdm, floor, tmp_path):
             here = int(np.argmax(made.transition_matrix(chosen.action(here))[here]))
             visited.add(here // 3)
         assert visited == {0, 1, 2}
-    both = ("--visit", "store", "--visit", "office", "--radius", "0.15")
+    both = ("--visit", "store", "--visit", "office", "--radius", "0.12")
     facts = json.loads(mdm("map", "model", *floor, *both, "-o", model, "--json")[1][0])
     assert facts["tour"] == ["store", "office"]
     for given, words in (("attic", "there is no place 'attic'"), ("hall", "a tour takes two places or more")):
-        status, _, errors = mdm("map", "model", *floor, "--visit", given, "--radius", "0.15", "-o", model)
+        status, _, errors = mdm("map", "model", *floor, "--visit", given, "--radius", "0.12", "-o", model)
         assert (status, words in errors, "Traceback" in errors) == (1, True, False)
 
 

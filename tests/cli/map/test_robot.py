@@ -55,7 +55,7 @@ def test_from_a_map_alone_to_a_robot_that_visits_all_rooms(mdm, floor, tmp_path,
     """Five commands, and nothing edited but the robot's own code."""
     folder = tmp_path / "floor"
     monkeypatch.chdir(folder)
-    options = ("--radius", "0.15")
+    options = ("--radius", "0.12")
     (folder / "robot.py").write_text(ROBOT)
     for command in (
         ("goals", "map.yaml", "-o", "rooms.xml", "--least", "2", *options),

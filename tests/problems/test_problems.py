@@ -19,7 +19,7 @@ def test_every_problem_names_its_source_and_its_parameters(name):
     assert "Source: " in function.__doc__
     for parameter in inspect.signature(function).parameters.values():
         assert parameter.default is not inspect.Parameter.empty
-        assert f"        {parameter.name}: " in function.__doc__
+        assert f"\n    {parameter.name}: " in inspect.getdoc(function)  # indented less than its source
 
 
 @pytest.mark.parametrize("name", problems.__all__)

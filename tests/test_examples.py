@@ -260,7 +260,7 @@ runpy.run_path({str(EXAMPLES / "patrol" / "patrol.py")!r}, run_name="__main__")
 
 
 def test_another_seed_is_another_day_and_the_same_one_the_same():
-    one, other, again = (run("patrol/patrol.py", "--fast", "--seconds", "300", "--seed", seed) for seed in "454")
+    one, other, again = (run("patrol/patrol.py", "--fast", "--seconds", "90", "--seed", seed) for seed in "454")
     assert one != other
     assert one.splitlines()[:-1] == again.splitlines()[:-1]  # the last line tells the time it took
     for output in (one, other):
@@ -563,7 +563,7 @@ def patrolled(seconds):
 
 
 def test_two_robots_share_the_patrol_of_a_building():
-    steps, rooms, distances, touched = patrolled(600)
+    steps, rooms, distances, touched = patrolled(240)
     assert steps["ada"] == steps["bob"]
     assert touched == {"ada": 0, "bob": 0}
     assert min(distances) > 2.0  # it is what they decide that keeps them apart: they need not give way
@@ -572,10 +572,10 @@ def test_two_robots_share_the_patrol_of_a_building():
     assert east == {"ElevatorHallway", "WestCorridor", "SouthCorridor", "CoffeeRoom"}
     ends = [room for room in rooms["bob"] if room in {"CoffeeRoom", "ElevatorHallway"}]
     assert all(one != other for one, other in itertools.pairwise(ends))  # there and back: no half of a round twice
-    assert len(ends) >= 20
-    assert len(rooms["ada"]) >= 80
-    again, *_ = patrolled(120)
-    assert len(again["ada"]) >= 30
+    assert len(ends) >= 8
+    assert len(rooms["ada"]) >= 32
+    again, *_ = patrolled(60)
+    assert len(again["ada"]) >= 15
     for agent, own in again.items():
         assert own == {step: steps[agent][step] for step in own}
 

@@ -14,11 +14,12 @@ from mdm.maps.paths import PATH_MARGIN, Paths
 from mdm.maps.sight import sees
 from mdm.simulation.building.body import Body
 from mdm.simulation.building.brakes import GAP, Brakes
+from mdm.simulation.building.escape import way_out
 from mdm.simulation.building.guest import Whereabouts
 from mdm.simulation.building.refuge import refuge
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from mdm.maps import Grid
     from mdm.models.matrices import Vector
@@ -45,6 +46,8 @@ _AHEAD, _SAMPLES = 1.5, 16
 """Metres for which it looks ahead along its way, and at how many points."""
 _CLEAR, _FREEING = 0.15, 2.0
 """Metres from walls to which a robot drives for so many seconds that its brakes have stopped beside one."""
+_POINT = 4.0
+"""Seconds in which it comes to the next point of a way out, or looks for another."""
 _BESIDE_OTHERS = 2.5
 """Seconds for which it stands first where others drive near it, who may have to give way."""
 _HELD, _MOVED = 50.0, 0.5
@@ -59,6 +62,8 @@ _IN_TURN = 3
 """How many times longer it takes until the other one of two gives way."""
 _MEETING = 3.0
 """Metres from one another within which robots may be in each other's way."""
+_BESIDE = 0.3
+"""Metres from its way around a body within which a robot goes back to it."""
 _PASSED, _ASIDE = 2.0, 15.0
 """Metres that the others have driven on, and seconds, after which a robot that gave way goes on."""
 
@@ -78,10 +83,12 @@ class _Drive:
         self.remaining = remaining
         self.waited = 0.0
         self.blocked = 0.0
+        self.again = 0.0  # of the seconds that it waited, when it looks again for a way around
         self.looks = 0
         self.stuck = 0.0  # seconds since it last moved at all
         self.free: tuple[float, float] | None = None  # where it drives to get away from a wall, and how long
         self.freeing = 0.0
+        self.way_out: list[tuple[float, float]] = []  # the same where nobody drives near it
         self.held = 0.0  # seconds since it was at the next, with less than a little way from there
         self.careful = 0.0  # seconds for which it follows its way itself, and the cell to which it drives then
         self.step: Cell | None = None
@@ -273,7 +280,7 @@ class Robot(Body):
             return
         here = float(drive.distances[cell])
         if here < drive.remaining - _NEARER:
-            drive.remaining, drive.waited, drive.blocked = here, 0.0, 0.0
+            drive.remaining, drive.waited, drive.blocked, drive.again = here, 0.0, 0.0, 0.0
         else:
             drive.waited += seconds
             drive.blocked += seconds
@@ -303,9 +310,15 @@ class Robot(Body):
         told = self.agent.last_cmd.relative(self.agent.pose)
         forward, turning = float(told.velocity[0]), float(told.angular_speed)
         drive = self._drive
-        chosen = None if drive is None or drive.careful <= 0 else self._along(drive, seconds)
-        if chosen is not None:
+        chosen = None
+        if drive is not None and drive.way_out:
+            chosen = self._towards(drive.way_out[0], seconds)
+        elif drive is not None and drive.careful > 0 and drive.freeing <= 0:
+            chosen = self._along(drive, seconds)
+        if drive is not None and chosen is not None:
             forward, turning = chosen
+            if forward == 0:
+                drive.stuck = 0.0  # it turns to where it will drive
         share = brakes.share(self, forward * seconds, turning * seconds, bodies)
         if share < 1.0 or chosen is not None:
             self.agent.last_cmd = Twist2((share * forward, 0.0), turning, Frame.relative)
@@ -334,14 +347,17 @@ class Robot(Body):
 
         None where it was pushed to a cell from which there is no way.
         """
-        here = self.pose
         if drive.step is None or self._distance(drive.step) < _THERE:
             try:
                 drive.step = drive.paths.next(drive.distances, self.cell)
             except MapError:
                 drive.careful = 0.0
                 return None
-        x, y = self._grid.frame.centre(*drive.step)
+        return self._towards(self._grid.frame.centre(*drive.step), seconds)
+
+    def _towards(self, point: tuple[float, float], seconds: float) -> tuple[float, float]:
+        """Return the speeds, ahead and of turning, at which it drives straight to a point."""
+        here, (x, y) = self.pose, point
         off = math.remainder(math.atan2(y - here.y, x - here.x) - here.yaw, math.tau)
         turning = max(-_TURNING, min(_TURNING, off / seconds))
         metres = math.dist((x, y), (here.x, here.y))
@@ -369,9 +385,9 @@ class Robot(Body):
             if body is not self and not body.remaining
         }
         around = frozenset(standing)
-        if around <= drive.around:
+        if around <= drive.around or drive.waited < drive.again:
             return
-        drive.around |= around
+        drive.again = drive.waited + _BLOCKED
         rows, columns = np.indices(self._paths.frame.shape)
         free = self._paths.open.copy()
         for cell, extent in standing.items():
@@ -379,20 +395,30 @@ class Robot(Body):
         free[self.cell] = True
         goal = np.unravel_index(drive.distances.argmin(), drive.distances.shape)
         if not free[goal]:
+            drive.around |= around
             return
         paths = Paths(self._paths.frame, free)
         distances, _ = paths.distances([(int(goal[0]), int(goal[1]))])
         if math.isfinite(distances[self.cell]):
-            drive.paths, drive.distances = paths, distances
+            drive.paths, drive.distances, drive.around = paths, distances, drive.around | around
             drive.remaining, drive.blocked = float(distances[self.cell]), 0.0
-            drive.turns = paths.route(distances, self.cell)
+            drive.turns, drive.step = paths.route(distances, self.cell), None
 
     def _set_out(self, drive: _Drive, cell: Cell) -> None:
-        """Take the shortest way from a cell, around bodies no more where it was pushed to where one stood."""
+        """Take the shortest way from a cell; around bodies no more where it was pushed to where one stood."""
+        begin = cell
         if not math.isfinite(drive.distances[cell]):
-            goal = np.unravel_index(drive.distances.argmin(), drive.distances.shape)
-            drive.paths, drive.distances = self._paths, self._fields[int(goal[0]), int(goal[1])]
-        drive.turns = drive.paths.route(drive.distances, cell)
+            known = np.argwhere(np.isfinite(drive.distances))
+            metres = np.hypot(*(known - cell).T) * self._paths.frame.resolution
+            row, column = known[int(metres.argmin())].tolist()
+            begin = row, column
+            if metres.min() > _BESIDE:
+                goal = np.unravel_index(drive.distances.argmin(), drive.distances.shape)
+                drive.paths, drive.distances = self._paths, self._fields[int(goal[0]), int(goal[1])]
+                drive.around, begin = frozenset(), cell
+        drive.turns, drive.step = drive.paths.route(drive.distances, begin), None
+        if begin != cell:
+            drive.turns.insert(0, begin)
 
     def _margin(self, turn: Cell) -> float:
         """Return the metres to keep from all, as the way ahead has room: in a narrow passage less."""
@@ -409,33 +435,54 @@ class Robot(Body):
     def _frees_itself(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> bool:
         """Drive a little away from what stands where the brakes have stopped it; return whether it does."""
         if drive.freeing <= 0 and drive.stuck > _STUCK:
-            here, side = self.pose, self._grid.frame.resolution
-            away_from = {body: math.dist((here.x, here.y), body.agent.position) for body in bodies if body is not self}
-            near = [body for body, metres in away_from.items() if metres < self.radius + body.radius + 2 * _CLEAR]
-            drive_by = any(body.remaining and metres < _MEETING for body, metres in away_from.items())
-            if drive_by and drive.stuck < _BESIDE_OTHERS:
+            away_from = {body: self._away(body) for body in bodies if body is not self}
+            if not any(body.remaining and metres < _MEETING for body, metres in away_from.items()):
+                self._find_a_way_out(drive, seconds, list(away_from))
+            elif drive.stuck < _BESIDE_OTHERS or not self._frees_itself_beside_others(drive, away_from):
                 return False
-            if self._aside is None and (any(body.remaining for body in near) or (near and drive_by)):
-                return False  # who drives is to pass, or to be let pass
-            row, column = self._grid.frame.locate(here.x, here.y)
-            cells = np.argwhere(self._clearance > self.radius + _CLEAR)
-            for body in near:
-                there = self._grid.frame.locate(body.pose.x, body.pose.y)
-                metres = np.hypot(cells[:, 0] - there[0], cells[:, 1] - there[1]) * side
-                cells = cells[metres > self.radius + body.radius + _CLEAR]
-            away = np.hypot(cells[:, 0] - row, cells[:, 1] - column) * side
-            if not len(away) or not side < away.min() < 1.0:
-                return False
-            drive.free = self._grid.frame.centre(*cells[away.argmin()].tolist())
-            drive.freeing, drive.stuck = _FREEING, 0.0
-        if drive.freeing <= 0 or drive.free is None:
+        if drive.freeing <= 0:
             return False
         drive.freeing -= seconds
         if self._aside is None:
             drive.waited += seconds
             drive.blocked += seconds
-        self.agent.behavior.safety_margin = 0.0
-        self.agent.controller.go_to_position(np.array(drive.free), _NEAR / 3)
+        while drive.way_out and math.dist(drive.way_out[0], self.agent.position) < _THERE:
+            del drive.way_out[0]
+            drive.freeing = _POINT if drive.way_out else 0.0
+        if drive.freeing <= 0:
+            drive.way_out = []
+        elif drive.free is not None:
+            self.agent.behavior.safety_margin = 0.0
+            self.agent.controller.go_to_position(np.array(drive.free), _NEAR / 3)
+        return True
+
+    def _find_a_way_out(self, drive: _Drive, seconds: float, others: Sequence[Body]) -> None:
+        """Look for a way to where it has room, once a second while there is none."""
+        if (drive.stuck - _STUCK) % _STUCK > seconds:
+            return
+        here = self.agent.position.tolist()
+        ample = [(self._clearance > self.radius + _CLEAR, _CLEAR), (self._paths.open, 2 * PATH_MARGIN)]
+        found = way_out((here[0], here[1]), self.radius, self._grid, others, ample)
+        if found and math.dist(found[-1], here) > self._grid.frame.resolution:
+            drive.way_out, drive.free, drive.freeing, drive.stuck, drive.step = found, None, _POINT, 0.0, None
+
+    def _frees_itself_beside_others(self, drive: _Drive, away_from: Mapping[Body, float]) -> bool:
+        """Set out for the nearest cell that is far enough from walls; return whether there is one."""
+        near = [body for body, metres in away_from.items() if metres < self.radius + body.radius + 2 * _CLEAR]
+        if self._aside is None and near:
+            return False  # who drives is to pass, or to be let pass
+        here, side = self.pose, self._grid.frame.resolution
+        row, column = self._grid.frame.locate(here.x, here.y)
+        cells = np.argwhere(self._clearance > self.radius + _CLEAR)
+        for body in near:
+            there = self._grid.frame.locate(body.pose.x, body.pose.y)
+            metres = np.hypot(cells[:, 0] - there[0], cells[:, 1] - there[1]) * side
+            cells = cells[metres > self.radius + body.radius + _CLEAR]
+        away = np.hypot(cells[:, 0] - row, cells[:, 1] - column) * side
+        if not len(away) or not side < away.min() < 1.0:
+            return False
+        drive.free = self._grid.frame.centre(*cells[away.argmin()].tolist())
+        drive.freeing, drive.stuck, drive.step = _FREEING, 0.0, None
         return True
 
     def _is_held(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> bool:

@@ -7,12 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from maps.floors import FURNITURE, flat, offices
+from hypothesis import example, given, settings, strategies as st
+from maps.floors import FURNITURE, Floor, flat, offices
 from passage import MIDDLE, PASSAGE, Scripted
 
 import mdm
 from mdm.maps import Pose
-from mdm.simulation.building import Building, DriveError
+from mdm.simulation.building import Building, DriveError, Whereabouts
 from mdm.simulation.building.refuge import refuge
 
 
@@ -359,3 +360,37 @@ def test_a_robot_aside_that_is_sent_elsewhere_goes_at_once():
         return (clock.now() - begin) / 1e9
 
     assert met(act, BLOCKING) < 30.0
+
+
+@settings(max_examples=12)
+@given(
+    gap=st.floats(0.0, 0.7), tilt=st.floats(-1.2, 1.2), aside=st.floats(-0.4, 0.4), far=st.floats(0.6, 1.5),
+    yaw=st.floats(-math.pi, math.pi),
+)  # fmt: skip
+@example(gap=0.6, tilt=0.64, aside=0.0, far=0.7, yaw=-0.4)
+def test_a_robot_comes_past_two_that_stand_close_together(gap, tilt, aside, far, yaw):
+    """Between them, if there is room, or around; it gets in between, and out again, where there hardly is."""
+    building = Building(Floor(8.0, 8.0, {"hall": (0.0, 0.0, 8.0, 8.0)}, {}).map(), seed=1)
+    middle, apart = (2.0, 3.0), 0.2 + gap / 2
+    robot = building.robot("ada", at=Pose(middle[0] + aside, middle[1] - far, yaw), speed=1.0)
+    guests = [building.guest(name, radius=0.2) for name in ("left", "right")]
+    places = [(middle[0] + side * math.cos(tilt), middle[1] + side * math.sin(tilt)) for side in (-apart, apart)]
+    if any(math.dist(place, (robot.pose.x, robot.pose.y)) < 0.48 for place in places):
+        return
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            await runtime.start(building)
+
+            async def stand():
+                while True:
+                    for guest, place in zip(guests, places, strict=True):
+                        guest.take(Whereabouts(0, *place, 0.0, (0.0, 0.0), 0.0, ()))
+                    await asyncio.sleep(0.5)
+
+            standing = asyncio.create_task(stand())
+            await robot.go(Pose(middle[0], middle[1] + 1.5, 1.5))
+            standing.cancel()
+
+    mdm.run(main, virtual=True)
+    assert robot.collisions == 0

@@ -373,7 +373,7 @@ def test_a_map_with_faults_is_told(mdm, floor, tmp_path):
 
 def test_the_floors_of_a_building_make_one_model(mdm, tmp_path):
     building, model, times = write_building(tmp_path), tmp_path / "site.npz", tmp_path / "times.npz"
-    options = ("--radius", "0.15", "--speed", "0.5", "--durations", times, "--visit", "all", "-o", model)
+    options = ("--radius", "0.12", "--speed", "0.5", "--durations", times, "--visit", "all", "-o", model)
     status, output, errors = mdm("map", "model", building, *options)
     assert (status, errors) == (0, "")
     assert output[0] == "states    36: position (6), next (6)"

@@ -133,7 +133,7 @@ def test_the_map_of_the_original(mdm, original, tmp_path):
 def test_the_floors_of_a_building_are_shown_with_its_lifts(mdm, tmp_path):
     building = write_building(tmp_path / "site")
     picture = tmp_path / "site.png"
-    status, output, errors = mdm("map", "show", building, "-o", picture, "--radius", "0.15")
+    status, output, errors = mdm("map", "show", building, "-o", picture, "--radius", "0.12")
     assert (status, errors) == (0, "")
     assert [line for line in output if line.startswith("floor ")] == ["floor ground", "floor upper"]
     assert output[-4:] == [
@@ -144,7 +144,7 @@ def test_the_floors_of_a_building_are_shown_with_its_lifts(mdm, tmp_path):
     ]
     alone = tmp_path / "ground.png"
     files = [tmp_path / "site" / "ground" / name for name in ("map.yaml", "labels.ppm", "graph.xml")]
-    assert mdm("map", "show", *files, "-o", alone, "--radius", "0.15")[0] == 0
+    assert mdm("map", "show", *files, "-o", alone, "--radius", "0.12")[0] == 0
     with Pillow.open(picture) as both, Pillow.open(alone) as one:
         assert both.width == one.width
         assert both.height > 2 * one.height

@@ -219,7 +219,10 @@ class Places(Actor):
             Error: If the robot is farther from the goal than the tolerance and the margin.
         """
         goal = self._heads_for
-        if goal is None or goal != self._nodes.get(place) or self._pose is None or self._arrive(self._pose):
+        if goal is None or goal != self._nodes.get(place) or self._pose is None:
+            return
+        if self._is_near(goal, self._pose):
+            self._reach(goal)
             return
         self._arrives = arrives = asyncio.get_running_loop().create_future()
 
@@ -229,7 +232,10 @@ class Places(Actor):
 
         timer = self.call_later(self._max_age / 1e9, give_up)
         try:
-            if not await arrives and self._pose is not None:
+            if await arrives:
+                # Only now: what is decided there comes after the end of the drive, and does not pre-empt it.
+                self._reach(goal)
+            elif self._pose is not None:
                 far = self._distance(goal, self._pose)
                 if math.isinf(far):
                     raise Error(
@@ -245,18 +251,17 @@ class Places(Actor):
             timer.cancel()
             self._arrives = None
 
-    def _arrive(self, pose: Pose) -> bool:
-        """Let the goal of the drive count as reached, if the robot is there by a pose."""
-        goal = self._heads_for
-        assert goal is not None
-        if self._distance(goal, pose) > math.sqrt(self._goals[goal][3]):
-            return False
+    def _is_near(self, goal: int, pose: Pose) -> bool:
+        """Whether a robot at a pose counts as come to a goal when its drive has ended."""
+        return self._distance(goal, pose) <= math.sqrt(self._goals[goal][3])
+
+    def _reach(self, goal: int) -> None:
+        """Let the goal of the drive that has ended count as reached."""
         self._heads_for = None
         if goal not in self._at or self._reached != goal:
             self._at |= {goal}
             self._reached = goal
             self._tell()
-        return True
 
     def _distance(self, goal: int, pose: Pose) -> float:
         if not any(index == goal for index, *_ in self._levels[pose.floor].goals):
@@ -315,8 +320,9 @@ class Places(Actor):
             self._tell()
         if self._timer is None:
             self._wait()
-        if self._arrives is not None and not self._arrives.done() and self._arrive(here):
-            self._arrives.set_result(True)
+        arrives, goal = self._arrives, self._heads_for
+        if arrives is not None and goal is not None and not arrives.done() and self._is_near(goal, here):
+            arrives.set_result(True)
 
     def _change(self, floor: str) -> int:
         """Be on another floor, where the robot is in no place yet, of whose borders there would be a margin."""

@@ -697,3 +697,35 @@ def test_a_ride_that_is_no_async_function_is_told():
     robot.ride = lambda lift, goal: None
     with pytest.raises(Error, match="a navigator's 'ride' is an async function, and this one returned None"):
         robot.do(lambda navigation: navigation.way("lift to first"))
+
+
+@pytest.mark.parametrize("late", [0.0, 0.3])
+def test_a_drive_whose_last_pose_comes_after_its_end_has_succeeded(late):
+    """What is decided where it has come does not pre-empt it."""
+    robot = Lifted(at="ground.Shaft")
+    policy = dict.fromkeys(TOWER.names, "Stay") | {"ground.Shaft": "lift to first", "first.Shaft": "Left"}
+    actions = robot.navigation.actions(stay="Stay")
+    ensemble = mdm.Ensemble(
+        "robot",
+        policy=mdm.policies.QTable([[float(label == policy[room]) for label in actions] for room in TOWER.names]),
+        predicates=robot.predicates,
+        states=[mdm.StateFactor("room", {room: f"{room}.reached" for room in TOWER.names})],
+        actions=actions,
+    )
+
+    async def be(goal):
+        await asyncio.sleep(1.0)
+        robot.at = goal
+        asyncio.get_running_loop().call_later(late, robot.tell)
+
+    async def main(runtime):
+        robot._be = be
+        lives = probe(runtime.channel("robot/lives", ActionLife))
+        await runtime.start(robot.places)
+        robot.tell()
+        await runtime.start(ensemble)
+        await asyncio.sleep(4.9)
+        return [(life.action, life.status) for life in lives][:4]
+
+    ways = ["lift to first", "Left"]
+    assert run_virtual(main) == [(way, status) for way in ways for status in ("running", "succeeded")]

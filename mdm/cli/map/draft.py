@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.map.floor import inputs
+from mdm.cli.map.floor import check_one_floor, inputs
 
 if TYPE_CHECKING:
     import argparse
@@ -45,6 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.cli.report import as_json  # noqa: PLC0415
     from mdm.maps import draft, load_graph, load_grid, save_labels  # noqa: PLC0415
 
+    check_one_floor(arguments)
     check_output(arguments.output, *inputs(arguments))
     graph, grid = load_graph(arguments.graph), load_grid(arguments.map)
     labels = draft(grid, graph)

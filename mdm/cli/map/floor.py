@@ -12,7 +12,7 @@ from mdm.cli.usage import UsageError
 if TYPE_CHECKING:
     from mdm.maps.files.load import Parts
 
-__all__ = ["add_floor", "inputs", "load", "metres", "settle"]
+__all__ = ["add_floor", "check_one_floor", "inputs", "load", "metres", "settle"]
 
 
 def add_floor(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +60,16 @@ def settle(arguments: argparse.Namespace, *, graph_needed: bool = True) -> bool:
     if arguments.graph is None and graph_needed:
         raise UsageError("the following arguments are required: GRAPH")
     return False
+
+
+def check_one_floor(arguments: argparse.Namespace) -> None:
+    """Refuse a building's file where a map is needed.
+
+    Raises:
+        UsageError: If it is one.
+    """
+    if Path(arguments.map).suffix.lower() == ".toml":
+        raise UsageError(f"{arguments.map}: this is of a whole building: give the map of one floor, each in its turn")
 
 
 def load(arguments: argparse.Namespace) -> Parts:

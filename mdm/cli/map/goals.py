@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.map.floor import inputs, metres
+from mdm.cli.map.floor import check_one_floor, inputs, metres
 from mdm.errors import Error
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.maps.check import RADIUS  # noqa: PLC0415
     from mdm.maps.files.load import Parts  # noqa: PLC0415
 
+    check_one_floor(arguments)
     if Path(arguments.output).suffix.lower() != ".xml":
         raise Error(f"{arguments.output}: the graph is written as a TopologicalMap, in XML: its file ends in .xml")
     check_place(arguments.output, *inputs(arguments))

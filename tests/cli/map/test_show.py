@@ -165,3 +165,13 @@ def test_a_building_is_given_alone_and_its_files_are_kept(mdm, floor, tmp_path):
     assert "a building's file names maps, graphs and labels itself: give it alone" in errors
     status, _, errors = mdm("map", "show", tmp_path / "no.toml")
     assert (status, errors.count("no.toml: there is no such file")) == (1, 1)
+
+
+@pytest.mark.parametrize("verb", ["goals -o rooms.xml", "draft graph.xml -o labels.png"])
+def test_what_is_for_one_floor_refuses_a_building(mdm, tmp_path, monkeypatch, verb):
+    write_building(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    name, *rest = verb.split()
+    status, _, errors = mdm("map", name, "building.toml", *rest)
+    assert status == 2
+    assert "building.toml: this is of a whole building: give the map of one floor" in errors

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+import mdm
 from mdm.errors import MapError
-from mdm.maps import Edge, Floors, Frame, Graph, Grid, Labels, Lift, Map, Node, Pose, check
+from mdm.maps import Edge, Floors, Frame, Graph, Grid, Labels, Lift, Map, Navigation, Node, Places, Pose, check
 from mdm.maps.floors import place_of, rides
-from mdm.maps.model import arrivals, model, sightings
+from mdm.maps.model import arrivals, model, sightings, visits
+from mdm.maps.tours import tour
+from mdm.testing import probe, run_virtual
 
 
 def strip(names, edges=()):
@@ -237,3 +244,89 @@ def test_the_lifts_to_take_are_those_of_the_quickest_way(floors, data):
         driven += on_floor[ride.source] + ride.seconds
         here = ride.target
     assert driven + quickest(Floors(floors.maps), here)[target] == pytest.approx(least)
+
+
+class Walker:
+    """A robot on several floors that is carried elsewhere now and then, and whose rides end anywhere if cancelled."""
+
+    def __init__(self, floors, random):
+        self.floors, self.random = floors, random
+        self.at = floors.graph.node(str(random.choice(floors.names))).goal
+
+    async def go(self, goal):
+        assert goal.floor == self.at.floor
+        while (far := goal.x - self.at.x) != 0.0:
+            await asyncio.sleep(0.2)
+            self.at = replace(self.at, x=self.at.x + max(-0.1, min(0.1, far)))
+
+    async def ride(self, lift, goal):
+        stops = [way for way in self.floors.graph.edges if way.lift == lift]
+        here = [self.floors.graph.node(way.source).goal for way in stops]
+        assert any(stop.floor == self.at.floor and abs(stop.x - self.at.x) < 0.7 for stop in here)
+        try:
+            await asyncio.sleep(10.0)
+        finally:
+            if self.random.random() < 0.5 or asyncio.current_task().cancelling() == 0:
+                self.at = goal
+
+    async def live(self, places):
+        while True:
+            places.see(self.at)
+            await asyncio.sleep(0.1)
+
+
+def chain(random):
+    """Return a building whose floors are rows of rooms with ways both ways, each joined with the next by lifts."""
+    sizes = random.integers(1, 4, size=int(random.integers(2, 4))).tolist()
+    maps = {}
+    for level, size in enumerate(sizes):
+        names = [f"p{place}" for place in range(size)]
+        maps[f"floor{level}"] = strip(names, both(*pairwise(names)))
+    lifts = tuple(
+        Lift(f"l{level}", tuple(f"floor{on}.p{random.integers(sizes[on])}" for on in (level, level + 1)), 10.0)
+        for level in range(len(sizes) - 1)
+    )
+    return Floors(maps, lifts)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_patrol_goes_on_whatever_happens_on_whatever_floor(seed):
+    random = np.random.default_rng(seed)
+    floors = chain(random)
+    graph, walker = floors.graph, Walker(floors, random)
+    order = tour(graph)
+    made = model(graph, factors=[visits(graph, order)])
+    predicates = mdm.PredicateManager()
+    places = Places(floors, predicates, tour=order)
+    ensemble = mdm.Ensemble(
+        "patrol",
+        policy=mdm.solve(made, gap=1e-3).policy,
+        model=made,
+        predicates=predicates,
+        states=[
+            mdm.StateFactor("position", {name: f"{name}.reached" for name in graph.names}),
+            mdm.StateFactor("next", {name: f"{name}.next" for name in order}),
+        ],
+        actions=Navigation(floors, walker, places).actions(),
+        drive=None if seed % 2 else mdm.FixedRate(0.5),
+        on_failed_action="decide",
+    )
+
+    async def main(runtime):
+        await runtime.start(places)
+        living = asyncio.create_task(walker.live(places))
+        await asyncio.sleep(0.3)
+        for _ in range(6):
+            await runtime.start(ensemble)
+            await asyncio.sleep(float(random.uniform(3.0, 40.0)))
+            await runtime.stop(ensemble)
+            if random.random() < 0.5:
+                goal = graph.node(str(random.choice(graph.names))).goal
+                walker.at = replace(goal, x=goal.x + float(random.choice([-0.6, 0.0, 0.6])))
+        arrived = probe(predicates.events)
+        await runtime.start(ensemble)
+        await asyncio.sleep(3.0 * (40.0 * len(graph.names) + 20.0))
+        living.cancel()
+        return {event.removesuffix(".arrived") for update in arrived for event in update.events}
+
+    assert set(graph.names) <= run_virtual(main)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ConfigError, Error
+from mdm.maps.floors import Floors
 from mdm.maps.map import Map
 from mdm.messages import Belief, ParticleUpdate
 from mdm.runtime import Actor
@@ -57,6 +58,8 @@ class PlaceBelief(Actor):
         supervision: Supervision = "escalate",
     ) -> None:
         super().__init__(name, supervision=supervision)
+        if isinstance(floor, Floors):
+            raise ConfigError("a PlaceBelief is of one floor: particles do not say on which they are")
         labels = floor.labels if isinstance(floor, Map) else floor
         model = ensemble.controller.model
         if ensemble.controller.takes == "state" or model is None:

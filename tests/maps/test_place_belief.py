@@ -11,7 +11,7 @@ from rows_of_rooms import row_of_rooms
 
 import mdm
 from mdm.errors import ConfigError, Error
-from mdm.maps import Frame, Labels, PlaceBelief
+from mdm.maps import Floors, Frame, Labels, PlaceBelief
 from mdm.models import POMDP, Factor, Space
 from mdm.testing import probe, run_virtual
 
@@ -135,3 +135,8 @@ def test_what_does_not_fit_is_refused():
         believe(robot(Factor("position", ["A", "B", "C"])), [[1]], [[1]])
     with pytest.raises(Error, match="particles are arrays of numbers"):
         believe(robot(Factor("position", ["A", "B", "C"])), ["one"], [1])
+
+
+def test_particles_are_of_one_floor():
+    with pytest.raises(ConfigError, match="a PlaceBelief is of one floor"):
+        PlaceBelief(Floors({"ground": THREE}), robot(Factor("position", ["A", "B", "C"])))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from mdm.maps import Map, Pose
+    from mdm.maps import Grid, Map, Pose
     from mdm.maps.places import Places
     from mdm.messages import Tick
     from mdm.runtime import Channel
@@ -89,12 +89,15 @@ class Building(Actor):
         self, floor: Map, *, visits: Iterable[Visits] = (), seed: int | None = None, name: str = "building"
     ) -> None:
         super().__init__(name)
-        if floor.grid is None:
-            raise MapError("a building needs a map with a grid: where there is no wall, everything is")
+        grid: Grid | None = getattr(floor, "grid", None)
+        if grid is None:
+            raise MapError(
+                "a building needs a map with a grid: where there is no wall, all is; of several floors make a Tower"
+            )
         core, simulator = _navground()
         self.floor = floor
-        self.grid = floor.grid
-        self._clearance = floor.grid.clearance()
+        self.grid = grid
+        self._clearance = grid.clearance()
         self.robots: dict[str, Robot] = {}
         self.guests: dict[str, Guest] = {}
         self._bystanders: list[Bystander] = []

@@ -14,7 +14,7 @@ from passage import PASSAGE
 
 import mdm
 from mdm.errors import ConfigError, Error, MapError
-from mdm.maps import Map, Places, Pose
+from mdm.maps import Floors, Map, Places, Pose
 from mdm.messages import PoseUpdate
 from mdm.simulation.building import Building, DriveError, Visits
 
@@ -189,6 +189,8 @@ def test_places_are_told_what_is_told_on_the_channel():
 
 def test_what_does_not_fit_is_refused():
     floor = offices().map()
+    with pytest.raises(MapError, match="of several floors make a Tower"):
+        Building(Floors({"ground": floor}))
     with pytest.raises(MapError, match="needs a map with a grid"):
         Building(Map(floor.labels, floor.graph))
     building = Building(floor)

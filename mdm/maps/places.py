@@ -105,14 +105,13 @@ class Places(Actor):
         self.floor = floor
         if isinstance(floor, Floors):
             self._levels = {
-                name: _Level(labels, name, [f"{name}.{place}" for place in floor.maps[name].labels.names], margin)
+                name: _Level(labels, [f"{name}.{place}" for place in floor.maps[name].labels.names], margin)
                 for name, labels in floor.labels.items()
             }
         else:
             labels = floor.labels if isinstance(floor, Map) else floor
-            self._levels = {"": _Level(labels, "", labels.names, margin)}
-        self._level = next(iter(self._levels.values()))
-        self.labels = self._level.labels
+            self._levels = {"": _Level(labels, labels.names, margin)}
+        self._change(next(iter(self._levels)))
         self.predicates = predicates
         self.prefix = prefix
         self.late = 0
@@ -255,6 +254,11 @@ class Places(Actor):
         """Whether a robot at a pose counts as come to a goal when its drive has ended."""
         return self._distance(goal, pose) <= math.sqrt(self._goals[goal][3])
 
+    def _look_whether_there(self, arrives: asyncio.Future[bool], pose: Pose) -> None:
+        goal = self._heads_for
+        if goal is not None and not arrives.done() and self._is_near(goal, pose):
+            arrives.set_result(True)
+
     def _reach(self, goal: int) -> None:
         """Let the goal of the drive that has ended count as reached."""
         self._heads_for = None
@@ -293,7 +297,7 @@ class Places(Actor):
     def _on_pose(self, pose: PoseUpdate) -> None:
         now = self.runtime.clock.now()
         here = Pose(pose.x, pose.y, pose.yaw, floor=pose.floor)
-        if not here.is_finite or pose.floor not in self._levels:
+        if not here.is_finite or (pose.floor != self._floor and pose.floor not in self._levels):
             self._on_bad_pose(here, now)
             return
         time = min(pose.time, now)
@@ -301,8 +305,8 @@ class Places(Actor):
             self._on_late_pose(time, now)
             return
         self._seen, self._pose = time, here
-        room = self._room if pose.floor == self._level.name else self._change(pose.floor)
-        code = self._level.look_up(pose.x, pose.y)
+        room = self._room if pose.floor == self._floor else self._change(pose.floor)
+        code = self._look_up(pose.x, pose.y)
         label = code >> 1
         if code & 1 or (label and not room):
             room = label
@@ -320,14 +324,13 @@ class Places(Actor):
             self._tell()
         if self._timer is None:
             self._wait()
-        arrives, goal = self._arrives, self._heads_for
-        if arrives is not None and goal is not None and not arrives.done() and self._is_near(goal, here):
-            arrives.set_result(True)
+        if self._arrives is not None:
+            self._look_whether_there(self._arrives, here)
 
     def _change(self, floor: str) -> int:
         """Be on another floor, where the robot is in no place yet, of whose borders there would be a margin."""
-        self._level = self._levels[floor]
-        self.labels = self._level.labels
+        level = self._levels[floor]
+        self._floor, self.labels, self._look_up, self._goals_here = floor, level.labels, level.look_up, level.goals
         return 0
 
     def _goals_at(self, x: float, y: float, time: int) -> frozenset[int]:
@@ -359,7 +362,7 @@ class Places(Actor):
         before = self._at
         return frozenset(
             index
-            for index, goal_x, goal_y, near, far in self._level.goals
+            for index, goal_x, goal_y, near, far in self._goals_here
             # Products, not powers, which raise where a pose is too far away for its square.
             if (x - goal_x) * (x - goal_x) + (y - goal_y) * (y - goal_y) <= (far if index in before else near)
         )
@@ -470,17 +473,16 @@ class Places(Actor):
 
 
 class _Level:
-    """A floor: its name, its labels, the look-up in them, and the goals there.
+    """A floor: its labels, the look-up in them, and the goals there.
 
     Raises:
         MapError: If a place of the floor has no cell as deep as the margin.
     """
 
-    __slots__ = ("goals", "labels", "look_up", "name")
+    __slots__ = ("goals", "labels", "look_up")
 
-    def __init__(self, labels: Labels, name: str, places: Sequence[str], margin: float) -> None:
+    def __init__(self, labels: Labels, places: Sequence[str], margin: float) -> None:
         _check_depths(labels, places, margin)
-        self.name = name
         self.labels = labels
         self.look_up = lookup(labels, margin)
         self.goals: list[tuple[int, float, float, float, float]] = []

@@ -64,13 +64,18 @@ class Brakes:
             nearer = metres * math.cos(max(0.0, off - abs(turn)))
             if nearer > max(room / 2, _PAST * metres):
                 share = min(share, max(room, 0.0) / 2 / nearer)
-        return share if share == 0.0 else self._before_walls(here.x, here.y, heading, share, metres, body.radius)
+        if share == 0.0:
+            return share
+        # It drives an arc, whose chord lies half of the turn aside.
+        chord = metres * float(np.sinc(turn / math.tau))
+        return self._before_walls(here.x, here.y, heading + turn / 2, share, chord, body.radius)
 
     def _before_walls(self, x: float, y: float, heading: float, share: float, metres: float, radius: float) -> float:
         """Return the share that ends far enough from walls, or not nearer to them than now."""
         side = self._frame.resolution
         needed, cell = radius + WALL_GAP, self._frame.cell(x, y)
-        if cell is None or self._clearance[cell] > needed + metres + side:
+        # It is off its cell's centre by half a diagonal at most, and so is the corner of a wall off its own.
+        if cell is None or self._clearance[cell] > needed + metres + math.sqrt(2) * side:
             return share
         here = np.array(self._frame.locate(x, y))
         along = heading - self._frame.yaw

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import example, given, strategies as st
 
 from mdm.maps import Frame, Grid, Pose
 from mdm.simulation.building.brakes import GAP, Brakes
@@ -26,8 +27,16 @@ def body(x, y, yaw, radius=RADIUS):
     )
 
 
-def driven(one, metres):
-    return one.pose.x + metres * math.cos(one.pose.yaw), one.pose.y + metres * math.sin(one.pose.yaw)
+def driven(one, metres, turn):
+    """Return where one comes to on an arc, as wheels lead it; of a tiny turn, straight on."""
+    begin, end = one.pose.yaw, one.pose.yaw + turn
+    if abs(turn) < 1e-9:
+        return one.pose.x + metres * math.cos(begin), one.pose.y + metres * math.sin(begin)
+    around = metres / turn
+    return (
+        one.pose.x + around * (math.sin(end) - math.sin(begin)),
+        one.pose.y - around * (math.cos(end) - math.cos(begin)),
+    )
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -39,7 +48,10 @@ def test_bodies_that_drive_as_they_like_never_touch(seed):
         turns = random.normal(scale=0.3, size=len(bodies)).tolist()
         shares = [brakes.share(*each, bodies) for each in zip(bodies, wanted, turns, strict=True)]
         assert all(0.0 <= share <= 1.0 for share in shares)
-        points = [driven(one, share * metres) for one, share, metres in zip(bodies, shares, wanted, strict=True)]
+        points = [
+            driven(one, share * metres, turn)
+            for one, share, metres, turn in zip(bodies, shares, wanted, turns, strict=True)
+        ]
         bodies = [body(*point, one.pose.yaw + turn) for one, point, turn in zip(bodies, points, turns, strict=True)]
         for index, one in enumerate(points):
             assert min(*one, 6.0 - one[0], 6.0 - one[1]) > RADIUS
@@ -69,3 +81,37 @@ def test_before_a_wall_a_robot_stops():
     assert brakes.share(body(5.7, 3.0, 0.0), 0.1, 0.0, []) == 0.25  # 0.04 m to go, and half a step would be 0.05
     assert brakes.share(body(5.74, 3.0, 0.0), 0.1, 0.0, []) == 0.0
     assert brakes.share(body(5.74, 3.0, math.pi), 0.1, 0.0, []) == 1.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_robot_that_turns_along_a_wall_comes_no_nearer_than_it_may(seed):
+    random, brakes = np.random.default_rng(seed), Brakes(hall())
+    one = body(3.0, 0.262, 0.0)
+    for _ in range(300):
+        turn = float(random.normal(scale=0.1)) - 0.5 * math.sin(one.pose.yaw)  # it holds to its way
+        metres = 0.1 * brakes.share(one, 0.1, turn, [])
+        _, y = driven(one, metres, turn)
+        one = body(3.0, y, one.pose.yaw + turn)
+        assert y >= RADIUS + GAP / 2 - 1e-6
+
+
+@given(
+    st.floats(0.0, math.tau), st.floats(0.0, 0.006), st.floats(-0.5, 0.5), st.floats(-1.5, 1.5), st.floats(0.004, 0.1)
+)
+@example(3.811, 0.0, -0.071, 0.556, 0.007)  # the corner is farthest from its cell's centre
+def test_no_corner_is_touched(around, spare, turn, aside, most):
+    free = np.ones((60, 60), dtype=bool)
+    free[30, 30] = False
+    grid = Grid(Frame(60, 60, SIDE), free, ~free)
+    x, y = grid.frame.centre(30, 30)
+
+    def room(at):
+        """Return the metres between a point and the one cell that is not free."""
+        return math.hypot(*(max(abs(one - other) - SIDE / 2, 0.0) for one, other in zip(at, (x, y), strict=True)))
+
+    away = RADIUS + SIDE
+    while room((x + away * math.cos(around), y + away * math.sin(around))) > RADIUS + GAP / 2 + spare:
+        away -= 1e-4
+    one = body(x + away * math.cos(around), y + away * math.sin(around), around + math.pi + aside)
+    metres = most * Brakes(grid).share(one, most, turn, [])
+    assert room(driven(one, metres, turn)) >= min(RADIUS + GAP / 2, room((one.pose.x, one.pose.y))) - 1e-9

@@ -62,19 +62,22 @@ wheel-test:
 
 # Random systems under random faults in virtual time, then robots as real processes that get signals, two at a time; then
 # teams that are sent forged messages; then patrols of random floors, which must go on; then
-# random schedules of what happens to a team's agreement; then days of the demo, 6 minutes of a processor each.
+# random schedules of what happens to a team's agreement; then hours of many robots on a floor; then days of the demo,
+# 6 minutes of a processor each.
 # Violations are printed with their seeds.
 MDM_CHAOS ?= 100000
 MDM_CHAOS_PROCESSES ?= 1000
 MDM_FORGED ?= 200000
 MDM_PATROLS ?= 2000
 MDM_SCHEDULES ?= 100000
+MDM_CROWDS ?= 3600
 MDM_DAYS ?= 20
 chaos: $(READY)
 	PYTHONPATH=tests $(BIN)/python -m chaos $(MDM_CHAOS) $(MDM_CHAOS_PROCESSES)
 	PYTHONPATH=tests $(BIN)/python -m team.forgery $(MDM_FORGED)
 	PYTHONPATH=tests $(BIN)/python -m patrols $(MDM_PATROLS)
 	PYTHONPATH=tests $(BIN)/python -m team.schedules $(MDM_SCHEDULES)
+	PYTHONPATH=tests $(BIN)/python -m crowds $(MDM_CROWDS)
 	PYTHONPATH=tests $(BIN)/python -m days $(MDM_DAYS)
 
 lint: $(READY)

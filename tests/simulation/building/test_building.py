@@ -7,6 +7,7 @@ import builtins
 import math
 import re
 
+import crowds
 import numpy as np
 import pytest
 from maps.floors import FURNITURE, offices
@@ -268,3 +269,17 @@ def test_without_navground_there_is_one_sentence(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(Error, match="simulated buildings need navground: pip install"):
         Building(offices().map())
+
+
+def test_robots_that_share_a_passage_touch_nothing_and_do_the_same_twice():
+    """An hour of up to eight robots on three floors is ``python -m crowds``."""
+    floor = PASSAGE.map()
+    run = crowds.crowd(floor, 4, 40.0)
+    assert run.faults() == []
+    assert run.drives > 0
+    assert crowds.crowd(floor, 4, 40.0) == run
+    assert crowds.crowd(floor, 4, 40.0, seed=2).poses != run.poses
+
+
+def test_what_a_crowd_should_not_do_is_told():
+    assert crowds.Crowd(waited=61.0, contacts=2).faults() == ["2 contacts", "one waited for 61 s"]

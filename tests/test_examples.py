@@ -153,54 +153,6 @@ def on_a_terminal(seconds, *arguments, **environment):
     return written.decode().replace("\r\n", "\n")
 
 
-@pytest.mark.parametrize(("columns", "rows"), [(80, 24), (40, 15)])
-def test_the_patrol_is_seen_on_a_terminal(columns, rows):
-    """What is observed, decided and done stands below the floor, and all of it on the screen."""
-    written = on_a_terminal(1.5, COLUMNS=str(columns), LINES=str(rows))
-    *_, last = written.split("\x1b[H")
-    screen = re.sub(r"\x1b\[[0-9;]*[A-Za-z]", "", last.partition("\x1b[J")[0]).splitlines()
-    assert 10 <= len(screen) < rows
-    assert max(map(len, screen)) <= columns
-    begins = [line.split()[0] for line in screen if line.split()[:1] in (["observes"], ["decides"], ["does"])]
-    assert begins == ["observes", "decides", "does"]
-    assert "inf m" not in written
-    assert written.count("\x1b") < 40 * written.count("\x1b[H") * rows
-
-
-def test_the_patrol_on_a_wide_terminal_has_its_panel_beside_the_floor():
-    written = on_a_terminal(4, COLUMNS="200", LINES="50")
-    *_, last = written.split("\x1b[H")
-    rows = last.partition("\x1b[J")[0].splitlines()
-    assert len(rows) <= 49
-    floors, panel = zip(*(row.split("\x1b[139G") for row in rows), strict=True)
-    bare = [re.sub(r"\x1b\[[0-9;]*[A-Za-z]", "", row) for row in floors]
-    assert all(100 < len(row) <= 136 for row in bare[:40])
-    assert any("•" in row for row in bare)  # where it has been,
-    assert any("X" in row for row in bare)  # and where it drives to
-    text = " ".join(re.sub(r"\x1b\[[0-9;]*[A-Za-z]", "", row).strip() for row in panel)
-    assert re.search(
-        r"decides +Patrol, since .* of the ways Up, since the state is .* does +drives to WestCorridor", text
-    )
-
-
-def test_the_patrol_s_colours_can_be_read_on_black_and_on_white():
-    """As WCAG 2.2 measures contrast: 4.5 is enough for text."""
-
-    def light(ink):
-        parts = (part / 255 for part in ink)
-        linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
-        return 0.05 + 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-    with modules("building", "display"):
-        sys.path.insert(0, str(EXAMPLES / "patrol"))
-        display = import_module("display")
-        for ink in display.LINES.values():
-            assert light(ink) / 0.05 >= 4.5
-            assert 1.05 / light(ink) >= 4.5
-        for ink in display.INKS.values():  # their letters are white
-            assert 1.05 / light(ink) >= 4.5
-
-
 @pytest.mark.parametrize("arguments", [(), ("--log",), ("--fast",)])
 def test_the_patrol_is_told_without_colours_where_they_are_not_wanted(arguments):
     written = on_a_terminal(1, *arguments, NO_COLOR="1")

@@ -80,6 +80,7 @@ ACROSS = {
     "test_benchmarks.py": "programs beside the package",
     "test_examples.py": "programs beside the package",
     "test_errands.py": "programs beside the package: trees and state machines as actions",
+    "test_patrol_view.py": "what the demo draws",
     "test_trees_and_machines.py": "programs beside the package: what is each library's own",
     "test_ensembles_within.py": "programs beside the package: ensembles within trees and state machines",
     "test_documentation.py": "pages",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-import shutil
 from collections import deque
 from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from building import World, building, floor, robot
+from panel import INKS, SIGNS, WHO, Row, happened, legend, told
+from terminal import Terminal
 
 import mdm
 from mdm.messages import ActionLife, Decision, Fault, PredicateUpdate
@@ -16,18 +17,16 @@ from mdm.views.floor import FloorView, Mark
 
 if TYPE_CHECKING:
     from mdm.views.film import Film
+    from mdm.views.palette import Palette
 
-INKS = {"robot": (30, 80, 220), "person": (16, 120, 50), "intruder": (150, 40, 160), "fire": (196, 52, 8)}
-SIGNS = {"person": "P", "intruder": "I", "fire": "F"}
-LINES = {  # the colour of a line, which can be read on black and on white
-    "world": (7, 131, 131), "senses": (152, 110, 4), "top": (175, 71, 202), "patrol": (44, 110, 238),
-    "action": (7, 136, 43), "fault": (234, 12, 26),
-}  # fmt: skip
 PICTURES = 2  # a second, in a film
-LAST, MOST = 3, 30  # of what happened, below the panel and beside the floor
+LAST, MOST = 3, 50  # of what happened, below the panel and beside the floor
 STRETCH = 2.5  # how many times as wide as it is the floor may be drawn
 BESIDE = 140  # columns of a terminal that has room for the panel beside the floor
 PANEL = 62
+CAUSES = {  # of decisions where nothing in their state has changed
+    "start": "it starts", "resume": "it is in charge again", "again": "its last action has ended",
+}  # fmt: skip
 TRAIL = 60  # points of the way that the robot has come,
 APART = 0.3  # so many metres from each other
 
@@ -35,12 +34,13 @@ APART = 0.3  # so many metres from each other
 class Display(mdm.Actor):
     """Shows everything that happens: a monitor is an actor beside the others."""
 
-    def __init__(self, system: mdm.System, *, moving: bool, colour: bool, film: Film | None) -> None:
+    def __init__(self, system: mdm.System, *, moving: bool, palette: Palette, film: Film | None) -> None:
         super().__init__("display")
         self.system = system
-        self.moving, self.colour, self.film = moving, colour, film
+        self.moving, self.palette, self.film = moving, palette, film
+        self.terminal = Terminal()
         self.view = FloorView(floor)
-        self.last: deque[tuple[str, str]] = deque(maxlen=MOST)
+        self.last: deque[tuple[float, str, str]] = deque(maxlen=MOST)
         self.trail: deque[tuple[float, float]] = deque(maxlen=TRAIL)
         self.decisions = {"top": 0, "patrol": 0}
         self.decided = {"top": "nothing yet", "patrol": "nothing yet"}
@@ -59,7 +59,6 @@ class Display(mdm.Actor):
         if self.moving or self.film is not None:
             self.every(5.0, lambda _: self.follow())
         if self.moving:
-            print("\x1b[2J", end="")
             self.every(5.0, lambda _: self.draw())
         if self.film is not None:
             self.every(PICTURES, lambda _: self.shoot())
@@ -84,60 +83,54 @@ class Display(mdm.Actor):
         marks += [Mark(one.x, one.y, SIGNS[one.kind], ink=INKS[one.kind]) for one in visits]
         return [*marks, Mark(pose.x, pose.y, yaw=pose.yaw, ink=INKS["robot"])]
 
-    def panel(self) -> list[str]:
+    def panel(self) -> list[Row]:
         """Return what the robot observes, decides and does, and why."""
         known = ", ".join(f"the {one.kind} in {one.place}" for one in World.known.values())
-        lines = [
-            f" observes  it is in {self.place()}; knows of {known or 'nothing to see to'}",
-            f"  decides  {self.decided['top']}{_because(self.why['top'])}",
+        rows = [
+            Row("observes", "senses", f"in {self.place()}; knows of {known or 'nothing to see to'}"),
+            Row("top decides", "top", f"{self.decided['top']}{self.why['top']}"),
+            Row("patrol decides", "patrol", f"{self.decided['patrol']}{self.why['patrol']}"),
+            Row("does", "action", self.to_go()),
         ]
-        if self.decided["top"] == "Patrol":
-            lines.append(f"           of the ways {self.decided['patrol']}{_because(self.why['patrol'])}")
-        lines.append(f"     does  {self.to_go()}")
-        return lines
+        if self.decided["top"] != "Patrol":
+            rows[2] = Row("patrol decides", "patrol", "nothing, until top decides Patrol")
+        return rows
 
     def draw(self) -> None:
         """Draw the floor in the place of the last one, and what the robot observes, decides and does."""
-        columns, rows = shutil.get_terminal_size()
-        panel = [f"{self.seconds():7.1f} s  {self.legend()}", *self.panel()]
+        columns, rows = self.terminal.size
         is_beside = columns >= BESIDE
-        wide, high = (columns - PANEL - 2, rows - 1) if is_beside else (columns, rows - 1 - 5 - LAST)
+        wide, high = (columns - PANEL - 2, rows) if is_beside else (columns, max(4, rows - 5 - LAST))
         drawn = self.view.text(
-            self.marks(), trail=self.trail, columns=wide, rows=max(4, high), colours=self.colour, stretch=STRETCH
+            self.marks(), trail=self.trail, columns=wide, rows=high, palette=self.palette, stretch=STRETCH
         ).splitlines()
+        room = PANEL if is_beside else columns
+        signs = legend(self.seconds(), room, self.palette)
+        panel = signs if is_beside else signs[:1]
+        for row in self.panel():
+            most = 4 if is_beside else 2 if "decides" in row.label else 1
+            panel += [*([""] if is_beside else []), *row.lines(room, most, self.palette)]
+        panel += [""] if is_beside else []
+        kept = max(0, rows - len(panel) - (0 if is_beside else len(drawn)))
+        panel += [happened(*one, room, self.palette) for one in [*self.last][max(0, len(self.last) - kept) :]]
         if is_beside:
-            lines = [line for text in panel for line in _wrapped(text, PANEL)]
-            kept = min(len(self.last), max(0, high - len(lines) - 1))
-            lines = [
-                *lines,
-                "",
-                *(self.inked(who, text[:PANEL]) for who, text in [*self.last][len(self.last) - kept :]),
-            ]
             far = f"\x1b[{wide + 3}G"  # whatever stands left of it
-            shown = [f"{line}{far}{text}" for line, text in zip_longest(drawn, lines, fillvalue="")]
+            shown = [f"{line}{far}{text}" for line, text in zip_longest(drawn, panel, fillvalue="")]
         else:
-            panel += [""] * (5 - len(panel))
-            happened = [self.inked(who, text[: columns - 1]) for who, text in [*self.last][-LAST:]]
-            shown = [*drawn, *(line[: columns - 1] for line in panel), *happened]
-        print("\x1b[H" + "\n".join(f"{line}\x1b[K" for line in shown[: rows - 1]) + "\x1b[J", end="", flush=True)
-
-    def legend(self) -> str:
-        """Return what the signs on the floor stand for."""
-        return "→ robot  • its trail  X its goal  P person  I intruder  F fire"
+            shown = [*drawn, *panel]
+        self.terminal.show(shown[:rows])
 
     def shoot(self) -> None:
         """Take a picture, with the panel below it."""
         assert self.film is not None
-        panel = self.panel()
-        panel.insert(-1, "") if len(panel) < 4 else None
-        happened = self.last[-1][1].strip() if self.last else ""
-        title = "\n".join([*(line.strip() or " " for line in panel), f"{self.seconds():.1f} s  {happened}"])
+        rows = [f"{row.label}: {row.text}" for row in self.panel()]
+        title = "\n".join([*rows, told(*self.last[-1]).strip() if self.last else " "])
         self.film.add(self.marks(), title, trail=self.trail)
 
     def place(self) -> str:
         """Return where the robot is, as its predicates have it."""
         values = self.system.predicates.values()
-        return next((name for name in floor.labels.names if values[name]), "nowhere known")
+        return next((name for name in floor.labels.names if values[name]), "no room that it knows of")
 
     def to_go(self) -> str:
         """Return what the robot does."""
@@ -149,16 +142,11 @@ class Display(mdm.Actor):
 
     # -- What happens --------------------------------------------------------------------------------------------
 
-    def inked(self, who: str, text: str) -> str:
-        """Return a line in the colour of whom it is about."""
-        return "\x1b[38;2;{};{};{}m{}\x1b[0m".format(*LINES[who], text) if self.colour else text
-
     def show(self, who: str, text: str) -> None:
         """Print a line with the time since the start, or keep it for the screen."""
-        line = f"{self.seconds():7.1f} s {who:>7}  {text}"
-        self.last.append((who, line))
+        self.last.append((self.seconds(), who, text))
         if not self.moving:
-            print(self.inked(who, line), flush=True)
+            print(self.palette.inked(told(*self.last[-1]), WHO[who]), flush=True)
 
     def on_predicates(self, update: PredicateUpdate) -> None:
         """Show what became true or false, once the first values are known: what is observed, and where the robot is."""
@@ -186,11 +174,12 @@ class Display(mdm.Actor):
             words = f"{position}, {'second' if halfway == 'yes' else 'first'} half of the round"
         before, self.values[name] = self.values[name], symbols
         changed = [
-            f"{factor} has become {symbol}" for factor, symbol in symbols.items() if before.get(factor) != symbol
+            f"{factor} is {symbol}, was {before[factor]}"
+            for factor, symbol in symbols.items()
+            if before.get(factor, symbol) != symbol
         ]
-        self.why[name] = (
-            " and ".join(changed) if before and changed else f"the state is '{words}'{' still' if before else ''}"
-        )
+        self.why[name] = f", since {', and '.join(changed) or CAUSES.get(decision.cause, decision.cause)}"
+        self.why[name] += f": the policy's action in '{words}'"
         self.decided[name] = str(decision.action_name)
         self.show(name, f"the state is '{words}': {decision.action_name}")
 
@@ -202,18 +191,3 @@ class Display(mdm.Actor):
     def on_fault(self, fault: Fault) -> None:
         """Show a fault."""
         self.show("fault", f"{fault.source}: {fault.detail}")
-
-
-def _because(why: str) -> str:
-    return f", since {why}" if why else ""
-
-
-def _wrapped(text: str, wide: int) -> list[str]:
-    """Return a line of the panel as several, with what it says below each other."""
-    lines = [text]
-    while len(lines[-1]) > wide:
-        cut = lines[-1].rfind(" ", 12, wide)
-        if cut < 0:
-            return [*lines[:-1], lines[-1][:wide]]
-        lines[-1:] = [lines[-1][:cut], " " * 11 + lines[-1][cut + 1 :]]
-    return lines

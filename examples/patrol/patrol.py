@@ -19,11 +19,13 @@ import os
 import shutil
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import mdm
 from mdm.views.film import Film
 from mdm.views.floor import FloorView
+from mdm.views.palette import Palette
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -46,19 +48,20 @@ async def patrol(arguments: argparse.Namespace, film: Film | None) -> None:
     print("\n".join(f"  {line}" for line in system.tree().splitlines()))
     print(f"\nThe next {seconds:g} seconds:\n", flush=True)
     terminal = sys.stdout is not None and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
-    colour = terminal and not os.environ.get("NO_COLOR")
+    palette = Palette.of(os.environ) if terminal else Palette(0)
     moving = terminal and not arguments.log and not arguments.fast
-    display = Display(system, moving=moving, colour=colour, film=film)
-    async with mdm.Runtime(log=None) as runtime:
-        await runtime.start(display)
-        await runtime.start(system)
-        await asyncio.sleep(seconds)
-        latencies = {name: ensemble.action.latency for name, ensemble in system.ensembles.items()}
-        idle = system.ensembles["top"].statistics().idle
-        where = f"the robot is in {display.place()}, and {display.to_go()}"
+    display = Display(system, moving=moving, palette=palette, film=film)
+    with display.terminal if moving else nullcontext():
+        async with mdm.Runtime(log=None) as runtime:
+            await runtime.start(display)
+            await runtime.start(system)
+            await asyncio.sleep(seconds)
+            latencies = {name: ensemble.action.latency for name, ensemble in system.ensembles.items()}
+            idle = system.ensembles["top"].statistics().idle
+            where = f"the robot is in {display.place()}, and {display.to_go()}"
     print(f"\nAt the end {where}.\n")
     columns = min(72, shutil.get_terminal_size().columns - 1)
-    print(display.view.text(display.marks(), columns=columns, rows=24, colours=colour))
+    print(display.view.text(display.marks(), columns=columns, rows=24, palette=palette))
     print("\nWhat it took:\n")
     for name, latency in latencies.items():
         lives = ", ".join(f"{count} {status}" for status, count in sorted(system.ensembles[name].action.ended.items()))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy import ndimage
 
 from mdm.maps import Pose
 from mdm.maps.picture import Picture, colour
+from mdm.views.palette import Palette
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -17,8 +20,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mdm.maps import Map
+    from mdm.views.palette import Ink
 
-    Ink = tuple[int, int, int]
     Point = tuple[float, float]
 
 __all__ = ["FloorView", "Mark"]
@@ -32,6 +35,10 @@ _LEAST_NAME = 3
 _TRAIL, _TRAIL_SIGN = (30, 80, 220), "•"
 _WALLED = 0.3
 """The share of a block of cells that makes it a wall: thin ones would be lost, and doors must not be."""
+_OUTSIDE = -1
+_THICK = 0.15
+"""Metres of the walls around places that are drawn, where nothing lies behind."""
+_COLOURS = Palette()
 
 
 @dataclass(frozen=True)
@@ -80,6 +87,8 @@ class FloorView:
         (top, left), (bottom, right) = used.min(axis=0) - 8, used.max(axis=0) + 9
         rows, columns = floor.labels.frame.shape
         self._window = max(int(top), 0), max(int(left), 0), min(int(bottom), rows), min(int(right), columns)
+        self._drawn: tuple[_Scale | None, NDArray[np.int64]] = None, np.zeros((0, 0), dtype=np.int64)
+        self._outside = _outside(floor.labels.raster, _THICK / floor.labels.frame.resolution)
 
     # -- Text ----------------------------------------------------------------------------------------------------
 
@@ -90,7 +99,7 @@ class FloorView:
         trail: Iterable[Point] = (),
         columns: int = 80,
         rows: int = 24,
-        colours: bool = True,
+        palette: Palette = _COLOURS,
         stretch: float = 1.0,
     ) -> str:
         """Return the floor as lines of text. Names stand within their places, shortened where there is no room.
@@ -100,14 +109,16 @@ class FloorView:
             trail: Where a robot has been, in metres: a dot at each, below names and marks.
             columns: How many characters it may be wide.
             rows: How many lines it may have.
-            colours: Whether places are told by colours (24-bit escape codes), two blocks a character; else walls are
-                ``#``.
+            palette: The terminal's colours, by which places are told, two blocks a character; where there are none,
+                walls are ``#``. What lies outside of the walls has the terminal's own background.
             stretch: How many times as wide as it is it may be drawn, to be as wide as it may.
         """
         scale = self._scaled(columns, rows, stretch)
-        labels = self._sampled(scale)
+        if scale != self._drawn[0]:
+            self._drawn = scale, self._sampled(scale)
+        labels = self._drawn[1]
         walls = (labels[::2] == 0) | (labels[1::2] == 0)
-        signs = [[" " if colours or not wall else "#" for wall in line] for line in walls.tolist()]
+        signs = [[" " if palette or not wall else "#" for wall in line] for line in walls.tolist()]
         inks: dict[tuple[int, int], tuple[Ink, bool]] = {}
         self._write_names(signs, labels, scale)
         for place in filter(None, (self._at(scale, *point) for point in trail)):
@@ -116,9 +127,17 @@ class FloorView:
         for mark in marks:
             if (there := self._at(scale, mark.x, mark.y)) is not None:
                 signs[there[0]][there[1]], inks[there] = mark.sign[:1] or mark.arrow, (mark.ink, True)
-        if not colours:
+        if not palette:
             return "\n".join("".join(line).rstrip() for line in signs)
-        return "\n".join(self._coloured(line, labels, row, inks) for row, line in enumerate(signs))
+        return "\n".join(
+            _coloured(
+                line,
+                labels[2 * row : 2 * row + 2],
+                {column: ink for (at, column), ink in inks.items() if at == row},
+                palette,
+            )
+            for row, line in enumerate(signs)
+        )
 
     def _scaled(self, columns: int, rows: int, stretch: float) -> _Scale:
         top, left, bottom, right = self._window
@@ -134,26 +153,30 @@ class FloorView:
         row, column = (cell[0] - self._window[0]) / scale.down / 2, (cell[1] - self._window[1]) / scale.side
         return (int(row), int(column)) if 0 <= row < scale.high and 0 <= column < scale.wide else None
 
-    def _sampled(self, scale: _Scale) -> NDArray[np.uint16]:
-        """Return the place at the middle of each block of cells, 0 where much of the block is a wall."""
+    def _sampled(self, scale: _Scale) -> NDArray[np.int64]:
+        """Return the place at the middle of each block of cells; 0 where much is a wall, less where all is outside."""
         top, left, _, _ = self._window
         down, side, wide, high = scale.down, scale.side, scale.wide, 2 * scale.high
         raster = self.floor.labels.raster
         rows = np.minimum((top + np.arange(high) * down).astype(int), raster.shape[0] - 1)
         columns = np.minimum((left + np.arange(wide) * side).astype(int), raster.shape[1] - 1)
-        blocks = raster[rows[0] : rows[0] + math.ceil(high * down), columns[0] : columns[0] + math.ceil(wide * side)]
-        starts = rows - rows[0], columns - columns[0]
-        walls = np.add.reduceat(np.add.reduceat(blocks == 0, starts[0], axis=0, dtype=float), starts[1], axis=1)
-        cells = np.add.reduceat(np.add.reduceat(np.ones(blocks.shape), starts[0], axis=0), starts[1], axis=1)
+        part = np.s_[rows[0] : rows[0] + math.ceil(high * down), columns[0] : columns[0] + math.ceil(wide * side)]
+
+        def counted(cells: NDArray[np.bool_]) -> NDArray[np.float64]:
+            across = np.add.reduceat(cells[part], rows - rows[0], axis=0, dtype=float)
+            return np.add.reduceat(across, columns - columns[0], axis=1)
+
+        cells = counted(np.ones_like(self._outside))
         middles = raster[
             np.ix_(
                 np.minimum(rows + int(down / 2), raster.shape[0] - 1),
                 np.minimum(columns + int(side / 2), raster.shape[1] - 1),
             )
-        ]
-        return np.where(walls > _WALLED * cells, 0, middles)
+        ].astype(np.int64)
+        seen = np.where(counted(raster == 0) > _WALLED * cells, 0, middles)
+        return np.where(counted(self._outside) == cells, _OUTSIDE, seen)
 
-    def _write_names(self, signs: list[list[str]], labels: NDArray[np.uint16], scale: _Scale) -> None:
+    def _write_names(self, signs: list[list[str]], labels: NDArray[np.int64], scale: _Scale) -> None:
         """Write each name within its place, in the line below the goal or the nearest one that has room for it."""
         names = self.floor.labels.names
         for node in self.floor.graph.nodes:
@@ -169,35 +192,12 @@ class FloorView:
             best = []
             for row, first, last in runs:
                 if last - first >= len(name):
-                    start = max(first, min(goal[1] - len(name) // 2, last - len(name)))
+                    free = min(1, (last - first - len(name)) // 2)  # beside a wall, where there is room
+                    start = max(first + free, min(goal[1] - len(name) // 2, last - free - len(name)))
                     beside = abs(start + len(name) // 2 - goal[1])
                     best.append((row == goal[0], abs(row - goal[0] - 1) + beside, row, start))
             *_, row, start = min(best)
             signs[row][start : start + len(name)] = name
-
-    def _coloured(
-        self,
-        line: Sequence[str],
-        labels: NDArray[np.uint16],
-        row: int,
-        inks: dict[tuple[int, int], tuple[Ink, bool]],
-    ) -> str:
-        parts: list[str] = []
-        last = ""
-        for column, sign in enumerate(line):
-            upper, lower = (_tint(int(labels[2 * row + half, column])) for half in (0, 1))
-            ink = inks.get((row, column))
-            if sign == " ":
-                code, sign = f"\x1b[22m{_front(upper)}{_back(lower)}", "▀"  # noqa: PLW2901 - drawn in its place
-            elif ink is None:
-                code = f"\x1b[22m{_front(_BLACK)}{_back(upper)}"
-            elif ink[1]:
-                code = f"\x1b[1m{_front(_WHITE)}{_back(ink[0])}"
-            else:
-                code = f"\x1b[1m{_front(ink[0])}{_back(upper)}"
-            parts.append(sign if code == last else code + sign)
-            last = code
-        return "".join(parts) + "\x1b[0m"
 
     # -- Pictures ------------------------------------------------------------------------------------------------
 
@@ -224,7 +224,9 @@ class FloorView:
         """
         picture = Picture(self.floor.labels, self.floor.grid, self._window, size=size)
         for node in self.floor.graph.nodes:
-            picture.name(node)
+            below = replace(node.goal, y=node.goal.y - 2.5 * radius)  # where no robot covers it
+            is_inside = self.floor.labels.name(below.x, below.y) == node.name
+            picture.name(replace(node, goal=below) if is_inside else node)
         picture.trail([*trail], _TRAIL)
         for mark in marks:
             picture.mark(Pose(mark.x, mark.y, mark.yaw), radius, mark.ink, mark.sign)
@@ -239,16 +241,47 @@ def _runs(inside: NDArray[np.bool_]) -> Iterator[tuple[int, int, int]]:
             yield row, first, last
 
 
-def _tint(label: int) -> Ink:
+def _outside(raster: NDArray[np.uint16], thick: float) -> NDArray[np.bool_]:
+    """Return which cells lie behind the walls: around all, or in a hollow; what stands within a place does not."""
+    empty: NDArray[np.bool_] = raster == 0
+    parts, _ = ndimage.label(np.pad(empty, 1, constant_values=True))
+    around: NDArray[np.bool_] = parts[1:-1, 1:-1] == parts[0, 0]
+    behind: NDArray[np.bool_] = ndimage.distance_transform_edt(empty) > thick
+    return around & behind
+
+
+def _coloured(
+    line: Sequence[str], labels: NDArray[np.int64], inks: dict[int, tuple[Ink, bool]], palette: Palette
+) -> str:
+    """Return a line of signs with the colours of what is in the upper and the lower half of each."""
+    parts: list[str] = []
+    last = ""
+    for column, sign in enumerate(line):
+        upper, lower = (_tint(label) for label in labels[:, column].tolist())
+        ink = inks.get(column)
+        shown = sign
+        if sign == " " and upper is None and lower is not None:
+            code, shown = f"\x1b[22m{palette.front(lower)}{palette.back(None)}", "▄"
+        elif sign == " " and upper == lower:
+            code = f"\x1b[22m{palette.back(upper)}"
+        elif sign == " ":
+            code, shown = f"\x1b[22m{palette.front(upper)}{palette.back(lower)}", "▀"
+        elif ink is None:
+            code = f"\x1b[22m{palette.front(_BLACK)}{palette.back(upper)}"
+        elif ink[1]:
+            code = f"\x1b[1m{palette.front(_WHITE)}{palette.back(ink[0])}"
+        else:
+            code = f"\x1b[1m{palette.front(ink[0])}{palette.back(upper)}"
+        parts.append(shown if code == last else code + shown)
+        last = code
+    return "".join(parts) + "\x1b[0m"
+
+
+@cache
+def _tint(label: int) -> Ink | None:
+    if label == _OUTSIDE:
+        return None
     if label == 0:
         return _WALL
     red, green, blue = (round(255 - _TINT * (255 - part)) for part in colour(label - 1))
     return red, green, blue
-
-
-def _front(ink: Ink) -> str:
-    return "\x1b[38;2;{};{};{}m".format(*ink)
-
-
-def _back(ink: Ink) -> str:
-    return "\x1b[48;2;{};{};{}m".format(*ink)

@@ -11,6 +11,9 @@ from maps.floors import flat, offices
 
 from mdm.maps import Graph, Labels, Map, Node
 from mdm.views.floor import FloorView, Mark
+from mdm.views.palette import Palette
+
+PLAIN = Palette(0)
 
 
 def test_a_robot_is_an_arrow_where_it_is_and_others_are_letters():
@@ -19,20 +22,20 @@ def test_a_robot_is_an_arrow_where_it_is_and_others_are_letters():
     goal = floor.graph.node("study").goal
     at = {}
     for yaw, arrow in ((0.0, "→"), (math.pi / 2, "↑"), (-math.pi / 2, "↓"), (math.pi, "←"), (2.4, "↖"), (0.7, "↗")):
-        lines = view.text([Mark(goal.x, goal.y, yaw=yaw)], columns=60, rows=24, colours=False).splitlines()
+        lines = view.text([Mark(goal.x, goal.y, yaw=yaw)], columns=60, rows=24, palette=PLAIN).splitlines()
         (at[arrow],) = [(row, line.index(arrow)) for row, line in enumerate(lines) if arrow in line]
     assert len(set(at.values())) == 1
-    lines = view.text([Mark(goal.x, goal.y, "F")], columns=60, rows=24, colours=False).splitlines()
+    lines = view.text([Mark(goal.x, goal.y, "F")], columns=60, rows=24, palette=PLAIN).splitlines()
     row, column = at["→"]
     assert lines[row][column] == "F"
-    lower = view.text([Mark(goal.x, goal.y - 2.0, "F")], columns=60, rows=24, colours=False).splitlines()
+    lower = view.text([Mark(goal.x, goal.y - 2.0, "F")], columns=60, rows=24, palette=PLAIN).splitlines()
     assert lower[row + 1 :] != lines[row + 1 :]
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(80, 24), (40, 60), (200, 50), (10, 3)])
 def test_text_fits_in_the_terminal_and_shows_walls_and_doors(columns, rows):
     floor = offices().map()
-    plain = FloorView(floor).text(columns=columns, rows=rows, colours=False)
+    plain = FloorView(floor).text(columns=columns, rows=rows, palette=PLAIN)
     lines = plain.splitlines()
     assert len(lines) <= rows
     assert max(map(len, lines)) <= columns
@@ -49,7 +52,7 @@ def test_text_fits_in_the_terminal_and_shows_walls_and_doors(columns, rows):
 def test_names_and_trails_cross_no_wall(drawn, columns, rows, stretch):
     floor = drawn().map()
     view, names = FloorView(floor), floor.labels.names
-    size = {"columns": columns, "rows": rows, "stretch": stretch, "colours": False}
+    size = {"columns": columns, "rows": rows, "stretch": stretch, "palette": PLAIN}
     trail = [(node.goal.x, node.goal.y) for node in floor.graph.nodes]
     walls, lines = (view.text(**size, trail=points).splitlines() for points in ((), trail))
     short = dict(zip(names, "abcdefghij", strict=False))
@@ -68,7 +71,7 @@ def test_names_and_trails_cross_no_wall(drawn, columns, rows, stretch):
 
 def test_a_floor_may_be_drawn_wider_than_it_is():
     view = FloorView(offices().map())
-    true, wide = (view.text(columns=80, rows=12, stretch=by, colours=False).splitlines() for by in (1.0, 3.0))
+    true, wide = (view.text(columns=80, rows=12, stretch=by, palette=PLAIN).splitlines() for by in (1.0, 3.0))
     assert len(true) == len(wide) <= 12
     assert max(map(len, true)) < 60 < max(map(len, wide)) <= 80
 
@@ -95,7 +98,7 @@ def test_names_are_shortened_where_their_place_has_no_room():
 
 def test_marks_off_the_floor_are_left_out():
     view = FloorView(flat().map())
-    assert view.text([Mark(1e6, 0.0, "X")], colours=False) == view.text(colours=False)
+    assert view.text([Mark(1e6, 0.0, "X")], palette=PLAIN) == view.text(palette=PLAIN)
 
 
 def test_a_picture_shows_a_trail_and_the_lines_of_its_title():

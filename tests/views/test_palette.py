@@ -1,0 +1,69 @@
+"""Colours of terminals."""
+
+from __future__ import annotations
+
+import pyte
+import pytest
+from matplotlib.colors import to_rgb
+
+from mdm.views.palette import Palette, contrast
+
+
+@pytest.mark.parametrize(
+    ("environment", "colours"),
+    [
+        ({"TERM": "xterm-256color"}, 256),
+        ({"TERM": "xterm"}, 256),
+        ({"TERM": "xterm-256color", "COLORTERM": "truecolor"}, 1 << 24),
+        ({"TERM": "xterm-256color", "COLORTERM": "truecolor", "NO_COLOR": "1"}, 0),
+        ({"TERM": "xterm-256color", "NO_COLOR": ""}, 256),
+        ({"TERM": "dumb", "COLORTERM": "truecolor"}, 0),
+        ({"TERM": "vt100"}, 0),
+        ({}, 0),
+    ],
+)
+def test_a_terminal_is_asked_by_its_environment(environment, colours):
+    assert Palette.of(environment) == Palette(colours)
+    assert bool(Palette.of(environment)) is (colours > 0)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "known"),
+    [
+        ("#000000", "#ffffff", 21.0),
+        ("#767676", "#ffffff", 4.54),
+        ("#ff0000", "#ffffff", 4.0),
+        ("#abcdef", "#abcdef", 1),
+    ],
+)
+def test_contrasts_are_those_of_the_recommendation(one, other, known):
+    inks = [tuple(round(255 * part) for part in to_rgb(name)) for name in (one, other)]
+    assert contrast(*inks) == contrast(*reversed(inks)) == pytest.approx(known, abs=0.005)
+
+
+def test_a_terminal_shows_what_is_asked_for():
+    def shown(palette, ink, back):
+        screen = pyte.Screen(10, 1)
+        pyte.Stream(screen).feed(palette.inked("x", ink, back, bold=True) + "y")
+        return screen.buffer[0][0], screen.buffer[0][1]
+
+    for palette, ink, back in (
+        (Palette(), (1, 2, 250), (200, 90, 3)),
+        (Palette(256), (0, 135, 95), (255, 215, 175)),  # which are among the 256
+    ):
+        letter, after = shown(palette, ink, back)
+        assert (letter.fg, letter.bg, letter.bold) == (bytes(ink).hex(), bytes(back).hex(), True)
+        assert (after.fg, after.bg, after.bold) == ("default", "default", False)
+    letter, _ = shown(Palette(0), (1, 2, 3), (4, 5, 6))
+    assert (letter.fg, letter.bg, letter.bold) == ("default", "default", False)
+    assert Palette(0).front((1, 2, 3)) == ""
+    assert (Palette().front(None), Palette().back(None)) == ("\x1b[39m", "\x1b[49m")
+
+
+@pytest.mark.parametrize("ink", [(234, 12, 26), (44, 110, 238), (30, 80, 220), (250, 240, 200), (7, 136, 43)])
+def test_what_can_be_read_can_be_with_fewer_colours(ink):
+    screen = pyte.Screen(10, 1)
+    pyte.Stream(screen).feed(Palette(256).inked("x", ink))
+    fewer = tuple(bytes.fromhex(screen.buffer[0][0].fg))
+    for behind in ((0, 0, 0), (255, 255, 255)):
+        assert contrast(fewer, behind) >= 4.5 or contrast(ink, behind) < 4.5

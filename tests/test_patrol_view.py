@@ -49,11 +49,16 @@ def shown():
     sys.path.insert(0, str(EXAMPLES / "patrol"))
     yield lambda *which: runs[which] if which in runs else runs.setdefault(which, run(*which))
     sys.path[:] = path
+    forget()
+
+
+def forget():
+    for name in MODULES:
+        sys.modules.pop(name, None)
 
 
 def run(columns, rows, colours):
-    for name in MODULES:
-        sys.modules.pop(name, None)
+    forget()
     example = import_module("display")
     frames, written = [], io.StringIO()
     screen = pyte.Screen(columns, rows)
@@ -188,6 +193,7 @@ def test_without_colours_there_is_no_code_for_one_and_walls_are_signs(shown):
         assert frame.text().count("#") > 100
 
 
+@pytest.mark.timeout(60)
 def test_a_terminal_that_changes_its_size_is_followed_and_left_as_it_was():
     here, there = os.openpty()
 
@@ -208,7 +214,7 @@ def test_a_terminal_that_changes_its_size_is_followed_and_left_as_it_was():
         resize(columns, rows)
         written = b""
         screen = pyte.Screen(columns, rows)
-        while not is_drawn(screen, written, columns):  # ends by the test's timeout where it is not followed
+        while not is_drawn(screen, written, columns):
             assert process.poll() is None
             select.select([here], [], [], 1)
             with suppress(BlockingIOError):

@@ -124,7 +124,8 @@ class Display(mdm.Actor):
         """Take a picture, with the panel below it."""
         assert self.film is not None
         rows = [f"{row.label}: {row.text}" for row in self.panel()]
-        title = "\n".join([*rows, told(*self.last[-1]).strip() if self.last else " "])
+        latest = "{1}: {2}".format(*self.last[-1]) if self.last else ""
+        title = "\n".join([*rows, f"{self.seconds():.1f} s  {latest}"])
         self.film.add(self.marks(), title, trail=self.trail)
 
     def place(self) -> str:

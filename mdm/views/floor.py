@@ -160,21 +160,22 @@ class FloorView:
         raster = self.floor.labels.raster
         rows = np.minimum((top + np.arange(high) * down).astype(int), raster.shape[0] - 1)
         columns = np.minimum((left + np.arange(wide) * side).astype(int), raster.shape[1] - 1)
-        part = np.s_[rows[0] : rows[0] + math.ceil(high * down), columns[0] : columns[0] + math.ceil(wide * side)]
 
-        def counted(cells: NDArray[np.bool_]) -> NDArray[np.float64]:
-            across = np.add.reduceat(cells[part], rows - rows[0], axis=0, dtype=float)
-            return np.add.reduceat(across, columns - columns[0], axis=1)
+        def share(cells: NDArray[np.bool_], rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float64]:
+            part = np.s_[rows[0] : rows[0] + math.ceil(high * down), columns[0] : columns[0] + math.ceil(wide * side)]
+            inside = np.stack((cells[part], np.ones_like(cells[part])))
+            counts = np.add.reduceat(inside, rows - rows[0], axis=1, dtype=float)
+            counted, all_cells = np.add.reduceat(counts, columns - columns[0], axis=2)
+            return np.asarray(counted / all_cells)
 
-        cells = counted(np.ones_like(self._outside))
-        middles = raster[
-            np.ix_(
-                np.minimum(rows + int(down / 2), raster.shape[0] - 1),
-                np.minimum(columns + int(side / 2), raster.shape[1] - 1),
-            )
-        ].astype(np.int64)
-        seen = np.where(counted(raster == 0) > _WALLED * cells, 0, middles)
-        return np.where(counted(self._outside) == cells, _OUTSIDE, seen)
+        lower = np.minimum(rows + int(down / 2), raster.shape[0] - 1)
+        right = np.minimum(columns + int(side / 2), raster.shape[1] - 1)
+        walls = share(raster == 0, rows, columns)
+        thick = walls > _WALLED
+        thin = _thin(walls, share(raster == 0, lower, columns)) | _thin(walls.T, share(raster == 0, rows, right).T).T
+        seen = np.where(thick | thin, 0, raster[np.ix_(lower, right)].astype(np.int64))
+        outside = share(self._outside, rows, columns) == 1
+        return np.where(outside & ~ndimage.binary_dilation(~outside & (seen > 0)), _OUTSIDE, np.where(outside, 0, seen))
 
     def _write_names(self, signs: list[list[str]], labels: NDArray[np.int64], scale: _Scale) -> None:
         """Write each name within its place, in the line below the goal or the nearest one that has room for it."""
@@ -195,7 +196,8 @@ class FloorView:
                     free = min(1, (last - first - len(name)) // 2)  # beside a wall, where there is room
                     start = max(first + free, min(goal[1] - len(name) // 2, last - free - len(name)))
                     beside = abs(start + len(name) // 2 - goal[1])
-                    best.append((row == goal[0], abs(row - goal[0] - 1) + beside, row, start))
+                    is_tight = last - first < len(name) + 2  # it would fill a door
+                    best.append((is_tight, row == goal[0], abs(row - goal[0] - 1) + beside, row, start))
             *_, row, start = min(best)
             signs[row][start : start + len(name)] = name
 
@@ -239,6 +241,21 @@ def _runs(inside: NDArray[np.bool_]) -> Iterator[tuple[int, int, int]]:
         edges = np.flatnonzero(np.diff(np.concatenate(([0], line.astype(np.int8), [0]))))
         for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
             yield row, first, last
+
+
+def _thin(walls: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return in which blocks a wall is drawn that is too thin for either of the two, one below the other, it lies in.
+
+    Args:
+        walls: The share of each block that is a wall.
+        between: The same of blocks that begin half a block further down.
+    """
+    across = (between[:-1] > _WALLED) & (np.maximum(walls[:-1], walls[1:]) <= _WALLED)
+    is_upper = walls[:-1] >= walls[1:]
+    thin = np.zeros(walls.shape, dtype=bool)
+    thin[:-1] |= across & is_upper
+    thin[1:] |= across & ~is_upper
+    return thin
 
 
 def _outside(raster: NDArray[np.uint16], thick: float) -> NDArray[np.bool_]:

@@ -69,6 +69,29 @@ def test_names_and_trails_cross_no_wall(drawn, columns, rows, stretch):
     assert sum(name in text for name in names) >= (len(names) if columns >= 80 else 1)
 
 
+def test_thin_walls_are_drawn_wherever_they_lie():
+    """Where two places are side by side on the screen there is a door: they touch in the cells that are drawn there."""
+    floor = flat().map()
+    view, raster = FloorView(floor), floor.labels.raster.astype(int)
+    scale = view._scaled(80, 15, 1.0)
+    drawn = view._sampled(scale)
+    top, left, _, _ = view._window
+    without_door = beside = 0
+    for down, right in ((1, 0), (0, 1)):
+        for row in range(drawn.shape[0] - down):
+            for column in range(drawn.shape[1] - right):
+                one, other = sorted((drawn[row, column], drawn[row + down, column + right]))
+                if one > 0 and one != other:
+                    first = int(top + row * scale.down), int(left + column * scale.side)
+                    last = int(top + (row + 1 + down) * scale.down), int(left + (column + 1 + right) * scale.side)
+                    cells = raster[first[0] : last[0], first[1] : last[1]]
+                    sides = (cells[1:], cells[:-1]) if down else (cells[:, 1:], cells[:, :-1])
+                    without_door += not ((np.minimum(*sides) == one) & (np.maximum(*sides) == other)).any()
+                    beside += 1
+    assert beside > 5
+    assert without_door == 0
+
+
 def test_a_floor_may_be_drawn_wider_than_it_is():
     view = FloorView(offices().map())
     true, wide = (view.text(columns=80, rows=12, stretch=by, palette=PLAIN).splitlines() for by in (1.0, 3.0))

@@ -22,6 +22,7 @@ UNTESTED_ALONE = {
     "cli/map/floor.py": "with the verbs that load a floor: test_check",
     "cli/map/drawing.py": "with the verbs that draw: test_check, test_show",
     "maps/problem.py": "declares a type alone",
+    "simulation/building/drive.py": "what a robot keeps in mind: test_robot",
     "cli/team/asker.py": "with the verbs that ask: test_status",
     "cli/team/commands.py": "with the status, which tells what has become of them: test_status",
     "cli/team/table.py": "with the status: test_status",

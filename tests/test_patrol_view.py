@@ -22,7 +22,8 @@ import pytest
 from places import EXAMPLES, ROOT
 
 import mdm
-from mdm.views.palette import Palette, contrast
+from mdm.maps.picture import contrast
+from mdm.views.palette import Palette
 
 MODULES = ("building", "display", "panel", "terminal")
 SECONDS = 20

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from mdm.views.palette import Ink, Palette
+    from mdm.maps.picture import Ink
+    from mdm.views.palette import Palette
 
 LABEL = 14  # columns
 INKS = {"robot": (30, 80, 220), "person": (16, 120, 50), "intruder": (150, 40, 160), "fire": (196, 52, 8)}

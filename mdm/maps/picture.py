@@ -22,10 +22,11 @@ if TYPE_CHECKING:
     from mdm.maps.labels import Labels
     from mdm.maps.passages import Passage
 
-__all__ = ["Picture", "around", "colour", "stacked"]
+__all__ = ["Picture", "around", "colour", "contrast", "stacked"]
 
 _FREE, _UNKNOWN, _OCCUPIED = (252, 252, 250), (226, 227, 230), (58, 62, 72)
 _INK, _PAPER, _MARK = (30, 33, 40), (255, 255, 255), (214, 30, 60)
+_BLACK = (0, 0, 0)
 _BORDER, _WIDTH = (255, 205, 40), (255, 243, 196)
 _TINT, _SHADE = 0.42, 0.10
 """How much of a place's colour is on free cells, and on others."""
@@ -44,12 +45,19 @@ Window: TypeAlias = tuple[int, int, int, int]
 Point: TypeAlias = tuple[float, float]
 Box: TypeAlias = tuple[float, float, float, float]
 Ink: TypeAlias = tuple[int, int, int]
+"""Red, green and blue, up to 255."""
 
 
 def colour(index: int) -> Ink:
     """Return a colour for the place of an index, unlike those of the indices near it."""
     red, green, blue = colorsys.hls_to_rgb((0.58 + 0.618034 * index) % 1, 0.47 - 0.06 * (index % 3 - 1), 0.62)
     return round(255 * red), round(255 * green), round(255 * blue)
+
+
+def contrast(ink: Ink, other: Ink) -> float:
+    """Return the contrast of two colours, as WCAG 2.2 measures it: from 1 to 21; text should have 4.5."""
+    low, high = sorted((_luminance(ink), _luminance(other)))
+    return (high + 0.05) / (low + 0.05)
 
 
 def around(frame: Frame, cells: Iterable[tuple[float, float]], metres: float) -> Window:
@@ -91,7 +99,7 @@ class Picture:
         """So many pixels are one of a picture of usual size."""
         self._font = font.load_default(round(13 * self._unit))
         self._taken: list[Box] = []
-        self._texts: list[tuple[int, str, Point, Ink, Ink]] = []
+        self._texts: list[tuple[int, str, Point, Ink]] = []
         self._marks: list[tuple[Pose, float, Ink, str]] = []
 
     def passage(self, passage: Passage, *, told: bool = True) -> None:
@@ -123,7 +131,7 @@ class Picture:
         for node in graph.nodes:
             self._goal(node)
             x, y = places[node.name]
-            self._write(node.name, (x, y + 22 * self._unit), fill=self._of(node.name), ink=_PAPER, rank=0)
+            self._write(node.name, (x, y + 22 * self._unit), fill=self._of(node.name), rank=0)
 
     def note(self, goal: Pose, text: str) -> None:
         """Write a text above a goal."""
@@ -143,7 +151,7 @@ class Picture:
 
     def name(self, node: Node) -> None:
         """Write the name of a place at its goal."""
-        self._write(node.name, self._place(node.goal), fill=self._of(node.name), ink=_PAPER, rank=0)
+        self._write(node.name, self._place(node.goal), fill=self._of(node.name), rank=0)
 
     def mark(self, pose: Pose, radius: float, ink: Ink, letter: str = "") -> None:
         """Put a disc of a radius in metres at a pose, above all else: with a letter, or a nose that points ahead."""
@@ -230,8 +238,8 @@ class Picture:
     def finished(self, title: str = "") -> Any:
         """Return the picture, as an image of Pillow's, with the lines of a title below it."""
         image, _, _ = _pillow()
-        for rank, text, at, fill, ink in sorted(self._texts, key=lambda each: each[0]):
-            self._text(text, at, fill, ink, needed=rank != _LEAST)
+        for rank, text, at, fill in sorted(self._texts, key=lambda each: each[0]):
+            self._text(text, at, fill, needed=rank != _LEAST)
         for pose, radius, ink, letter in self._marks:
             self._disc(pose, radius, ink, letter)
         whole = self._titled(title) if title else self._image
@@ -328,13 +336,13 @@ class Picture:
         wide, high = wide * self._unit, high * self._unit
         self._taken.append((x - wide, y - high, x + wide, y + high))
 
-    def _write(self, text: str, at: Point, *, fill: Ink, ink: Ink = _INK, rank: int) -> None:
+    def _write(self, text: str, at: Point, *, fill: Ink, rank: int) -> None:
         """Note a text in the picture; the lower its rank, the earlier it is written and finds a free place."""
         if 0 <= at[0] < self._image.width and 0 <= at[1] < self._image.height:
-            self._texts.append((rank, text, at, fill, ink))
+            self._texts.append((rank, text, at, fill))
 
-    def _text(self, text: str, at: Point, fill: Ink, ink: Ink, *, needed: bool) -> None:
-        """Write a text on a plate about a point, or beside it where something is written already.
+    def _text(self, text: str, at: Point, fill: Ink, *, needed: bool) -> None:
+        """Write a text, black or white, on a plate about a point, or beside it where something is written already.
 
         Where no place is free, what is needed is written over other texts, and what is not is left out.
         """
@@ -352,6 +360,7 @@ class Picture:
             box = boxes[0]
         self._taken.append(box)
         self._draw.rounded_rectangle(box, radius=6 * self._unit, fill=fill, outline=_PAPER, width=round(self._unit))
+        ink = max(_BLACK, _PAPER, key=lambda one: contrast(one, fill))
         self._draw.text(((box[0] + box[2]) / 2, (box[1] + box[3]) / 2), text, font=self._font, fill=ink, anchor="mm")
 
     def _box(self, x: float, y: float, wide: float, high: float) -> Box:
@@ -388,6 +397,12 @@ def _painted(labels: Labels, grid: Grid | None) -> NDArray[np.uint8]:
     cells += share[:, :, None] * (colours[labels.raster] - cells)
     painted: NDArray[np.uint8] = cells.round().astype(np.uint8)
     return painted
+
+
+def _luminance(ink: Ink) -> float:
+    parts = (part / 255 for part in ink)
+    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
 def _curve(start: Point, bend: Point, end: Point, part: float) -> Point:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mdm.maps import Map
-    from mdm.views.palette import Ink
+    from mdm.maps.picture import Ink
 
     Point = tuple[float, float]
 

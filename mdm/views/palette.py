@@ -5,19 +5,20 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+from mdm.maps.picture import contrast
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-__all__ = ["Ink", "Palette", "contrast"]
+    from mdm.maps.picture import Ink
 
-Ink: TypeAlias = tuple[int, int, int]
-"""Red, green and blue, up to 255."""
+__all__ = ["Palette"]
 
 _READABLE = 4.5
 _LEVELS = (0, 95, 135, 175, 215, 255)
@@ -26,12 +27,6 @@ _FIXED += [(grey, grey, grey) for grey in range(8, 248, 10)]
 """What the numbers from 16 to 255 of a terminal with 256 colours mean; themes choose the first 16."""
 _WITHOUT = re.compile(r"|dumb|unknown|ansi|vt\d.*")
 """Terminals, as TERM names them, that have no 256 colours."""
-
-
-def contrast(ink: Ink, other: Ink) -> float:
-    """Return the contrast of two colours, as WCAG 2.2 measures it: from 1 to 21; text should have 4.5."""
-    low, high = sorted((_luminance(ink), _luminance(other)))
-    return (high + 0.05) / (low + 0.05)
 
 
 @dataclass(frozen=True)
@@ -89,9 +84,3 @@ def _nearest(ink: Ink) -> int:
         if contrast(ink, other) >= _READABLE:
             distances[[contrast(one, other) < _READABLE for one in _FIXED]] = 1 << 20
     return 16 + int(distances.argmin())
-
-
-def _luminance(ink: Ink) -> float:
-    parts = (part / 255 for part in ink)
-    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 from floor_file import write_floor
+from matplotlib.colors import to_rgb
 from scipy import ndimage
 
 from mdm.cli.map.drawing import floor_picture
@@ -15,7 +16,7 @@ from mdm.errors import MapError
 from mdm.maps import Edge, Frame, Graph, Grid, Labels, Node, Pose, load_map
 from mdm.maps.files.load import Parts
 from mdm.maps.passages import passages
-from mdm.maps.picture import Picture, around, colour
+from mdm.maps.picture import Picture, around, colour, contrast
 
 WHOLE = (0, 0, 40, 40)
 
@@ -44,6 +45,34 @@ def test_places_are_tinted_and_walls_dark(floor):
     without = pixels(Picture(floor.labels, None, WHOLE, size=400))
     assert like(without[305, 55], hall)
     assert like(without[5, 5], (226, 227, 230))
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "known"),
+    [
+        ("#000000", "#ffffff", 21.0),
+        ("#767676", "#ffffff", 4.54),
+        ("#ff0000", "#ffffff", 4.0),
+        ("#abcdef", "#abcdef", 1),
+    ],
+)
+def test_contrasts_are_those_of_the_recommendation(one, other, known):
+    inks = [tuple(round(255 * part) for part in to_rgb(name)) for name in (one, other)]
+    assert contrast(*inks) == contrast(*reversed(inks)) == pytest.approx(known, abs=0.005)
+
+
+@pytest.mark.parametrize("index", range(12))
+def test_names_can_be_read_on_the_colour_of_their_place(index):
+    names = [*"abcdefghijk", "MMMMM"]
+    names[index], names[-1] = names[-1], names[index]
+    labels = Labels(Frame(40, 40, 0.1), np.full((40, 40), index + 1, dtype=np.uint16), names)
+    plain, picture = Picture(labels, None, WHOLE, size=400), Picture(labels, None, WHOLE, size=400)
+    picture.name(Node("MMMMM", Pose(2.0, 2.0)))
+    drawn = pixels(picture)
+    rows, columns = np.nonzero((drawn != pixels(plain)).any(axis=2))
+    plate = drawn[rows.min() + 4 : rows.max() - 3, columns.min() + 4 : columns.max() - 3].reshape(-1, 3).tolist()
+    assert any(like(pixel, colour(index), 2) for pixel in plate)
+    assert max(contrast(pixel, colour(index)) for pixel in plate) >= 4.5
 
 
 def test_goals_ways_passages_and_titles_change_the_picture(floor):

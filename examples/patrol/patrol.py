@@ -61,7 +61,7 @@ async def patrol(arguments: argparse.Namespace, film: Film | None) -> None:
             where = f"the robot is in {display.place()}, and {display.to_go()}"
     print(f"\nAt the end {where}.\n")
     columns = min(72, shutil.get_terminal_size().columns - 1)
-    print(display.view.text(display.marks(), columns=columns, rows=24, palette=palette))
+    print(display.view.text(display.marks(), columns=columns, rows=24, palette=palette, stretch=1.5))
     print("\nWhat it took:\n")
     for name, latency in latencies.items():
         lives = ", ".join(f"{count} {status}" for status, count in sorted(system.ensembles[name].action.ended.items()))

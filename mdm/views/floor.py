@@ -36,6 +36,8 @@ _TRAIL, _TRAIL_SIGN = (30, 80, 220), "•"
 _WALLED = 0.3
 """The share of a block of cells that makes it a wall: thin ones would be lost, and doors must not be."""
 _OUTSIDE = -1
+_AROUND = 8
+"""Cells around the places that are drawn, also where the raster ends."""
 _THICK = 0.15
 """Metres of the walls around places that are drawn, where nothing lies behind."""
 _COLOURS = Palette()
@@ -84,11 +86,10 @@ class FloorView:
     def __init__(self, floor: Map) -> None:
         self.floor = floor
         used = np.argwhere(floor.labels.raster > 0)
-        (top, left), (bottom, right) = used.min(axis=0) - 8, used.max(axis=0) + 9
-        rows, columns = floor.labels.frame.shape
-        self._window = max(int(top), 0), max(int(left), 0), min(int(bottom), rows), min(int(right), columns)
+        (top, left), (bottom, right) = used.min(axis=0) - _AROUND, used.max(axis=0) + _AROUND + 1
+        self._window = int(top), int(left), int(bottom), int(right)
         self._drawn: tuple[_Scale | None, NDArray[np.int64]] = None, np.zeros((0, 0), dtype=np.int64)
-        self._outside = _outside(floor.labels.raster, _THICK / floor.labels.frame.resolution)
+        self._outside = _outside(np.pad(floor.labels.raster, _AROUND), _THICK / floor.labels.frame.resolution)
 
     # -- Text ----------------------------------------------------------------------------------------------------
 
@@ -143,7 +144,8 @@ class FloorView:
         top, left, bottom, right = self._window
         down = max((right - left) / columns / stretch, (bottom - top) / (2 * rows))
         side = max((right - left) / columns, down / stretch)
-        return _Scale(down, side, max(1, int((right - left) / side)), max(1, int((bottom - top) / down / 2)))
+        wide, high = math.ceil((right - left) / side - 1e-9), math.ceil((bottom - top) / down / 2 - 1e-9)
+        return _Scale(down, side, wide, high)
 
     def _at(self, scale: _Scale, x: float, y: float) -> tuple[int, int] | None:
         """Return the line and the column of a point; None where it is not drawn."""
@@ -157,7 +159,8 @@ class FloorView:
         """Return the place at the middle of each block of cells; 0 where much is a wall, less where all is outside."""
         top, left, _, _ = self._window
         down, side, wide, high = scale.down, scale.side, scale.wide, 2 * scale.high
-        raster = self.floor.labels.raster
+        raster = np.pad(self.floor.labels.raster, _AROUND)
+        top, left = top + _AROUND, left + _AROUND
         rows = np.minimum((top + np.arange(high) * down).astype(int), raster.shape[0] - 1)
         columns = np.minimum((left + np.arange(wide) * side).astype(int), raster.shape[1] - 1)
 
@@ -224,7 +227,9 @@ class FloorView:
         Raises:
             MapError: If Pillow is not installed.
         """
-        picture = Picture(self.floor.labels, self.floor.grid, self._window, size=size)
+        (top, left, bottom, right), (rows, columns) = self._window, self.floor.labels.frame.shape
+        window = max(top, 0), max(left, 0), min(bottom, rows), min(right, columns)
+        picture = Picture(self.floor.labels, self.floor.grid, window, size=size)
         for node in self.floor.graph.nodes:
             below = replace(node.goal, y=node.goal.y - 2.5 * radius)  # where no robot covers it
             is_inside = self.floor.labels.name(below.x, below.y) == node.name

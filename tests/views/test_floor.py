@@ -69,13 +69,25 @@ def test_names_and_trails_cross_no_wall(drawn, columns, rows, stretch):
     assert sum(name in text for name in names) >= (len(names) if columns >= 80 else 1)
 
 
+@pytest.mark.parametrize("drawn", [flat, offices])
+@pytest.mark.parametrize(("columns", "rows", "stretch"), [(80, 15, 2.5), (80, 15, 1.0), (72, 24, 1.0), (31, 40, 1.0)])
+def test_walls_are_all_around(drawn, columns, rows, stretch):
+    view = FloorView(drawn().map())
+    lines = view.text(columns=columns, rows=rows, stretch=stretch, palette=PLAIN).splitlines()
+    assert len(lines) <= rows
+    assert max(map(len, lines)) <= columns
+    edges = [line.strip() for line in lines if line.strip()]
+    assert {edge[0] + edge[-1] for edge in edges} == {"##"}
+    assert set(edges[-1]) <= {"#", " "}
+
+
 def test_thin_walls_are_drawn_wherever_they_lie():
     """Where two places are side by side on the screen there is a door: they touch in the cells that are drawn there."""
     floor = flat().map()
-    view, raster = FloorView(floor), floor.labels.raster.astype(int)
+    view, raster = FloorView(floor), np.pad(floor.labels.raster.astype(int), 8)
     scale = view._scaled(80, 15, 1.0)
     drawn = view._sampled(scale)
-    top, left, _, _ = view._window
+    top, left = (edge + 8 for edge in view._window[:2])
     without_door = beside = 0
     for down, right in ((1, 0), (0, 1)):
         for row in range(drawn.shape[0] - down):
@@ -112,7 +124,7 @@ def test_names_are_shortened_where_their_place_has_no_room():
     names = {"east": "east-of-the-offices"}
     goals = Graph(tuple(Node(names.get(node.name, node.name), node.goal) for node in floor.graph.nodes), ())
     named = Map(Labels(floor.labels.frame, floor.labels.raster, goals.names), goals, floor.grid)
-    coloured = FloorView(named).text(columns=44, rows=60)
+    coloured = FloorView(named).text(columns=47, rows=60)
     bare = re.sub(r"\x1b\[[0-9;]*m", "", coloured)
     assert "east-of-the-off…" in bare
     assert "east-of-the-offices" in re.sub(r"\x1b\[[0-9;]*m", "", FloorView(named).text(columns=80, rows=60))

@@ -78,7 +78,7 @@ def test_one_that_does_not_answer_is_told(mdm, free, up, tmp_path):
         status, _, errors = asked(mdm, team, agents=1)
         assert status == 1
         assert errors == "mdm team status: no answer from b\n"
-        status, output, errors = mdm("team", "stop", team)
+        status, output, errors = mdm("team", "stop", team, "--wait", "1")
         assert (status, [line[-1] for line in lines(output)]) == (1, ["confirmed", "yes", "no"])
         assert errors == "mdm team stop: joint: agent 'b' did not confirm: it does not answer\n"
 

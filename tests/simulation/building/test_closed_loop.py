@@ -18,7 +18,7 @@ from mdm.simulation.building import Building
 FLOOR = offices(furniture=FURNITURE[offices]).map()
 ENDS = {"ada": ("lab", "west"), "bob": ("kitchen", "east")}
 SPEED, STAGES = 0.5, 4
-SECONDS = 1800.0
+SECONDS = 1000.0
 
 
 @functools.cache

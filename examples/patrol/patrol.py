@@ -67,17 +67,16 @@ async def patrol(arguments: argparse.Namespace, film: Film | None) -> None:
         lives = ", ".join(f"{count} {status}" for status, count in sorted(system.ensembles[name].action.ended.items()))
         median = "" if arguments.fast else f"; from stimulus to callback {latency.quantile(0.5) * 1e6:.0f} µs (median)"
         print(f"  {name}: {display.decisions[name]} decisions; actions: {lives}{median}")
+    print("\n  calls      attended  after, mean  median  at most   gone  at most   not yet\n")
     for kind, name in PLURALS.items():
         took = sorted(took for took, attended in World.attended if attended == kind)
         left = [took for took, gone in World.left if gone == kind]
         waiting = sum(visit.kind == kind for visit in World.known.values())
-        if took:
-            mean, half = sum(took) / len(took), took[len(took) // 2]
-            gone = f"{len(left)} had gone, after {max(left):.1f} s at most; " if left else ""
-            print(
-                f"  {name}: {len(took)} attended, after {mean:.1f} s in the mean, {half:.1f} s (median), and "
-                f"{took[-1]:.1f} s at most; {gone}{waiting} not yet"
-            )
+        times = (sum(took) / len(took), took[len(took) // 2], took[-1]) if took else ()
+        mean, half, most = (f"{seconds:.1f} s" for seconds in times) if took else ("", "", "")
+        gone = f"{max(left):.1f} s" if left else ""
+        print(f"  {name:10} {len(took):8} {mean:>12} {half:>7} {most:>8} {len(left):6} {gone:>8} {waiting:9}")
+    print()
     print(f"  top level: idle for {idle:.1f} s, which is {100 * idle / seconds:.1f} % of the time")
     print(f"  robot: {building().steps / 10:g} s on the floor; collisions: {robot().collisions}")
 

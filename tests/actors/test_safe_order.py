@@ -233,6 +233,24 @@ class Robot:
 STEPS = ["set", "set", "set", "unset", "wait", "wait", "release", "crash", "stop", "start"]
 
 
+def test_one_that_fails_is_made_safe_once_though_the_program_ends_meanwhile():
+    log = Log()
+    below = robot(log, "below", safe_action=log.plain("BELOW"))
+    top = Ensemble("top", policy=[0], actions={"Below": below}, safe_action=log.slow("TOP", 0.5))
+
+    async def main(runtime):
+        await runtime.start(top)
+        top.publish_state(0)
+        crash(below.action)
+        await asyncio.sleep(0.01)  # what is above it is still being made safe
+        assert below.failing
+        assert log == ["BELOW", "TOP begins"]
+
+    with pytest.raises(ActorFailure):
+        run_virtual(main)
+    assert log == ["BELOW", "TOP begins", "TOP ends"]
+
+
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_in_every_hierarchy_nothing_is_decided_while_safe_and_the_outermost_comes_last(data):
@@ -258,7 +276,12 @@ def test_in_every_hierarchy_nothing_is_decided_while_safe_and_the_outermost_come
             else:
                 await asyncio.sleep(0.3 if flag else 3.0)
         await asyncio.sleep(0.01)
-        active.extend(each.name for each in robot.ensembles if each.active and each.life == "running")
+        last = {name: kind for kind, name in robot.log}
+        failing = any(each.failing for each in robot.ensembles)  # and those that it made safe do nothing more
+        made_safe = [each for each in robot.ensembles if failing and last.get(each.name) == "safe"]
+        active.extend(
+            each.name for each in robot.ensembles if each.active and each.life == "running" and each not in made_safe
+        )
         robot.log.clear()
 
     try:

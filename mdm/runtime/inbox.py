@@ -31,7 +31,7 @@ class Inbox:
         self.lost = 0
         self._rests: dict[Channel[Any], int] = {}
         self._waiting: OrderedDict[Hashable, tuple[Channel[Any], Any]] = OrderedDict()
-        self._counts: Counter[Channel[Any]] = Counter()
+        self._counts: dict[Channel[Any], int] = {}
         self._losses: Counter[Channel[Any]] = Counter()
         self._number = 0
         # One that its own thread may take again: a signal's handler may set a sensor while another is being set.
@@ -45,7 +45,8 @@ class Inbox:
         supersedes = channel.supersedes
         subject = None if supersedes is None else supersedes(message)
         with self._lock:
-            full = self._counts[channel] >= self.bound
+            count = self._counts.get(channel, 0)
+            full = count >= self.bound
             if subject is None and full:
                 self._losses[channel] += 1
                 self.lost += 1
@@ -57,13 +58,14 @@ class Inbox:
                 elif (rest := self._waiting.get(place)) is not None:
                     message = channel.merge(rest[1], message)
             else:
-                self._rests.pop(channel, None)
+                if self._rests:
+                    self._rests.pop(channel, None)
                 place = self._next() if subject is None else (channel, subject, self._number)
-            if self._waiting.pop(place, None) is not None:
-                self._counts[channel] -= 1
+            if self._waiting and self._waiting.pop(place, None) is not None:
+                count -= 1
                 self.replaced += 1
             self._waiting[place] = (channel, message)
-            self._counts[channel] += 1
+            self._counts[channel] = count + 1
 
     def _next(self) -> int:
         self._number += 1
@@ -75,9 +77,9 @@ class Inbox:
             if not self._waiting:
                 return None
             _, (channel, message) = self._waiting.popitem(last=False)
-            self._counts[channel] -= 1
-            if not self._counts[channel]:
-                del self._counts[channel]
+            count = self._counts.pop(channel) - 1
+            if count:
+                self._counts[channel] = count
             return channel, message
 
     def losses(self) -> Counter[Channel[Any]]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import math
 
+import numpy as np
 import pytest
 from maps.floors import FURNITURE, Floor, offices
 
 import mdm
 from mdm.errors import ConfigError
+from mdm.maps.paths import PATH_MARGIN, Paths, drivable
 from mdm.simulation.building import Building, Visits
 from mdm.simulation.building.robot import DriveError
 
@@ -123,3 +125,26 @@ def test_a_robot_in_each_room_touches_nothing_and_nobody_waits_long():
     mdm.run(main, virtual=True)
     assert [robot.collisions for robot in robots] == [0] * len(robots)
     assert longest < 55.0
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_people_leave_a_way_that_a_robot_can_take(seed):
+    """By the rule of its paths, which go diagonally only past two open cells."""
+    building = Building(passage(1.2), visits=[Visits("person")], seed=seed)
+    robot = building.robot("ada", at="west")
+    open_cells, frame = drivable(building.grid, robot.radius), building.grid.frame
+    goals = [frame.cell(node.goal.x, node.goal.y) for node in building.floor.graph.nodes]
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            await runtime.start(building)
+            for _ in range(40):
+                building.come("person", "west")
+
+    mdm.run(main, virtual=True)
+    rows, columns = np.indices(frame.shape)
+    for body in building._bystanders:
+        away = np.hypot(rows - body.cell[0], columns - body.cell[1]) * frame.resolution
+        open_cells = open_cells & (away > robot.radius + body.radius + 2 * PATH_MARGIN)
+    assert len(building._bystanders) > 5
+    assert np.isfinite(Paths(frame, open_cells).distances([goals[0]])[0][goals[1]])

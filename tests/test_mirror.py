@@ -1,4 +1,7 @@
-"""Each module has its tests in a file of the same place and name; what has none, or is none's, says why."""
+"""Each module has its tests in files of the same place and name; what has none, or is none's, says why.
+
+A file is named `test_NAME.py`, or `test_NAME_SUBJECT.py` where a module has several.
+"""
 
 from __future__ import annotations
 
@@ -95,11 +98,22 @@ ACROSS = {
 
 def test_each_module_has_its_tests():
     modules = {path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if not path.name.startswith("__")}
-    untested = {path.as_posix() for path in modules if not (TESTS / path.parent / f"test_{path.name}").is_file()}
+    untested = {path.as_posix() for path in modules if not _tests_of(path)}
     assert untested == set(UNTESTED_ALONE)
 
 
 def test_each_file_of_tests_has_its_module():
     files = {path.relative_to(TESTS) for path in TESTS.rglob("test_*.py")}
-    without = {path.as_posix() for path in files if not (PACKAGE / path.parent / path.name[5:]).is_file()}
+    without = {path.as_posix() for path in files if not _has_module(path)}
     assert without == set(ACROSS)
+
+
+def _tests_of(module: Path) -> list[Path]:
+    folder = TESTS / module.parent
+    return [*folder.glob(f"test_{module.stem}.py"), *folder.glob(f"test_{module.stem}_*.py")]
+
+
+def _has_module(test: Path) -> bool:
+    words = test.stem.split("_")[1:]
+    names = ["_".join(words[:length]) for length in range(1, len(words) + 1)]
+    return any((PACKAGE / test.parent / f"{name}.py").is_file() for name in names)

@@ -102,7 +102,8 @@ def test_a_verb_loads_no_other_and_a_file_no_other_format():
 import sys
 from mdm.cli import main
 assert main(["run", "examples/tiger.toml", "--virtual", "--epochs", "1"]) == 0
-others = ("mdm.formats.pgmx", "mdm.formats.pomdpx", "mdm.formats.plans", "mdm.formats.tables")
+formats = ("openmarkov", "sarsop", "zmdp", "mdm1", "cassandra.policy_graph", "madp.dpomdp", "madp.joint_policy")
+others = tuple(f"mdm.formats.{name}" for name in formats)
 verbs = ("mdm.cli.files", "mdm.cli.map", "mdm.cli.policies", "mdm.cli.team", "mdm.cli.robots.trace")
 print(sorted(name for name in sys.modules if name.startswith((*others, *verbs))))
 """

@@ -1,6 +1,6 @@
-"""File formats of models, policies and durations, one module per format."""
+"""File formats of models, policies and durations, in folders by the program that wrote them, one module per format."""
 
-from mdm.formats.archive.durations import read as load_durations, write as save_durations
+from mdm.formats.archive.model import load_durations, save_durations
 from mdm.formats.models import load_model, save_model
 from mdm.formats.policies import check_policy_file, load_policy, load_rewards, save_policy
 

@@ -22,19 +22,13 @@ if TYPE_CHECKING:
 __all__ = ["MODEL_SUFFIXES", "load_model", "save_model"]
 
 _AGENTS = re.compile(r"^[ \t]*agents[ \t]*:", re.MULTILINE)
-
-
-class _Reader(Protocol):
-    def __call__(self, path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP: ...
-
-
-_SETS = "cassandra.toi"
+_SETS = "madp.toi"
 _BY_SUFFIX = {
     ".pomdp": "cassandra.model",
     ".mdp": "cassandra.model",
-    ".dpomdp": "cassandra.dpomdp",
-    ".pgmx": "pgmx.reader",
-    ".pomdpx": "pomdpx.reader",
+    ".dpomdp": "madp.dpomdp",
+    ".pgmx": "openmarkov.reader",
+    ".pomdpx": "sarsop.reader",
     ".npz": "archive.model",
     **dict.fromkeys(SETS, _SETS),
 }
@@ -43,7 +37,11 @@ _WRITTEN = tuple(suffix for suffix in _BY_SUFFIX if suffix not in SETS)
 """Suffixes of files that are written."""
 MODEL_SUFFIXES = frozenset(_BY_SUFFIX)
 """Suffixes of model files; a ``.npz`` may also hold a policy."""
-_BY_ROOT = {"probmodelxml": "pgmx.reader", "pomdpx": "pomdpx.reader"}
+_BY_ROOT = {"probmodelxml": "openmarkov.reader", "pomdpx": "sarsop.reader"}
+
+
+class _Reader(Protocol):
+    def __call__(self, path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP: ...
 
 
 def load_model(path: str | Path, *, sparse: bool | None = None, normalize: bool = False) -> MDP | POMDP:
@@ -127,7 +125,7 @@ def _form(path: Path) -> str:
     if by_suffix != _SETS and holds_policy(text):
         raise FormatError("the file holds a policy; a model was expected", file=path)
     if text.startswith("<"):
-        return _BY_ROOT.get(root(Source(path).text), by_suffix or "pgmx.reader")
+        return _BY_ROOT.get(root(Source(path).text), by_suffix or "openmarkov.reader")
     if by_suffix is not None:
         return by_suffix
-    return "cassandra.dpomdp" if _AGENTS.search(Source(path).text) else "cassandra.model"
+    return "madp.dpomdp" if _AGENTS.search(Source(path).text) else "cassandra.model"

@@ -37,26 +37,26 @@ PolicyKind: TypeAlias = Literal["table", "stochastic", "q"]
 _TABLES: dict[str, type] = {"table": DeterministicPolicy, "stochastic": StochasticPolicy, "q": QTable}
 _BY_SUFFIX: dict[str, _Form] = {".pg": "graph", ".alpha": "alpha", ".vf": "value function"}
 _BY_FORM = {
-    "sarsop": "vectors.sarsop",
-    "zmdp": "vectors.zmdp",
-    "joint": "plans.joint_policy",
-    "alpha": "vectors.alpha",
-    "value function": "vectors.value_function",
+    "sarsop": "sarsop.policy",
+    "zmdp": "zmdp",
+    "joint": "madp.joint_policy",
+    "alpha": "cassandra.alpha",
+    "value function": "madp.value_function",
 }
 """The modules that read these forms."""
 
 
-_ARCHIVE, _JOINT = "archive.policy", "plans.joint_policy"
-_TABLE = {".policy": "tables.ublas"}
-_VECTORS = {".policy": "vectors.sarsop", ".policyx": "vectors.sarsop"}
+_ARCHIVE, _JOINT = "archive.policy", "madp.joint_policy"
+_TABLE = {".policy": "mdm1"}
+_VECTORS = {".policy": "sarsop.policy", ".policyx": "sarsop.policy"}
 _WRITTEN: dict[type, dict[str, str]] = {
-    AlphaVectors: {**_VECTORS, ".alpha": "vectors.alpha", ".vf": "vectors.value_function"},
+    AlphaVectors: {**_VECTORS, ".alpha": "cassandra.alpha", ".vf": "madp.value_function"},
     MixedAlphaVectors: _VECTORS,
-    MaskedAlphaVectors: {".policy": "vectors.zmdp"},
+    MaskedAlphaVectors: {".policy": "zmdp"},
     DeterministicPolicy: _TABLE,
     StochasticPolicy: _TABLE,
     QTable: _TABLE,
-    FiniteStateController: {".pg": "plans.policy_graph"},
+    FiniteStateController: {".pg": "cassandra.policy_graph"},
     JointController: {".policy": _JOINT},
 }
 """The module that writes, by class of policy and suffix; ``.npz`` holds any policy."""
@@ -124,7 +124,7 @@ def load_rewards(path: str | Path) -> npt.NDArray[np.float64]:
     Raises:
         FormatError: If the file is not a matrix of finite numbers.
     """
-    matrix: npt.NDArray[np.float64] = format_of("tables.ublas").read(path)
+    matrix: npt.NDArray[np.float64] = format_of("mdm1").read(path)
     if matrix.ndim != 2 or not np.isfinite(matrix).all():
         raise FormatError("a states x actions matrix of finite rewards was expected", file=path)
     return matrix
@@ -217,19 +217,19 @@ def _read(source: Source, form: _Form, model: MDP | None, kind: PolicyKind | Non
     policy: Policy
     match form:
         case "array":
-            array = format_of("tables.ublas").read(path)
-            policy = format_of("tables.state_table").table(source, array, model, kind, seed)
+            array = format_of("mdm1").read(path)
+            policy = format_of("mdm1").table(source, array, model, kind, seed)
         case "q-table":
-            tables = format_of("tables.q_table")
+            tables = format_of("madp.q_table")
             if kind is None:
                 tables.refuse_vectors(source, model)
-            policy = format_of("tables.state_table").table(source, tables.read(path), model, kind or "q", seed)
+            policy = format_of("mdm1").table(source, tables.read(path), model, kind or "q", seed)
         case "sarsop" | "zmdp" | "joint":
             policy = format_of(_BY_FORM[form]).read(path, model)
         case "graph":
             num_observations = len(model.observation_space) if isinstance(model, POMDP) else None
             sizes = {"num_actions": num_actions, "num_observations": num_observations}
-            policy = format_of("plans.policy_graph").read(path, **sizes)
+            policy = format_of("cassandra.policy_graph").read(path, **sizes)
         case "alpha" | "value function":
             policy = format_of(_BY_FORM[form]).read(path, num_actions=num_actions)
     return policy

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mdm import FormatError, save_model, save_policy
-from mdm.formats.tables import q_table
+from mdm.formats.madp import q_table
 from mdm.formats.target import check_place, replacing, write_text
 from mdm.models import MDP, POMDP
 from mdm.policies import (

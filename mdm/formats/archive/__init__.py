@@ -1,1 +1,1 @@
-"""Archives of arrays, `.npz`: models and policies of every kind, with their names; and durations."""
+"""Archives of arrays, `.npz`, of mdm's own: models and policies of every kind, with their names; and durations."""

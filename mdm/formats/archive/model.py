@@ -1,7 +1,7 @@
-"""mdm's own ``.npz`` format for models, mapped into memory instead of parsed.
+"""mdm's own ``.npz`` format for models and for how long actions take, mapped into memory instead of parsed.
 
-A flat model is stored as its matrices, shared ones once; a factored model as its network. Reading validates all
-numbers in one pass, without a copy.
+A flat model is stored as its matrices, shared ones once; a factored model as its network, packed into arrays and a
+header. Reading validates all numbers in one pass, without a copy.
 """
 
 from __future__ import annotations
@@ -15,20 +15,21 @@ import numpy as np
 
 from mdm.errors import FormatError, ModelError, ModelWarning
 from mdm.formats.archive import npz
-from mdm.formats.archive.network import Network, pack_network, unpack_network
 from mdm.formats.archive.npz import Names, names_of, space_of
-from mdm.models import MDP, POMDP, FactoredMDP, FactoredPOMDP
+from mdm.models import MDP, POMDP, Durations, FactoredMDP, FactoredPOMDP
 from mdm.models.compressed import csr, is_compressed
 from mdm.models.events import DenseEvents, TransitionEvents
+from mdm.models.factored.potential import Node, Potential, Role, Table, Tree
+from mdm.models.factored.two_slice import TwoSliceNetwork
 from mdm.models.matrices import ROUNDING, Checked, Matrix, Vector
 from mdm.models.rewards import RewardArray
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from mdm.models import Space
 
-__all__ = ["read", "write"]
+__all__ = ["Network", "load_durations", "pack_network", "read", "save_durations", "unpack_network", "write"]
 
 _LARGEST = 50_000_000
 
@@ -254,3 +255,130 @@ def _floats(array: Any) -> Vector:
     if array.dtype != np.float64:
         raise ModelError(f"numbers have type {array.dtype}, not float64")
     return np.asarray(array)
+
+
+class _Table(msgspec.Struct, tag="table"):
+    scope: list[tuple[Role, int]]
+    values: str
+
+
+class _Tree(msgspec.Struct, tag="tree"):
+    node: tuple[Role, int]
+    choice: list[int]
+    branches: list[int]
+
+
+class Network(msgspec.Struct):
+    """A network's distinct potentials, branches before their trees, and the indices of those in each role."""
+
+    potentials: list[_Table | _Tree]
+    initial: list[int]
+    transitions: list[int]
+    observation: list[int]
+    utilities: list[int]
+    fully_observed: list[bool]
+    event_observations: bool
+
+
+def pack_network(network: TwoSliceNetwork, arrays: dict[str, Any]) -> Network:
+    """Return a network as a struct, and add its tables to ``arrays``."""
+    places: dict[int, int] = {}
+    potentials: list[_Table | _Tree] = []
+
+    def place(potential: Potential) -> int:
+        key = id(potential)
+        if key in places:
+            return places[key]
+        if isinstance(potential, Table):
+            name = f"P{len(potentials)}"
+            arrays[name] = potential.values
+            packed: _Table | _Tree = _Table([(node.role, node.place) for node in potential.scope], name)
+        else:
+            branches = [place(branch) for branch in potential.branches]
+            packed = _Tree((potential.node.role, potential.node.place), potential.choice.tolist(), branches)
+        potentials.append(packed)
+        places[key] = len(potentials) - 1
+        return places[key]
+
+    def each(of: Sequence[Potential]) -> list[int]:
+        return [place(potential) for potential in of]
+
+    return Network(
+        potentials,
+        initial=each(network.initial),
+        transitions=each(network.transitions),
+        observation=each(network.observation),
+        utilities=each(network.utilities),
+        fully_observed=list(network.fully_observed),
+        event_observations=network.event_observations,
+    )
+
+
+def unpack_network(
+    packed: Network, arrays: Mapping[str, Any], states: Space, actions: Space, observations: Space | None
+) -> TwoSliceNetwork:
+    """Return the network of a packed struct and its arrays.
+
+    Raises:
+        KeyError: If an array is missing.
+        ModelError: If the parts are inconsistent.
+    """
+    made: list[Potential] = []
+    for potential in packed.potentials:
+        if isinstance(potential, _Table):
+            values = arrays[potential.values]
+            if values.dtype != np.float64 or not np.isfinite(values).all():
+                raise ModelError(f"table {potential.values} holds values that are not finite floats")
+            made.append(Table([Node(*node) for node in potential.scope], values))
+        else:
+            made.append(Tree(Node(*potential.node), potential.choice, _chosen(made, potential.branches)))
+    return TwoSliceNetwork(
+        states,
+        actions,
+        observations,
+        initial=_chosen(made, packed.initial),
+        transitions=_chosen(made, packed.transitions),
+        observation=_chosen(made, packed.observation),
+        utilities=_chosen(made, packed.utilities),
+        fully_observed=packed.fully_observed,
+        event_observations=packed.event_observations,
+    )
+
+
+def _chosen(made: list[Potential], places: list[int]) -> list[Potential]:
+    if not all(0 <= place < len(made) for place in places):
+        raise ModelError("a potential refers to one that is not listed before it")
+    return [made[place] for place in places]
+
+
+class _Durations(msgspec.Struct):
+    format: Literal["mdm durations 1"] = "mdm durations 1"
+
+
+def load_durations(path: str | Path) -> Durations:
+    """Read durations from an archive.
+
+    Raises:
+        FormatError: If the file is damaged or holds no durations.
+    """
+    header, arrays = npz.read(Path(path))
+    try:
+        if b"mdm durations " not in header:
+            raise ModelError("it holds something else")
+        msgspec.json.decode(header, type=_Durations)
+        return Durations(arrays["means"], arrays["stages"])
+    except KeyError as error:
+        raise FormatError(f"the archive does not hold durations: {error} is missing", file=path) from None
+    except (ModelError, msgspec.MsgspecError, ValueError) as error:
+        why = npz.what_else(header, "durations", error)
+        raise FormatError(f"the archive does not hold durations: {why}", file=path) from None
+
+
+def save_durations(durations: Durations, path: str | Path) -> None:
+    """Write durations to an archive, usually a ``.npz``.
+
+    Raises:
+        FormatError: If the file cannot be written.
+    """
+    arrays = {"means": np.asarray(durations.means), "stages": np.asarray(durations.stages)}
+    npz.write(Path(path), _Durations(), arrays)

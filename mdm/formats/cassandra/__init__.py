@@ -1,1 +1,1 @@
-"""Cassandra's text formats for models and MADP's dialects: `.pomdp`, `.mdp`, `.dpomdp` and `.toi-dpomdp`."""
+"""The formats of Cassandra's pomdp-solve: models (`.pomdp`, `.mdp`), alpha vectors and policy graphs."""

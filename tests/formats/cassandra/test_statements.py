@@ -11,8 +11,9 @@ from hypothesis import given, strategies as st
 from scipy import sparse
 
 from mdm import FormatError, load_model
-from mdm.formats.cassandra import dpomdp, model as cassandra
+from mdm.formats.cassandra import model as cassandra
 from mdm.formats.cassandra.statements import Statements
+from mdm.formats.madp import dpomdp
 from mdm.formats.source import Source, Words
 from mdm.models import Factor, Space
 

@@ -1,0 +1,419 @@
+"""OpenMarkov's ProbModelXML format (``.pgmx``), interpreted as MADP does.
+
+Chance variables at time slice 0 are state factors, decisions there are actions, and chance variables linked to a
+decision at slice 1 are observations. Potentials are tables (the first variable changes fastest), uniform, or trees with
+labelled, shared branches. The format has no discount: it is 1, or the network's property ``Discount``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from mdm.errors import ModelError
+from mdm.formats.markup import Element, stream
+from mdm.formats.openmarkov.writer import write
+from mdm.formats.source import Source, number
+from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Space
+from mdm.models.factored.potential import Node, Potential, Table, Tree
+from mdm.models.factored.two_slice import PotentialError, TwoSliceNetwork
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+__all__ = ["Potentials", "Variable", "names_of", "read", "reference", "write"]
+
+_WHOLE = {"Variable", "Links", "Agents", "Potential", "AdditionalProperties", "Policies", "Comment", "Constraints"}
+_TABLES = {"Table", "ProbTable", "Exact"}
+_TREES = {"Tree/ADD", "Tree-ADD"}
+_LARGEST = 20_000_000
+_DEPTH = 100
+"""Limit on chains of references between branches; real models stay far below."""
+
+
+def read(path: str | Path, *, sparse: bool | None = None) -> FactoredMDP | FactoredPOMDP:
+    """Read a factored model.
+
+    Args:
+        path: The file.
+        sparse: Force CSR (True) or dense (False) matrices when it is flattened; None chooses.
+
+    Raises:
+        FormatError: If the file is malformed, with the place and what was expected.
+    """
+    source = Source(path)
+    document = _Document(source)
+    try:
+        network = document.network()
+        if network.observations is None:
+            return FactoredMDP(network, discount=document.discount, sparse=sparse)
+        return FactoredPOMDP(network, discount=document.discount, sparse=sparse)
+    except PotentialError as error:
+        document.element(error.node).fail(str(error))
+    except ModelError as error:
+        source.fail(str(error))
+
+
+class _Document:
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.discount = 1.0
+        self._event_driven = False
+        self._variables: dict[tuple[str, int], Variable] = {}
+        self._links: list[tuple[tuple[str, int], tuple[str, int]]] = []
+        self._agents: list[str] = []
+        self._elements: dict[tuple[str, int], Element] = {}
+        self._keys: dict[Node, tuple[str, int]] = {}
+        root = None
+        in_policies = False
+        for element in stream(source, _WHOLE):
+            if root is None:
+                root = element
+                if root.tag != "ProbModelXML":
+                    root.fail(f"<ProbModelXML> was expected, not <{root.tag}>")
+            elif element.tag == "Variable":
+                self._add_variable(element)
+            elif element.tag == "Links":
+                self._links = [self._link(link) for link in element.all("Link")]
+            elif element.tag == "Agents":
+                self._agents = [agent.attribute("name") for agent in element.all("Agent")]
+            elif element.tag == "AdditionalProperties":
+                self._read_properties(element)
+            elif element.tag == "Policies":
+                in_policies = True
+            elif element.tag == "Potential" and not in_policies:
+                self._add_potential(element)
+
+    def _add_variable(self, element: Element) -> None:
+        name, time = reference(element)
+        role = element.attribute("role")
+        if time is None and role == "utility":
+            time = 0  # some files omit the slice: the utility is received at each step
+        if time is None or time not in {0, 1}:
+            element.fail(
+                f"variable {name!r} has no time slice; a decision process has the slices 0 and 1"
+                if time is None
+                else f"variable {name!r} has time slice {time}; a decision process has the slices 0 and 1"
+            )
+        if role not in {"chance", "decision", "utility"}:
+            element.fail(f"variable {name!r} has the role {role!r}: chance, decision or utility was expected")
+        if (name, time) in self._variables:
+            element.fail(f"variable {name!r} of time slice {time} is declared twice")
+        names = names_of(element)
+        if not names and role != "utility":
+            element.fail(f"variable {name!r} has no states")
+        agent = element.find("Agent")
+        self._variables[name, time] = Variable(
+            name, time, role, names, None if agent is None else agent.attribute("name"), element
+        )
+
+    def _link(self, link: Element) -> tuple[tuple[str, int], tuple[str, int]]:
+        ends = link.all("Variable")
+        if len(ends) != 2:
+            link.fail(f"a link joins two variables, not {len(ends)}")
+        parent, child = (self._variable(end) for end in ends)
+        return parent.key, child.key
+
+    def _variable(self, element: Element) -> Variable:
+        name, time = reference(element)
+        found = self._variables.get((name, 0 if time is None else time))
+        if found is None:
+            element.fail(f"there is no variable {name!r} of time slice {0 if time is None else time}")
+        return found
+
+    def _read_properties(self, element: Element) -> None:
+        for item in element.all("Property"):
+            name, value = item.attribute("name"), item.attributes.get("value", "").strip()
+            if name == "EventDriven":
+                self._event_driven = value not in {"0", ""}
+            elif name == "Discount":
+                discount = number(value)
+                if discount is None or not 0 < discount <= 1:
+                    item.fail(f"a discount is more than 0 and at most 1, not {value!r}")
+                self.discount = discount
+
+    def _add_potential(self, element: Element) -> None:
+        utility = element.find("UtilityVariable")
+        if utility is None:
+            listed = element.find("Variables")
+            first = listed.find("Variable") if listed is not None else None
+            if first is None:
+                element.fail("a potential needs a variable")
+            utility = first
+        self._elements.setdefault(self._variable(utility).key, element)  # the first potential counts
+
+    def _with_role(self, role: str, time: int) -> list[Variable]:
+        return [v for v in self._variables.values() if v.role == role and v.time == time]
+
+    def network(self) -> TwoSliceNetwork:
+        """Return the document's network."""
+        factors = [variable for variable in self._with_role("chance", 0) if len(variable.names) > 1]
+        decisions = self._with_role("decision", 0)
+        if not decisions or not factors:
+            missing = "decision" if not decisions else "chance variable with two states or more"
+            self.source.fail(f"this is not a two-slice decision process: it has no {missing} at time slice 0")
+        by_agent = not self._event_driven and len(decisions) == len(self._agents) > 1
+        later = self._with_role("decision", 1)
+        if by_agent:
+            decisions, later = self._ordered(decisions), self._ordered(later)
+        observed = [self._observed(decision) for decision in later]
+        seen = [variable for variable in observed if variable is not None]
+        nodes = {variable.key: Node("state", index) for index, variable in enumerate(factors)}
+        nodes |= {(variable.name, 1): Node("next_state", index) for index, variable in enumerate(factors)}
+        nodes |= {variable.key: Node("action", index) for index, variable in enumerate(decisions)}
+        for index, variable in enumerate(seen):
+            nodes.setdefault(variable.key, Node("observation", index))
+        for variable in factors:
+            after = self._variables.get((variable.name, 1))
+            if after is not None and len(after.names) != len(variable.names):
+                after.element.fail(
+                    f"{variable.name!r} has {len(after.names)} states at slice 1, but {len(variable.names)} at slice 0"
+                )
+        self._keys = {node: key for key, node in nodes.items()}
+        potentials = Potentials(self._variable, nodes)
+        return TwoSliceNetwork(
+            Space(Factor(variable.name, variable.names) for variable in factors),
+            Space(Factor(variable.name, variable.names) for variable in decisions),
+            Space(Factor(variable.name, variable.names) for variable in seen) if seen else None,
+            initial=[self._initial(variable, Node("state", i), potentials) for i, variable in enumerate(factors)],
+            transitions=[self._conditional((variable.name, 1), potentials) for variable in factors],
+            observation=[self._observation(variable, index, nodes, potentials) for index, variable in enumerate(seen)],
+            utilities=[
+                potentials.utility(self._elements[variable.key])
+                for time in (0, 1)
+                for variable in self._with_role("utility", time)
+                if self._need(variable.key)
+            ],
+            event_observations=self._event_driven and bool(seen),
+        )
+
+    def element(self, node: Node) -> Element:
+        """Return the element with a node's distribution."""
+        return self._elements[self._keys[node]]
+
+    def _ordered(self, decisions: list[Variable]) -> list[Variable]:
+        for decision in decisions:
+            if decision.agent not in self._agents:
+                decision.element.fail(
+                    f"decision {decision.name!r} belongs to agent {decision.agent!r}, who is not among the agents "
+                    f"{', '.join(self._agents)}"
+                )
+        return sorted(decisions, key=lambda decision: self._agents.index(str(decision.agent)))
+
+    def _observed(self, decision: Variable) -> Variable | None:
+        parents = [self._variables[parent] for parent, child in self._links if child == decision.key]
+        return next((parent for parent in parents if parent.role == "chance" and parent.time == 1), None)
+
+    def _initial(self, variable: Variable, node: Node, potentials: Potentials) -> Potential:
+        element = self._elements.get(variable.key)
+        if element is None:
+            return Table([node], np.full(len(variable.names), 1 / len(variable.names)))
+        return potentials.conditional(element, variable)
+
+    def _conditional(self, key: tuple[str, int], potentials: Potentials) -> Potential:
+        self._need(key)
+        return potentials.conditional(self._elements[key], self._variables[key])
+
+    def _observation(
+        self, variable: Variable, index: int, nodes: dict[tuple[str, int], Node], potentials: Potentials
+    ) -> Potential:
+        node = nodes[variable.key]
+        if node == Node("observation", index):
+            return self._conditional(variable.key, potentials)
+        # A directly observed state factor, or an observation shared with another agent.
+        return Table([node, Node("observation", index)], np.eye(len(variable.names)))
+
+    def _need(self, key: tuple[str, int]) -> bool:
+        if key not in self._elements:
+            self.source.fail(f"variable {key[0]!r} of time slice {key[1]} has no potential")
+        return True
+
+
+class Variable(NamedTuple):
+    """A variable of one time slice."""
+
+    name: str
+    time: int
+    role: str
+    names: tuple[str, ...]
+    agent: str | None
+    element: Element
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Its name and time slice, which identify it."""
+        return self.name, self.time
+
+
+def reference(element: Element) -> tuple[str, int | None]:
+    """Return the name and time slice of a variable; files have the slice as an attribute, in the name, or both."""
+    name = element.attribute("name")
+    time = element.attributes.get("timeSlice")
+    if time is None:
+        for suffix in ("[0]", "[1]"):
+            if name.endswith(suffix):
+                return name.removesuffix(suffix).strip(), int(suffix[1])
+        return name, None
+    if not time.strip().isdecimal() or len(time) > 9:
+        element.fail(f"{time[:40]!r} is not a time slice")
+    return name.removesuffix(f"[{int(time)}]").strip(), int(time)
+
+
+def names_of(element: Element) -> tuple[str, ...]:
+    """Return the names of the states listed in an element."""
+    states = element.find("States")
+    return () if states is None else tuple(state.attribute("name") for state in states.all("State"))
+
+
+class Potentials:
+    """Turns elements into potentials.
+
+    Args:
+        variable: Returns the variable named by an element.
+        nodes: The network's nodes by name and time slice of their variable.
+    """
+
+    def __init__(self, variable: Callable[[Element], Variable], nodes: Mapping[tuple[str, int], Node]) -> None:
+        self._variable = variable
+        self._nodes = nodes
+
+    def conditional(self, element: Element, child: Variable) -> Potential:
+        """Return the conditional probability of a variable."""
+        return _Reader(self._variable, self._nodes, element, child).potential(element, 0)
+
+    def utility(self, element: Element) -> Potential:
+        """Return a utility."""
+        return _Reader(self._variable, self._nodes, element, None).potential(element, 0)
+
+
+class _Reader:
+    """Reads one potential; a labelled branch is read once and shared by all references to it."""
+
+    def __init__(
+        self,
+        variable: Callable[[Element], Variable],
+        nodes: Mapping[tuple[str, int], Node],
+        root: Element,
+        child: Variable | None,
+    ) -> None:
+        self._variable = variable
+        self._nodes = nodes
+        self._child = child
+        self._labels: dict[str, Element] = {}
+        self._shared: dict[str, Potential] = {}
+        self._find_labels(root)
+
+    def _find_labels(self, element: Element) -> None:
+        label = element.find("Label") if element.tag == "Branch" else None
+        if label is not None:
+            self._labels.setdefault(label.text.strip(), element)
+        for inner in element.children:
+            self._find_labels(inner)
+
+    def potential(self, element: Element, depth: int) -> Potential:
+        if depth > _DEPTH:
+            element.fail(f"branches refer to each other more than {_DEPTH} deep")
+        kind = element.attribute("type")
+        if kind in _TREES:
+            return self._tree(element, depth)
+        if kind == "Uniform":
+            return self._uniform()
+        if kind in _TABLES:
+            return self._table(element)
+        return element.fail(
+            f"a potential of type {kind!r} is not supported; Table, ProbTable, Exact, Uniform and Tree/ADD are"
+        )
+
+    def _uniform(self) -> Potential:
+        if self._child is None:
+            return Table([], 0.0)
+        size = len(self._child.names)
+        return Table([self._nodes[self._child.key]], np.full(size, 1 / size))
+
+    def _scope(self, element: Element) -> list[Variable]:
+        listed = element.find("Variables")
+        found = [] if listed is None else [self._variable(each) for each in listed.all("Variable")]
+        if len({variable.key for variable in found}) != len(found):
+            element.fail("a potential lists a variable twice")
+        return [variable for variable in found if variable.role != "utility"]
+
+    def _table(self, element: Element) -> Potential:
+        scope = self._scope(element)
+        sizes = [len(variable.names) for variable in scope]
+        count = math.prod(sizes)
+        if count > _LARGEST:
+            element.fail(f"a table of {count} numbers exceeds the limit of {_LARGEST}")
+        given = element.need("Values")
+        words = given.text.split()
+        try:
+            values = np.array(words, dtype=np.float64)
+        except ValueError:
+            wrong = next(word for word in words if number(word) is None)
+            given.fail(f"{wrong[:40]!r} is not a number")
+        if not np.isfinite(values).all():
+            given.fail(f"{words[int((~np.isfinite(values)).argmax())]} is not a finite number")
+        if len(values) == 1:
+            values = np.full(count, values[0])
+        if len(values) != count:
+            over = " x ".join(map(str, sizes)) or "1"
+            given.fail(f"{len(values)} numbers are given, but the table has {over} = {count}")
+        array = values.reshape(sizes[::-1]).T
+        kept = [index for index, variable in enumerate(scope) if self._known(variable, element)]
+        array = array[tuple(slice(None) if index in kept else 0 for index in range(len(scope)))]
+        return Table([self._nodes[scope[index].key] for index in kept], array)
+
+    def _known(self, variable: Variable, element: Element) -> bool:
+        """Whether a variable is in the network; constants are not, and other variables are refused."""
+        if variable.key in self._nodes:
+            return True
+        if len(variable.names) == 1:
+            return False
+        return element.fail(
+            f"a potential depends on {variable.name!r} of time slice {variable.time}, which is neither state, action "
+            f"nor observation: only two-slice decision processes, as MADP reads them, are supported"
+        )
+
+    def _tree(self, element: Element, depth: int) -> Potential:
+        top = self._variable(element.need("TopVariable"))
+        branches = element.need("Branches").all("Branch")
+        choice: dict[str, int] = {}
+        for index, branch in enumerate(branches):
+            names = names_of(branch)
+            if branch.find("Thresholds") is not None or branch.find("Threshold") is not None:
+                branch.fail("branches by thresholds need numeric variables, which decision processes do not have")
+            for name in names or top.names:
+                if name not in top.names:
+                    branch.fail(f"{top.name!r} has no state {name!r}; it has {', '.join(top.names)}")
+                choice.setdefault(name, index)
+        left = [name for name in top.names if name not in choice]
+        if left:
+            element.fail(f"the tree over {top.name!r} has no branch for {', '.join(left)}")
+        potentials = [self._branch(branch, depth + 1) for branch in branches]
+        if not self._known(top, element):
+            return potentials[choice[top.names[0]]]
+        try:
+            return Tree(self._nodes[top.key], [choice[name] for name in top.names], potentials)
+        except ModelError as error:
+            return element.fail(str(error))
+
+    def _branch(self, branch: Element, depth: int) -> Potential:
+        inner = branch.find("Potential")
+        if inner is not None:
+            label = branch.find("Label")
+            if label is not None:
+                return self._labelled(label.text.strip(), inner, depth)
+            return self.potential(inner, depth)
+        name = branch.need("Reference").text.strip()
+        target = self._labels.get(name)
+        if target is None:
+            known: Sequence[str] = sorted(self._labels)
+            branch.fail(f"there is no branch with the label {name!r}; there are {', '.join(known) or 'none'}")
+        return self._labelled(name, target.need("Potential"), depth)
+
+    def _labelled(self, name: str, element: Element, depth: int) -> Potential:
+        if name not in self._shared:
+            self._shared[name] = self.potential(element, depth)
+        return self._shared[name]

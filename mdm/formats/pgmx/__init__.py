@@ -1,1 +1,0 @@
-"""ProbModelXML, `.pgmx`: factored models with tables and trees, events and teams."""

@@ -1,1 +1,0 @@
-"""Finite-state controllers and joint policies: policy graphs (`.pg`) and MADP's joint policies."""

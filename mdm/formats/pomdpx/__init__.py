@@ -1,1 +1,0 @@
-"""POMDPX, `.pomdpx`: factored models with tables, decision diagrams and mixed observability."""

@@ -1,0 +1,402 @@
+"""POMDPX, the format of APPL's SARSOP: factored POMDPs with mixed observability, as tables and decision diagrams.
+
+See https://bigbird.comp.nus.edu.sg/pmwiki/farm/appl/index.php?n=Main.PomdpXDocumentation.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from mdm.errors import ModelError, ModelWarning
+from mdm.formats.markup import Element, stream
+from mdm.formats.sarsop.writer import write
+from mdm.formats.source import Source, number
+from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Space
+from mdm.models.factored.potential import Node, Potential, Role, Table, Tree
+from mdm.models.factored.two_slice import PotentialError, TwoSliceNetwork
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+__all__ = ["Variable", "function", "read", "write"]
+
+_WHOLE = {"Description", "Discount", "Variable", "CondProb", "Func"}
+_SECTIONS: dict[str, Role] = {
+    "InitialStateBelief": "state",
+    "StateTransitionFunction": "next_state",
+    "ObsFunction": "observation",
+}
+_LARGEST = 1_000_000
+_MOST_NUMBERS = 50_000_000
+_DEPTH = 100
+"""Limit on chains of templates; real models stay far below."""
+
+
+def read(path: str | Path, *, sparse: bool | None = None) -> FactoredMDP | FactoredPOMDP:
+    """Read a factored model; without observation variables and with every factor fully observed, an MDP.
+
+    Args:
+        path: The file.
+        sparse: Force CSR (True) or dense (False) matrices when it is flattened; None chooses.
+
+    Raises:
+        FormatError: If the file is malformed, with the place and what was expected.
+    """
+    document = _Document(Source(path))
+    try:
+        network = document.network()
+        if network.observations is None:
+            return FactoredMDP(network, discount=document.discount, sparse=sparse)
+        return FactoredPOMDP(network, discount=document.discount, sparse=sparse)
+    except PotentialError as error:
+        document.elements[error.node].fail(str(error))
+    except ModelError as error:
+        document.source.fail(str(error))
+
+
+class _Document:
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.discount = 1.0
+        self._factors: dict[str, list[Factor]] = {"StateVar": [], "ActionVar": [], "ObsVar": []}
+        self._fully_observed: list[bool] = []
+        self._variables: dict[str, Variable] = {}
+        self._rewards: set[str] = set()
+        self._potentials: dict[Node, Potential] = {}
+        self.elements: dict[Node, Element] = {}
+        self._utilities: list[Potential] = []
+        root = None
+        section = ""
+        discounted = False
+        for element in stream(source, _WHOLE):
+            if root is None:
+                root = element
+                if root.tag != "pomdpx":
+                    root.fail(f"<pomdpx> was expected, not <{root.tag}>")
+            elif element.tag == "Discount":
+                self._read_discount(element)
+                discounted = True
+            elif element.tag == "Variable":
+                self._read_variables(element)
+            elif element.tag == "CondProb" and section in _SECTIONS:
+                self._read_distribution(element, _SECTIONS[section])
+            elif element.tag == "Func" and section == "RewardFunction":
+                self._read_reward(element)
+            elif element.tag in {"CondProb", "Func"}:
+                element.fail(f"<{element.tag}> is not allowed in <{section or 'pomdpx'}>")
+            else:
+                section = element.tag
+        if not discounted:
+            source.fail("there is no <Discount>")
+
+    def _read_discount(self, element: Element) -> None:
+        discount = number(element.text.strip())
+        if discount is None or not 0 < discount <= 1:
+            element.fail(f"a discount is more than 0 and at most 1, not {element.text.strip()[:40]!r}")
+        self.discount = discount
+
+    def _read_variables(self, element: Element) -> None:
+        for variable in element.children:
+            if variable.tag == "StateVar":
+                self._add_state(variable)
+            elif variable.tag == "ActionVar":
+                self._add(variable, "vname", "action", "a")
+            elif variable.tag == "ObsVar":
+                self._add(variable, "vname", "observation", "o")
+            elif variable.tag == "RewardVar":
+                self._rewards.add(variable.attribute("vname"))
+            else:
+                variable.fail(f"StateVar, ActionVar, ObsVar or RewardVar was expected, not <{variable.tag}>")
+
+    def _add_state(self, element: Element) -> None:
+        seen = element.attributes.get("fullyObs", "false").strip().lower()
+        if seen not in {"true", "false", "0", "1"}:
+            element.fail(f"fullyObs is true or false, not {seen!r}")
+        factor = self._add(element, "vnamePrev", "state", "s")
+        self._fully_observed.append(seen in {"true", "1"})
+        name = element.attribute("vnameCurr")
+        self._name(element, name, Variable(Node("next_state", len(self._fully_observed) - 1), factor))
+
+    def _add(self, element: Element, attribute: str, role: Role, prefix: str) -> Factor:
+        name = element.attribute(attribute)
+        values = element.find("ValueEnum")
+        names: list[str] | int
+        if values is not None:
+            names = values.text.split()
+        else:
+            count = element.need("NumValues").text.strip()
+            if not count.isdecimal() or len(count) > 9 or not 0 < int(count) <= _LARGEST:
+                element.need("NumValues").fail(f"a number of values from 1 to {_LARGEST} was expected, not {count!r}")
+            names = int(count)
+        try:
+            factor = Factor(name, names, prefix=prefix)
+        except ModelError as error:
+            element.fail(str(error))
+        factors = self._factors[element.tag]
+        self._name(element, name, Variable(Node(role, len(factors)), factor))
+        factors.append(factor)
+        return factor
+
+    def _name(self, element: Element, name: str, variable: Variable) -> None:
+        if name in self._variables:
+            element.fail(f"two variables are called {name!r}")
+        self._variables[name] = variable
+
+    def _read_distribution(self, element: Element, role: Role) -> None:
+        stated = element.need("Var")
+        child = self._variables.get(stated.text.strip())
+        if child is None or child.node.role != role:
+            names = [name for name, variable in self._variables.items() if variable.node.role == role]
+            stated.fail(f"a variable among {', '.join(names) or 'none'} was expected, not {stated.text.strip()!r}")
+        if child.node in self._potentials:
+            stated.fail(f"{stated.text.strip()!r} has a distribution already")
+        self._potentials[child.node] = function(element, self._variables, child)
+        self.elements[child.node] = element
+
+    def _read_reward(self, element: Element) -> None:
+        stated = element.need("Var")
+        if stated.text.strip() not in self._rewards:
+            stated.fail(f"there is no RewardVar {stated.text.strip()!r}")
+        self._utilities.append(function(element, self._variables, None))
+
+    def network(self) -> TwoSliceNetwork:
+        """Return the document's network."""
+        states, actions, observations = (self._factors[kind] for kind in ("StateVar", "ActionVar", "ObsVar"))
+        for factors, kind in ((states, "StateVar"), (actions, "ActionVar")):
+            if not factors:
+                self.source.fail(f"no <{kind}> is declared")
+        space = Space(observations) if observations else None
+        seen = self._distributions("observation", observations)
+        if space is None and not all(self._fully_observed):
+            # Without observation variables, a POMDP needs an observation of a single, uninformative symbol.
+            space = Space.single("nothing", ["nothing"])
+            seen = [Table([Node("observation", 0)], [1.0])]
+        return TwoSliceNetwork(
+            Space(states),
+            Space(actions),
+            space,
+            initial=self._initial(states),
+            transitions=self._distributions("next_state", states),
+            observation=seen,
+            utilities=self._utilities,
+            fully_observed=self._fully_observed,
+        )
+
+    def _initial(self, states: list[Factor]) -> list[Potential]:
+        if any(node.role == "state" for node in self._potentials):
+            return self._distributions("state", states)
+        warnings.warn(
+            f"{self.source.path}: no initial belief is given; it is read as uniform", ModelWarning, stacklevel=5
+        )
+        return [Table([Node("state", i)], np.full(len(f), 1 / len(f))) for i, f in enumerate(states)]
+
+    def _distributions(self, role: Role, factors: list[Factor]) -> list[Potential]:
+        section = next(name for name, of in _SECTIONS.items() if of == role)
+        for place, factor in enumerate(factors):
+            if Node(role, place) not in self._potentials:
+                self.source.fail(f"<{section}> has no <CondProb> for {factor.name!r}")
+        return [self._potentials[Node(role, place)] for place in range(len(factors))]
+
+
+class Variable(NamedTuple):
+    """A variable: its node in the network, and its values."""
+
+    node: Node
+    factor: Factor
+
+
+def function(element: Element, variables: Mapping[str, Variable], child: Variable | None) -> Potential:
+    """Read the potential of a ``CondProb`` (with a child) or a ``Func`` (without one).
+
+    Args:
+        element: The element.
+        variables: The variables in scope, by name.
+        child: The variable whose distribution it is, if any.
+
+    Raises:
+        FormatError: If the element is malformed, with the place and what was expected.
+    """
+    parents = element.find("Parent")
+    words = parents.text.split() if parents is not None else []
+    scope = []
+    for word in words if words != ["null"] else []:
+        if word not in variables:
+            assert parents is not None
+            parents.fail(f"there is no variable {word!r} here; there are {', '.join(variables)}")
+        scope.append(variables[word])
+    if child is not None:
+        scope.append(child)
+    if len({variable.node for variable in scope}) != len(scope):
+        element.fail("the function lists a variable twice")
+    parameter = element.need("Parameter")
+    kind = parameter.attributes.get("type", "TBL").strip()
+    if kind == "TBL":
+        return _Entries(scope, child).table(parameter)
+    if kind == "DD":
+        return _Diagram(parameter, variables).potential()
+    return parameter.fail(f"a function of type {kind!r} is neither TBL nor DD")
+
+
+class _Entries:
+    """Fills a table from entries; variables that are ``*`` in every entry are left out of its scope."""
+
+    def __init__(self, scope: Sequence[Variable], child: Variable | None) -> None:
+        self._scope = scope
+        self._child = child
+
+    def table(self, parameter: Element) -> Table:
+        """Return the table; values without an entry are 0."""
+        entries = [(entry, self._instance(entry)) for entry in parameter.all("Entry")]
+        kept = [
+            axis
+            for axis, variable in enumerate(self._scope)
+            if variable == self._child or any(words[axis] != "*" for _, words in entries)
+        ]
+        sizes = [len(self._scope[axis].factor) for axis in kept]
+        if math.prod(sizes) > _MOST_NUMBERS:
+            parameter.fail(f"a table of {math.prod(sizes)} numbers is too large; use a decision diagram (DD)")
+        values = np.zeros(sizes)
+        for entry, words in entries:
+            self._fill(values, entry, [words[axis] for axis in kept], kept)
+        return Table([self._scope[axis].node for axis in kept], values)
+
+    def _instance(self, entry: Element) -> list[str]:
+        instance = entry.need("Instance")
+        words = instance.text.split()
+        if len(words) != len(self._scope):
+            names = " ".join(variable.factor.name for variable in self._scope)
+            instance.fail(f"{len(words)} words are given, but the function is over {len(self._scope)}: {names}")
+        return words
+
+    def _fill(self, values: npt.NDArray[np.float64], entry: Element, words: list[str], kept: list[int]) -> None:
+        chosen: list[int | slice] = []
+        shape: list[int] = []  # of the numbers; an axis of equal values has size 1
+        for word, axis in zip(words, kept, strict=True):
+            if word in {"-", "*"}:
+                chosen.append(slice(None))
+                shape.append(len(self._scope[axis].factor) if word == "-" else 1)
+            else:
+                chosen.append(_value(entry.need("Instance"), self._scope[axis].factor, word))
+        given = entry.find("ProbTable") or entry.find("ValueTable") or entry.need("ProbTable")
+        free = [size for word, size in zip((w for w in words if w in {"-", "*"}), shape, strict=True) if word == "-"]
+        values[tuple(chosen)] = self._numbers(given, words, free).reshape(shape)
+
+    def _numbers(self, given: Element, words: list[str], free: list[int]) -> npt.NDArray[np.float64]:
+        """Return an entry's numbers over the variables with ``-``; the last changes fastest."""
+        text = given.text.split()
+        if text == ["uniform"]:
+            if self._child is None or words[-1] not in {"-", "*"}:
+                given.fail("'uniform' needs a distribution, with '-' for the last variable")
+            size = len(self._child.factor)
+            return np.full(free, 1 / size)
+        if text == ["identity"]:
+            if len(free) != 2 or free[0] != free[1]:
+                given.fail("'identity' needs two '-' for variables of one size")
+            return np.eye(free[0])
+        count = math.prod(free)
+        numbers = [_number(given, word) for word in text] if len(text) == count else None
+        if numbers is None:
+            given.fail(f"{len(text)} numbers are given, but the variables with '-' have {count} combinations of values")
+        return np.array(numbers, dtype=np.float64).reshape(free)
+
+
+class _Diagram:
+    """Reads a decision diagram; a template is read once and shared by all references to it."""
+
+    def __init__(self, parameter: Element, variables: Mapping[str, Variable]) -> None:
+        self._parameter = parameter
+        self._variables = variables
+        self._templates = {template.attribute("id"): template for template in parameter.all("SubDAGTemplate")}
+        self._read: dict[str, Potential] = {}
+
+    def potential(self) -> Potential:
+        return self._inside(self._parameter.need("DAG"), 0)
+
+    def _inside(self, element: Element, depth: int) -> Potential:
+        """Return the potential of an element's only child."""
+        if depth > _DEPTH:
+            element.fail(f"templates refer to each other more than {_DEPTH} deep")
+        if len(element.children) != 1:
+            element.fail(f"<{element.tag}> needs one <Node>, <Terminal> or <SubDAG>, not {len(element.children)}")
+        inner = element.children[0]
+        if inner.tag == "Node":
+            return self._node(inner, depth + 1)
+        if inner.tag == "Terminal":
+            return Table([], _number(inner, inner.text.strip()))
+        if inner.tag == "SubDAG":
+            return self._shortcut(inner, depth + 1)
+        return inner.fail(f"<Node>, <Terminal> or <SubDAG> was expected, not <{inner.tag}>")
+
+    def _node(self, element: Element, depth: int) -> Potential:
+        variable = self._variable(element)
+        factor = variable.factor
+        branches: list[Potential] = []
+        choice = [-1] * len(factor)
+        for edge in element.all("Edge"):
+            value = _value(edge, factor, edge.attribute("val"))
+            if choice[value] >= 0:
+                edge.fail(f"a second edge for {factor.names[value]!r}")
+            choice[value] = len(branches)
+            branches.append(self._inside(edge, depth))
+        if -1 in choice:  # values without an edge are 0, as in tables
+            choice = [len(branches) if branch < 0 else branch for branch in choice]
+            branches.append(Table([], 0.0))
+        try:
+            return Tree(variable.node, choice, branches)
+        except ModelError as error:
+            return element.fail(str(error))
+
+    def _shortcut(self, element: Element, depth: int) -> Potential:
+        kind = element.attribute("type")
+        if kind == "template":
+            return self._template(element, depth)
+        if kind not in {"uniform", "deterministic", "persistent"}:
+            element.fail(
+                f"a <SubDAG> has the type {kind!r}: uniform, deterministic, persistent or template was expected"
+            )
+        variable = self._variable(element)
+        size = len(variable.factor)
+        if kind == "uniform":
+            return Table([variable.node], np.full(size, 1 / size))
+        if kind == "deterministic":
+            value = _value(element, variable.factor, element.attribute("val"))
+            return Table([variable.node], np.eye(size)[value])
+        if variable.node.role not in {"state", "next_state"}:
+            element.fail(f"{variable.factor.name!r} is not a state variable, so 'persistent' has no previous value")
+        place = variable.node.place
+        return Table([Node("state", place), Node("next_state", place)], np.eye(size))
+
+    def _template(self, element: Element, depth: int) -> Potential:
+        name = element.attribute("idref")
+        if name not in self._templates:
+            element.fail(f"there is no template {name!r}; there are {', '.join(self._templates) or 'none'}")
+        if name not in self._read:
+            self._read[name] = self._inside(self._templates[name], depth)
+        return self._read[name]
+
+    def _variable(self, element: Element) -> Variable:
+        name = element.attribute("var")
+        if name not in self._variables:
+            element.fail(f"there is no variable {name!r} here; there are {', '.join(self._variables)}")
+        return self._variables[name]
+
+
+def _value(element: Element, factor: Factor, word: str) -> int:
+    try:
+        return factor.index(word)
+    except ModelError as error:
+        return element.fail(str(error))
+
+
+def _number(element: Element, word: str) -> float:
+    value = number(word)
+    if value is None or not math.isfinite(value):
+        element.fail(f"{word[:40]!r} is not a finite number")
+    return value

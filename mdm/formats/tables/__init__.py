@@ -1,1 +1,0 @@
-"""Policies over states as vectors and matrices: uBLAS text and Q-tables."""

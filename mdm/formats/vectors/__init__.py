@@ -1,1 +1,0 @@
-"""Alpha vectors as text and XML: `.vf`, `.alpha`, and the policies of SARSOP and ZMDP."""

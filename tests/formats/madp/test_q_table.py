@@ -1,0 +1,70 @@
+"""Q-tables of plain rows, and what tells them from other columns of numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from loading import written
+from places import POLICIES
+from policy_files import assert_refused
+from random_policies import q_values
+
+from mdm import FormatError
+from mdm.formats import policies
+from mdm.formats.madp import q_table
+from mdm.models import MDP
+from mdm.policies import (
+    AlphaVectors,
+    QTable,
+)
+
+
+def test_a_q_table_of_plain_rows():
+    policy = policies.load_policy(POLICIES / "q_table.txt")
+    assert isinstance(policy, QTable)
+    assert policy.values.tolist() == [[0, 1.5, -2], [3, 0.5, 1]]
+
+
+def test_two_columns_without_blank_lines_are_a_table(tmp_path):
+    (tmp_path / "q").write_text("0 1\n2 3\n4 5\n")
+    assert policies.load_policy(tmp_path / "q").values.tolist() == [[0, 1], [2, 3], [4, 5]]
+    (tmp_path / "q").write_text("0 -1\n2 3\n")
+    assert isinstance(policies.load_policy(tmp_path / "q"), AlphaVectors)
+    assert policies.load_policy(tmp_path / "q", kind="q").values.tolist() == [[0, -1], [2, 3]]
+
+
+def test_a_kind_that_plain_rows_are_not(tmp_path):
+    with pytest.raises(FormatError, match="a matrix, not kind='table'"):
+        policies.load_policy(POLICIES / "q_table.txt", kind="table")
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("0 1 2\n0 1 x\n", 2, "'x'"),
+        ("0 1 2\n0 1\n", 2, "3 values were expected, but 2"),
+        ("0 1 2\n0 1 nan\n", None, "action 2 in state 1 is NaN"),
+        ("0 1 2\n", None, "for 1 states, but the model has"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(tmp_path, text, line, words):
+    assert_refused(tmp_path / "q.txt", text, line, words)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4))
+def test_what_is_written_is_read(tmp_path_factory, seed, count):
+    table = q_values(np.random.default_rng(seed), count)
+    path = tmp_path_factory.mktemp("round") / "q"
+    q_table.write(table, path)
+    np.testing.assert_array_equal(q_table.read(path), table.values)
+
+
+def test_lines_of_alpha_vectors_are_no_table(tmp_path):
+    text = "0 1.5 2.5\n2 3.25 4\n1 0 0.5\n"
+    path = written(tmp_path, text, "out_revised.policy")
+    with pytest.raises(FormatError, match="every line begins with an index, as of an action before its alpha vector"):
+        policies.load_policy(path)
+    assert policies.load_policy(path, kind="q").values.shape == (3, 3)
+    model = MDP([np.eye(3)] * 3, np.zeros((3, 3)), discount=0.9)
+    assert policies.load_policy(path, model).values[1].tolist() == [2, 3.25, 4]  # the model's shape decides

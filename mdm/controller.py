@@ -2,53 +2,71 @@
 
 It holds the information state of a policy (a state, a belief, the nodes of a plan), updates it by actions and
 observations, and decides. The same calls give the same steps. Control layers, simulations and traces all use it.
+
+Below it: what it is made of, from its options, each of which is refused where it does not fit the policy; what a
+snapshot holds, which may come from another process; and beliefs of a user's own tracker, which may be anything.
 """
 
 from __future__ import annotations
 
+import copy
 import sys
-from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack, get_args
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from mdm.beliefs import KnownState
+from mdm.beliefs.footprint import check_memory
 from mdm.beliefs.information import restore, snapshot
+from mdm.beliefs.tracker import checked_support
 from mdm.choice import check_choice
-from mdm.controller.construction import (
-    expectation,
-    horizon_of,
-    informed,
-    reward_rows,
-    seeded,
-    with_false_negatives,
-    within,
-)
-from mdm.controller.foreign_belief import checked_belief, copied
-from mdm.controller.held import Held, check_counts, check_information, opened
-from mdm.controller.step import Step
 from mdm.errors import ConfigError, ModelError
-from mdm.loading import model_of, policy_of
-from mdm.models import POMDP
+from mdm.loading import model_of, policy_of, spared
+from mdm.models import POMDP, FactoredMDP, FactoredPOMDP
 from mdm.models.compilation import sparing
 from mdm.models.digest import digest, of_parts
+from mdm.models.factored.reward_rows import RewardRow, RewardRows
 from mdm.options import ControllerOptions, OnImpossible, check_options
 from mdm.policies import mismatch
 from mdm.symbols import Symbols
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     import numpy.typing as npt
 
+    from mdm.beliefs import Information
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models import MDP
-    from mdm.models.factored.reward_rows import RewardRows
     from mdm.models.matrices import Vector
     from mdm.models.space import Symbol
     from mdm.policies import Policy
 
-__all__ = ["Controller"]
+__all__ = ["Controller", "Step"]
+_MOST = (1 << 62) - 1
+_ONE = 1 + 1e-6
+"""A probability at most, with what rounding adds."""
+
+
+class Step(msgspec.Struct, frozen=True, gc=False):
+    """A decision.
+
+    Attributes:
+        epoch: Its number in the episode, from 0.
+        action: The (joint) action's index.
+        action_name: Its name.
+        reward: The expected immediate reward; None if it is not known.
+        probability: P(observation | information, action) of the observation before; 0 if it was impossible, None at
+            the start and for policies over states.
+    """
+
+    epoch: int
+    action: int
+    action_name: str
+    reward: float | None
+    probability: float | None = None
 
 
 class Controller:
@@ -520,3 +538,200 @@ class Controller:
                 return int(action)
             raise ModelError(f"the policy chose action {action}, but its actions are 0 to {self._num_actions - 1}")
         raise ModelError(f"the policy chose {action!r}, but an action's index is needed")
+
+
+def informed(policy: Policy, model: MDP | None, tracker: Information | None) -> Information:
+    """Return the information state that a policy decides by: its own, or a tracker of the user's."""
+    if tracker is None:
+        return policy.information(model)
+    if getattr(policy, "input", "belief") != "belief":
+        raise ConfigError("a tracker needs a policy over beliefs", key="tracker")
+    if isinstance(tracker, type):
+        raise ConfigError(f"a tracker is an object, not the class {tracker.__name__}: make one of it", key="tracker")
+    missing = [name for name in ("current", "reset", "update") if not hasattr(tracker, name)]
+    if missing:
+        raise ConfigError(
+            f"the tracker {type(tracker).__name__} has no {' and no '.join(missing)}; see mdm.beliefs.Information",
+            key="tracker",
+        )
+    return tracker
+
+
+def horizon_of(information: Information, given: int | None) -> int | None:
+    """Return the decisions per episode: as many as given, or as the policy has stages."""
+    stages: int | None = getattr(information, "horizon", None)
+    if given is None:
+        return stages
+    if isinstance(given, bool) or not isinstance(given, int) or given < 1:
+        raise ConfigError(f"a horizon is at least 1 decision, not {given!r}", key="horizon")
+    if stages is not None and given > stages:
+        raise ConfigError(f"the policy is for episodes of at most {stages} decisions, not of {given}", key="horizon")
+    return given
+
+
+def expectation(information: Information, *, own: bool) -> Callable[[Vector | RewardRow], float] | None:
+    """Return the expectation of functions of the state; None if the information state has no states."""
+    known: Callable[[Vector | RewardRow], float] | None = getattr(information, "expected", None)
+    if known is None and own:
+        return lambda values: float(values.dot(information.current))
+    return known
+
+
+def reward_rows(
+    given: npt.ArrayLike | None, model: MDP | None, symbols: Symbols
+) -> Sequence[Vector] | RewardRows | None:
+    """Return R as a row of S numbers for each action; of a model that stays factored none of them is made."""
+    if given is None and model is None:
+        return None
+    if given is None and isinstance(model, FactoredMDP | FactoredPOMDP) and model.stays_factored:
+        return RewardRows(model.network)
+    rewards = model.rewards if given is None and model is not None else given
+    try:
+        array = np.asarray(rewards, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"rewards are a states x actions array of numbers: {error}", key="rewards") from None
+    if array.ndim != 2:
+        raise ConfigError(f"rewards are a states x actions array, not of shape {array.shape}", key="rewards")
+    if not np.isfinite(array).all():
+        state, action = (int(place[0]) for place in np.nonzero(~np.isfinite(array)))
+        raise ConfigError(f"the reward of action {action} in state {state} is {array[state, action]}", key="rewards")
+    states, actions = array.shape
+    if (states, actions) != (symbols.num_states or states, symbols.policy.num_actions):
+        raise ConfigError(
+            f"the rewards are for {states} states and {actions} actions, but the policy is for "
+            f"{symbols.num_states} and {symbols.policy.num_actions}",
+            key="rewards",
+        )
+    return list(np.ascontiguousarray(array.T))
+
+
+def with_false_negatives(model: MDP | None, symbol: Symbol) -> POMDP:
+    """Return a model in which a symbol of observation is a false negative."""
+    if not isinstance(model, POMDP):
+        raise ConfigError(
+            "false negatives need a POMDP to track the belief, but there is none",
+            key="false_negative",
+        )
+    try:
+        return model.with_false_negatives(symbol)
+    except ModelError as error:
+        raise ConfigError(str(error), key="false_negative") from None
+
+
+def within(memory: float | None, model: MDP | None, policy: Policy, *, tracked: bool) -> MDP | None:
+    """Return a model that takes no more memory than it may; refuse one that would, before anything of it is made.
+
+    Args:
+        memory: The most megabytes; None for what the machine has free.
+        model: The model, if there is one.
+        policy: The policy.
+        tracked: Whether the controller tracks the belief, if the policy is over beliefs.
+    """
+    kind = getattr(policy, "input", "belief")
+    if model is None or kind == "observation":  # a plan, which needs nothing of the model but names
+        return model
+    held = model if memory is None else spared(model)
+    search = "a search" if getattr(policy, "deliberates", False) else None
+    check_memory(held, memory, beliefs=tracked and kind == "belief", matrices=search)
+    return held
+
+
+def seeded(policy: Policy, seed: int) -> Policy:
+    """Return a policy that draws by a seed; the one that was given stays as it is."""
+    if not hasattr(policy, "seed"):
+        raise ConfigError("a seed is for policies that draw their actions, which this one does not", key="seed")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ConfigError(f"a seed is a whole number from 0 on, not {seed!r}", key="seed")
+    own = copy.copy(policy)
+    own.seed(int(seed))
+    return own
+
+
+class Held(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """All that a controller needs to go on from.
+
+    Args:
+        configuration: The digest of the constant part.
+        epoch: Decisions made in this episode.
+        last_action: The last one, None before the first.
+        given: Whether the next decision is on a belief from outside.
+        probability: Of the observation that was not decided on yet.
+        initial: The belief that episodes begin from, if it is not the model's.
+        information: The snapshot of the information state.
+    """
+
+    configuration: str
+    epoch: Annotated[int, Meta(ge=0, le=_MOST)]
+    last_action: Annotated[int, Meta(ge=0, le=_MOST)] | None
+    given: bool
+    probability: Annotated[float, Meta(ge=0, le=_ONE)] | None
+    initial: list[float] | None
+    information: Any
+
+
+_decode = msgspec.msgpack.Decoder(Held).decode
+
+
+def opened(snapshot: bytes) -> Held:
+    """Return what a snapshot holds.
+
+    Raises:
+        ModelError: If it is none.
+    """
+    try:
+        return _decode(snapshot)
+    except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
+        raise ModelError(f"this is not a snapshot of a controller: {error}") from None
+
+
+def check_counts(held: Held, num_actions: int, horizon: int | None) -> None:
+    """Refuse an action that the policy has not, and more decisions than its horizon allows.
+
+    Raises:
+        ModelError: If it is so.
+    """
+    if held.last_action is not None and held.last_action >= num_actions:
+        raise ModelError(f"its last action is {held.last_action}, but there are {num_actions}")
+    if held.last_action is None and held.epoch:
+        raise ModelError(f"it has made {held.epoch} decisions, and no action is the last")
+    if horizon is not None and held.epoch > horizon:
+        raise ModelError(f"it has made {held.epoch} decisions of {horizon}")
+
+
+def check_information(information: Any, num_states: int | None) -> None:
+    """Refuse an information state that is none of the model's, and leave it as it is.
+
+    Raises:
+        ModelError: If a state does not exist, or the belief is not a distribution.
+    """
+    information = getattr(information, "of", information)  # to read what is drawn along with it would draw
+    state = getattr(information, "state", None)
+    if state is not None and (type(state) is not int or (num_states is not None and not 0 <= state < num_states)):
+        raise ModelError(f"there is no state {state!r}; the {num_states} count from 0")
+    support = getattr(information, "support", None)
+    if support is not None and num_states is not None:
+        checked_support(support, num_states)
+    elif support is None and isinstance(getattr(information, "current", None), np.ndarray):
+        checked_belief(information.current, num_states)
+
+
+def checked_belief(belief: Any, size: int | None) -> Vector:
+    """Return a copy of the belief of a user's tracker, which may change its own in place; refuse an invalid one."""
+    try:
+        array = copied(belief)
+    except (TypeError, ValueError):
+        raise ModelError(f"the tracker's belief is not an array of numbers, but {belief!r}") from None
+    if array.shape != (array.size if size is None else size,):
+        raise ModelError(f"the tracker's belief has the shape {array.shape}, but there are {size} states")
+    if not (np.isfinite(array).all() and (array >= 0).all() and abs(array.sum() - 1) < 1e-6):
+        raise ModelError(
+            "the tracker's belief is not a distribution: its numbers are negative, not finite, or do not sum to 1"
+        )
+    return array
+
+
+def copied(belief: Any) -> Vector:
+    """Return a belief as an immutable array of its own."""
+    array = np.array(belief, dtype=np.float64)
+    array.flags.writeable = False
+    return array

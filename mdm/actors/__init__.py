@@ -1,7 +1,7 @@
 """The layers as actors: predicate manager, state, observation, control and action layer, and the ensemble."""
 
-from mdm.actors.action_layer import ActionLayer, ActionStatistics
-from mdm.actors.binding import Binding, bind
+from mdm.actors.actions.action_layer import ActionLayer, ActionStatistics
+from mdm.actors.actions.binding import Binding, bind
 from mdm.actors.control.control_layer import ControlLayer, ControlStatistics
 from mdm.actors.control.drive import Drive, FixedRate, OnEvent
 from mdm.actors.control.planner import Planner, PlannerStatistics

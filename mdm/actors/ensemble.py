@@ -10,7 +10,7 @@ import anyio
 import msgspec
 import numpy as np
 
-from mdm.actors.action_layer import SAFE_TIMEOUT, ActionLayer
+from mdm.actors.actions.action_layer import SAFE_TIMEOUT, ActionLayer
 from mdm.actors.control.control_layer import ControlLayer
 from mdm.actors.control.drive import FixedRate
 from mdm.actors.layer import Layer
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from mdm.actors.binding import Binding, Callback
+    from mdm.actors.actions.binding import Binding, Callback
     from mdm.actors.control.control_layer import Lead
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.space import Symbol
@@ -339,7 +339,7 @@ class Ensemble(Layer):
         """
         self.control.lead = lead
         if not acts:
-            self.action.idle = True
+            self.action.lives.delegate()
         for layer in (self.state, self.observation):
             if layer is not None:
                 layer.cover(owned)

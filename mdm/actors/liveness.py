@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from mdm.actors.sequel import Due, Sequel, Tries
+from mdm.actors.actions.sequel import Due, Sequel, Tries
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Idle
 from mdm.number import is_number
@@ -18,7 +18,7 @@ from mdm.runtime.channel import Subscription
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from mdm.actors.binding import Binding
+    from mdm.actors.actions.binding import Binding
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.options import SafetyOptions
     from mdm.messages import ActionStatus

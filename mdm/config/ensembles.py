@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from mdm.actors import Drive, PredicateManager
-    from mdm.actors.sequel import SequelOptions
+    from mdm.actors.actions.sequel import SequelOptions
     from mdm.config.functions import Functions
     from mdm.config.problems import Problems
     from mdm.config.share import Share

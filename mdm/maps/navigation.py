@@ -6,8 +6,8 @@ import inspect
 import math
 from typing import TYPE_CHECKING, Any, Protocol, Unpack
 
-from mdm.actors.binding import Binding
-from mdm.actors.sequel import Sequel
+from mdm.actors.actions.binding import Binding
+from mdm.actors.actions.sequel import Sequel
 from mdm.choice import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.logic import similar
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from mdm.actors import PredicateManager
+    from mdm.actors.actions.sequel import SequelOptions
     from mdm.actors.ensemble import Ensemble
-    from mdm.actors.sequel import SequelOptions
     from mdm.maps.floors import Floors
     from mdm.maps.graph import Edge, Node, Pose
     from mdm.maps.map import Map

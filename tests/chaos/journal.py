@@ -160,8 +160,8 @@ class Journal:
         for name in names:
             self.blind[name] = self.now()
             layer = self.robots[name].action
-            pending = layer._pending
-            self.due[name] = None if pending is None else pending[0]
+            pending = layer.lives.pending
+            self.due[name] = None if pending is None else pending.name
             queue = () if self.runtime is None else self.runtime.dispatcher.queue
             sent = [message.index for subscription, message in queue if subscription.actor is layer and message]
             asked = any(isinstance(message, Control) and message.time == self.now() for _, message in queue)
@@ -243,7 +243,7 @@ class Journal:
             if free and robot.mode == "deciding" and robot.control.event_driven and robot.action.life == "running":
                 waiting = robot.statistics().waiting
                 self._check_pauses(name, waiting)
-                if self._living.get(path) or robot.action._pending or waiting:
+                if self._living.get(path) or robot.action.lives.pending or waiting:
                     continue
                 _, status, lasted, _ = last = self._last.get(path, ("", "", True, 0))
                 if robot.liveness.since is not None:

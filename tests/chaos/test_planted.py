@@ -6,7 +6,8 @@ import pytest
 from chaos.scenario import Scenario
 
 from mdm import Actor, Ensemble, PredicateManager
-from mdm.actors.action_layer import ActionLayer
+from mdm.actors.actions.action_layer import ActionLayer
+from mdm.actors.actions.lives import Lives
 from mdm.actors.liveness import Liveness
 from mdm.actors.safety import Safety
 from mdm.runtime.executors import Jobs, _Job
@@ -18,33 +19,37 @@ MOST = 1000
 
 def drop_the_latch(patch):
     def latch(self):
-        self._pending = None
+        self.pending = None
+        return ()
 
-    patch.setattr(ActionLayer, "latch", latch)
+    patch.setattr(Lives, "latch", latch)
 
 
 def begin_before_the_old_one_has_ended(patch):
-    choose = ActionLayer._choose
+    choose = Lives.choose
 
-    def hasty(self, name, binding, action):
-        self._current = None
-        choose(self, name, binding, action)
+    def hasty(self, life, goes_on, *, own):
+        self.current = None
+        return choose(self, life, goes_on, own=own)
 
-    patch.setattr(ActionLayer, "_choose", hasty)
+    patch.setattr(Lives, "choose", hasty)
 
 
 def do_not_cancel_before_the_safe_action(patch):
-    patch.setattr(ActionLayer, "_cancel_all", lambda self: setattr(self, "_current", None))
+    def forget_all(self, *, but=None):
+        self.current = None
+        return ()
+
+    patch.setattr(Lives, "cancel_all", forget_all)
 
 
 def lose_the_timer_of_the_timeout(patch):
-    cancel = ActionLayer._cancel
+    cancel = Lives.cancel
 
     def lose(self, life, ending):
-        if ending != "timed_out":
-            cancel(self, life, ending)
+        return () if ending == "timed_out" else cancel(self, life, ending)
 
-    patch.setattr(ActionLayer, "_cancel", lose)
+    patch.setattr(Lives, "cancel", lose)
 
 
 def end_a_life_twice(patch):
@@ -129,15 +134,18 @@ def start_what_is_safe_below_what_is_safe(patch):
 
 
 def put_off_what_is_replaced_behind_the_latch(patch):
-    def latch(self):
-        self._admits, self._halted, self._pending = False, True, None
+    latch = Lives.latch
+
+    def put_off(self):
+        latch(self)
+        return ()
 
     patch.setattr(Work, "begun", True)
-    patch.setattr(ActionLayer, "latch", latch)
+    patch.setattr(Lives, "latch", put_off)
 
 
 def begin_beside_what_was_replaced(patch):
-    patch.setattr(ActionLayer, "_is_free_for", lambda self, binding: True)
+    patch.setattr(Lives, "_is_free_for", lambda self, life: True)
 
 
 def end_what_has_not_begun_to_start(patch):

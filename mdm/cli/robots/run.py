@@ -119,7 +119,7 @@ def _nothing_but_failures(ended: Counter[str]) -> list[str]:
 
 def _ended(runtime: Runtime) -> dict[str, int]:
     """Return how the actions of all ensembles have ended, and how many of them."""
-    from mdm.actors.action_layer import ActionStatistics  # noqa: PLC0415
+    from mdm.actors.actions.action_layer import ActionStatistics  # noqa: PLC0415
 
     counts: Counter[str] = Counter()
     for statistics in runtime.statistics().actors:

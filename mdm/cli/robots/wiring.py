@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mdm.actors import Ensemble, ObservationLayer, StateLayer
-    from mdm.actors.binding import Binding
+    from mdm.actors.actions.binding import Binding
     from mdm.config import System
 
 __all__ = ["definitions", "lines", "wiring"]

@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any, Literal
 
-from mdm.actors.sequel import Sequel, Then
+from mdm.actors.actions.sequel import Sequel, Then
 from mdm.choice import check_choice, check_flag
 from mdm.errors import ConfigError
 from mdm.runtime.clock import check_seconds

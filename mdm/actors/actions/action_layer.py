@@ -2,6 +2,7 @@
 
 Every action has one exact life: ``running``, then one of ``succeeded``, ``failed``, ``preempted``, ``timed_out`` and
 ``abandoned``. A new action cancels the running one and starts when that has ended, so that two are never live at once.
+What begins and ends when is said by the state machine of `mdm.actors.actions.lives`; the layer carries out its orders.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from mdm.actors.binding import Binding, Callback, bind
+from mdm.actors.actions.binding import Binding, Callback, bind
+from mdm.actors.actions.lives import Life, Lives, Order
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError, Error
 from mdm.logic import similar
@@ -29,6 +31,7 @@ from mdm.runtime.supervision import LEAVING, describe
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from mdm.actors.actions.lives import Orders
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.predicates.predicate_manager import PredicateManager
     from mdm.number import Number
@@ -46,22 +49,18 @@ _FAILED = frozenset({"failed", "timed_out", "abandoned"})
 _own, _disown = OWNER.set, OWNER.reset
 
 
-class _Life:
-    """One run of one action."""
+class _Run(Life):
+    """A life, and what carries it out."""
 
-    __slots__ = ("action", "binding", "deadline", "ending", "grace", "name", "number", "put_off", "secures", "work")
+    __slots__ = ("binding", "deadline", "grace", "put_off", "work")
 
-    def __init__(self, number: int, name: str, binding: Binding, action: Action, *, secures: bool = False) -> None:
-        self.number = number
-        self.name = name
+    def __init__(self, name: str, binding: Binding, action: Action, *, secures: bool = False) -> None:
+        super().__init__(name, binding, action, secures=secures)
         self.binding = binding
-        self.action = action
         self.work: Work | None = None
         self.deadline: Timer | None = None
         self.grace: Timer | None = None
-        self.ending: ActionStatus | None = None
         self.put_off: asyncio.Handle | None = None  # the cancellation that comes behind its successor's first step
-        self.secures = secures
 
 
 class _Brief:
@@ -100,7 +99,7 @@ class ActionLayer(Layer):
         safe_timeout: Seconds that the safe action may take.
 
     Attributes:
-        idle: Whether nothing is done here, not even the safe action: other agents do it.
+        lives: Which actions live, and what may begin.
         begins: Told of an action that begins, by its name.
         ends: Told how an action has ended, by its name, binding, status, whether it took time, and in words; says
             whether it is given up.
@@ -110,17 +109,15 @@ class ActionLayer(Layer):
     # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
     __slots__ = (
         "_briefs",
-        "_calling",
         "_component",
-        "_current",
-        "_halted",
         "_jobs",
-        "_lives",
         "_now",
         "_others",
         "_recent",
         "_swift",
+        "_told",
         "bindings",
+        "lives",
         "names",
         "predicates",
         "started",
@@ -143,7 +140,7 @@ class ActionLayer(Layer):
         self.begins: Callable[[str], None] = lambda _: None
         self.ends: Callable[[str, Binding, ActionStatus, bool, str], bool] = lambda *_: False
         self.clears: Callable[[], None] = lambda: None
-        self.idle = False
+        self.lives: Lives[_Run] = Lives()
         self.names = names
         self.predicates = predicates
         self.bindings = _bindings(names, bindings)
@@ -153,40 +150,41 @@ class ActionLayer(Layer):
         self._ended: dict[ActionStatus, int] = {}
         # Functions that were called and have succeeded, and are not counted above yet.
         self._swift = 0
-        self.skipped = 0
         self._component = component
         self.joint = component is not None
         self._latencies = Latencies()
         self._record = self._latencies.record
         self._recent = self._latencies.pending
-        self._current: _Life | None = None
-        self._pending: tuple[str, Binding, Action] | None = None
-        self._beside: dict[str, _Life] = {}
         self._left: dict[str, Work] = {}
-        self._replaced: list[_Life] = []
         # Whether any was left or replaced, so that what begins next may not be alone, or its beginning is heeded.
         self._others = False
         self._heeded = False
         self._idle: list[Callable[[], None]] = []
-        self._halted = True
-        self._admits = self._barred = False
-        self._calling = False
         self._jobs = Jobs()  # of the next plain function
-        self._secure: Secured | None = None
+        self._secured: Secured = lambda _: None
         self._secures: Callable[[], None] = lambda: None
-        self._unsecured = False
         self._patience: Timer | None = None
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is done here, not even the safe action: other agents do it."""
+        return self.lives.delegated
 
     @property
     def live(self) -> tuple[str, ...]:
         """The names of the actions that are live now."""
-        current = () if self._current is None else (self._current.name,)
-        return (*current, *self._beside)
+        current = () if self.lives.current is None else (self.lives.current.name,)
+        return (*current, *self.lives.beside)
 
     @property
     def busy(self) -> bool:
         """Whether an action is live or waits for the end of another, or none may begin."""
-        return self._halted or self._pending is not None or self._secure is not None or bool(self._living())
+        return not (self.lives.open and self.lives.quiet)
+
+    @property
+    def skipped(self) -> int:
+        """Decisions that were overtaken before their action began."""
+        return self.lives.skipped
 
     def name_of(self, joint: int) -> str:
         """Return the name of this agent's component of a joint action."""
@@ -198,7 +196,7 @@ class ActionLayer(Layer):
         self._count_others()
 
     def _count_others(self) -> None:
-        self._others = bool(self._heeded or self._replaced or self._left)
+        self._others = bool(self._heeded or self.lives.replaced or self._left)
 
     @property
     def ended(self) -> dict[ActionStatus, int]:
@@ -252,40 +250,28 @@ class ActionLayer(Layer):
 
     def on_start(self) -> None:
         """Listen for actions."""
-        self._lives = self.owner.channel("lives", ActionLife)
+        self._told = self.owner.channel("lives", ActionLife)
         self._now = self.runtime.clock.reader()
         self._path = self.owner.path
-        self._halted = True
-        self._admits = self._barred = self._unsecured = False
-        self._secure = None
+        self.lives.restart()
         self.subscribe(self.owner.channel("action", Action), self._on_action)
 
     def admit(self) -> None:
         """Run actions from now on."""
-        self._admits = True
-        self._unsecured = False
-        self._halted = self._barred or self.idle
+        self.lives.admit()
         self._idle.clear()
 
     def bar(self, *, barred: bool) -> None:
         """Start nothing that is decided while it is barred; what lives goes on, and the safe action runs when due."""
-        self._barred = barred
-        self._halted = barred or self.idle or not self._admits
-        if barred:
-            self._pending = None
+        self.lives.bar(barred=barred)
 
     def latch(self) -> None:
         """Start nothing more that was or is decided; what lives goes on, but for what was replaced."""
-        self._admits = False
-        self._halted = True
-        self._pending = None
-        for life in self._replaced:
-            self._cancel_replaced(life)
+        self._obey(self.lives.latch())
 
     def halt(self, idle: Callable[[], None]) -> None:
         """Cancel what is live, run no more, and call back when nothing lives; in a turn."""
-        self.latch()
-        self._cancel_all()
+        self._obey(self.lives.halt())
         self.when_idle(idle)
 
     def secure(self, secured: Secured, begins: Callable[[], None], *, patience: float = 60.0) -> None:
@@ -297,39 +283,21 @@ class ActionLayer(Layer):
             begins: Called when it begins.
             patience: Seconds after which whatever still lives is abandoned.
         """
-        self.latch()
-        self._secure, self._secures, self._unsecured = secured, begins, False
-        self._cancel_all()
-        lives = tuple(life for life in self._living() if not life.secures)
+        self._secured, self._secures = secured, begins
+        self._obey(self.lives.secure())
+        lives = tuple(life for life in self.lives.living if not life.secures)
         if lives:
             self._patience = self.after(patience, lambda: self._abandon_all(lives))
         self._settle()
 
     def give_up(self) -> None:
         """Take it that the safe action, which has failed, runs no more."""
-        self._unsecured = False
+        self.lives.give_up()
         self._settle()
-
-    def _abandon_all(self, lives: tuple[_Life, ...]) -> None:
-        """Abandon what still lives, where its own grace has not done so, as when the layer itself has failed."""
-        for life in set(lives).intersection(self._living()):
-            if life.work is not None:
-                self._leave(life.name, life.work)
-            self._finish(life, "abandoned", "had not ended when the safe action was due")
-
-    def _living(self) -> tuple[_Life, ...]:
-        return (*self._replaced, *self._beside.values(), *(() if self._current is None else (self._current,)))
-
-    def _cancel_all(self) -> None:
-        for life in self._living():
-            if not life.secures:
-                self._cancel(life, "preempted")
 
     def end_functions(self) -> None:
         """Cancel what is live, but for ensembles and the safe action."""
-        for life in self._living():
-            if life.binding.ensemble is None and not life.secures:
-                self._cancel(life, "preempted")
+        self._obey(self.lives.cancel_all(but=lambda life: life.binding.ensemble is not None))
 
     def when_idle(self, idle: Callable[[], None]) -> None:
         """Call back when nothing lives: at once, or in the turn in which the last life ends."""
@@ -337,37 +305,51 @@ class ActionLayer(Layer):
         self._settle()
 
     def _settle(self) -> None:
-        """Start what waits for the running action's end; where nothing lives or waits, tell those who wait for that."""
-        if self._calling:  # an action's own function has brought this about: it comes to its end first
+        """Begin what has waited and may begin now; where nothing lives or waits, tell those who wait for that."""
+        lives = self.lives
+        if lives.calling:  # an action's own function has brought this about: it comes to its end first
             return
-        if self._secure is not None:
-            if not self._living():
-                if self._patience is not None:
-                    self._patience.cancel()
-                    self._patience = None
-                if self.safe is None or self.idle:
-                    self._tell_secured(None)
-                else:
-                    self._secures()
-                    self._begin_life("safe action", self.safe, Action(self._now(), -1, -1), secures=True)
-        elif self._current is None and self._pending is not None and self._is_free_for(self._pending[1]):
-            pending, self._pending = self._pending, None
-            self._begin_life(*pending)
-        if self._secure is None and not self._unsecured and self._pending is None and not self._living():
+        if lives.safe_action_is_due:
+            if self._patience is not None:
+                self._patience.cancel()
+                self._patience = None
+            if self.safe is None or lives.delegated:
+                self._tell_secured(None)
+            else:
+                self._secures()
+                self._begin_life(_Run("safe action", self.safe, Action(self._now(), -1, -1), secures=True))
+        elif (life := lives.next()) is not None:
+            self._begin_life(life)
+        if lives.quiet:
             idle, self._idle = self._idle, []
             for tell in idle:
                 tell()
 
+    def _obey(self, orders: Orders[_Run]) -> None:
+        """Carry out what the state machine orders."""
+        for order, life in orders:
+            if order is Order.BEGIN:
+                self._begin_life(life)
+            elif order is Order.CANCEL:
+                self._cancel(life)
+            elif order is Order.REPLACE:
+                self._replace(life)
+            elif order is Order.CANCEL_BEHIND:
+                self._cancel_behind(life)
+            else:
+                self._cancel_now(life)
+
     # -- Choosing ------------------------------------------------------------------------------------------------
 
     def _on_action(self, action: Action) -> None:
-        if self._halted:
-            self.skipped += 1
+        lives = self.lives
+        if not lives.open:
+            lives.skipped += 1
             return
         index = action.index if self._component is None else self._component(action.index)
         brief = self._briefs[index]
-        if brief is None or self._current is not None or self._lives.heard or self._others:
-            self._choose(self.names[index], self.bindings[index], action)
+        if brief is None or lives.current is not None or self._told.heard or self._others:
+            self._choose(_Run(self.names[index], self.bindings[index], action))
             return
         # Hot path: a plain function, while nothing lives and nobody listens to lives, needs no record of its own.
         self.started += 1
@@ -377,27 +359,33 @@ class ActionLayer(Layer):
         jobs = self._jobs
         token = _own(jobs)  # as `Jobs.call` does, without a call of its own
         try:
-            self._calling = True
+            lives.calling = True
             result = brief.function(action) if brief.takes_action else brief.function()
-            self._calling = False
+            lives.calling = False
             _disown(token)
             self._jobs = Jobs()  # now, and not when the next function waits for it
         except BaseException as error:
             _disown(token)
             self._jobs = Jobs()
-            self._take_error(_Life(self.started, self.names[index], self.bindings[index], action), error)
+            self._raised(self._begun(index, action), error)
             return
-        if result is not None or self._halted:
-            self._take(_Life(self.started, self.names[index], self.bindings[index], action), result, jobs)
+        if result is not None or not lives.open:
+            self._returned(self._begun(index, action), result, jobs)
             return
         self._swift += 1
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(self.names[index], "succeeded")
 
-    def _take(self, life: _Life, result: object, jobs: Jobs) -> None:
-        """Take what a function has returned: an awaitable runs as a task, and has ended when its jobs have."""
+    def _begun(self, index: int, action: Action) -> _Run:
+        """Return the life of a plain function that was called without one."""
+        life = _Run(self.names[index], self.bindings[index], action)
+        life.number = self.started
+        return life
+
+    def _returned(self, life: _Run, result: object, jobs: Jobs) -> None:
+        """A function has returned: an awaitable runs as a task, and has ended when its jobs have."""
         if inspect.isawaitable(result):
-            self._keep(life)
+            self._keep(life, task=True)
             try:
                 life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=life.name, jobs=jobs)
             except Error as error:  # the layer has ended already
@@ -406,78 +394,49 @@ class ActionLayer(Layer):
             self._end_life(life, "failed", f"returned {result!r}, of which nothing has run")
         else:
             self._end_life(life, "succeeded")
-        if self._halted and not life.secures:
-            # It ended what decides while it was called: nothing that it returns begins, and what waited for it goes on.
-            self._cancel(life, "preempted")
-            self._settle()
+        self._call_over(life)
 
-    def _take_error(self, life: _Life, error: BaseException) -> None:
-        """Take what a function has raised."""
-        self._calling = False
+    def _raised(self, life: _Run, error: BaseException) -> None:
+        """A function has raised."""
+        self.lives.calling = False
         self._end_life(life, "failed", describe(error))
         if isinstance(error, LEAVING):
             self.fail(error)  # which ends the runtime; those who had this action begin go on with what they do
-        if self._halted and not life.secures:
+        self._call_over(life)
+
+    def _call_over(self, life: _Run) -> None:
+        """Do what could not be done while a function was called, of that which it has itself brought about."""
+        lives = self.lives
+        if life.secures:
+            return
+        if not lives.open:  # it ended what decides: nothing that it has returned goes on
+            self._obey(lives.cancel(life, "preempted"))
+        if not lives.open or lives.pending is not None:
             self._settle()
 
-    def _choose(self, name: str, binding: Binding, action: Action) -> None:
-        if binding.concurrent:
-            life = self._beside.get(name)
-            if life is None:
-                self._begin_life(name, binding, action)
-            elif not binding.continues(action):
-                self._cancel(life, "preempted")
-                self.skipped += 1
-            return
-        current = self._current
-        if current is None:
-            if self._pending is not None:
-                self.skipped += 1
-            if self._is_free_for(binding):
-                self._pending = None
-                self._begin_life(name, binding, action)
-            else:
-                self._pending = (name, binding, action)
-        elif current.binding is binding and current.ending is None and binding.continues(action):
-            # A running task goes on. But where its own last step (an event that it raises on arrival) led to this
-            # decision, it is about to end, and what was decided is to do it once more.
-            own = current.work is not None and current.work.is_calling
-            self._pending = (name, binding, action) if own else None
-        elif _replaceable(current, binding):
-            self._replace(current, name, binding, action)
-        else:
-            if self._pending is not None:
-                self.skipped += 1
-            self._pending = (name, binding, action)
-            self._cancel(current, "preempted")
+    def _choose(self, life: _Run) -> None:
+        current = self.lives.current
+        own = current is not None and current.work is not None and current.work.is_calling
+        self._obey(self.lives.choose(life, lambda: life.binding.continues(life.action), own=own))
 
-    def _is_free_for(self, binding: Binding) -> bool:
-        """Whether none but those of an action's own group still come to their end, having been replaced."""
-        return all(life.binding.group is binding.group for life in self._replaced)
-
-    def _replace(self, life: _Life, name: str, binding: Binding, action: Action) -> None:
-        """Begin an action, and then cancel the running one of its group, so that what they drive need not stop."""
-        assert life.work is not None
-        if self._pending is not None:
-            self._pending = None
-            self.skipped += 1
-        life.ending = "preempted"
-        self._current = None
-        self._replaced.append(life)
+    def _replace(self, life: _Run) -> None:
+        """Tell the end of a life that another one of its group replaces, so that what they drive need not stop."""
         self._others = True
         if life.deadline is not None:
             life.deadline.cancel()
         self._end_life(life, "preempted")
         life.grace = self.after(life.binding.grace, lambda: self._abandon(life))
-        self._begin_life(name, binding, action)
-        if life.work.begun and not self._halted:
-            # Behind the first step of what has just begun, unless nothing may begin any more by then.
-            life.put_off = asyncio.get_running_loop().call_soon(self._cancel_replaced, life)
+
+    def _cancel_behind(self, life: _Run) -> None:
+        """Cancel a replaced life behind the first step of what has just begun, unless nothing may begin by then."""
+        assert life.work is not None
+        if life.work.begun and self.lives.open:
+            life.put_off = asyncio.get_running_loop().call_soon(self._cancel_now, life)
         else:
             life.work.cancel()
 
-    def _cancel_replaced(self, life: _Life) -> None:
-        """Carry out the cancellation of a replaced life that was put off, now."""
+    def _cancel_now(self, life: _Run) -> None:
+        """Carry out the cancellation of a replaced life that was put off."""
         put_off, life.put_off = life.put_off, None
         if put_off is not None and life.work is not None:
             put_off.cancel()
@@ -485,15 +444,15 @@ class ActionLayer(Layer):
 
     # -- Lives ---------------------------------------------------------------------------------------------------
 
-    def _begin_life(self, name: str, binding: Binding, action: Action, *, secures: bool = False) -> None:
+    def _begin_life(self, life: _Run) -> None:
         """Start a life. Hot path for plain functions."""
-        self.started = number = self.started + 1
-        life = _Life(number, name, binding, action, secures=secures)
-        if not secures:
-            self.begins(name)
+        self.started = life.number = self.started + 1
+        binding, action = life.binding, life.action
+        if not life.secures:
+            self.begins(life.name)
         if self._left:
-            self._tell_left(name)
-        if self._lives.heard:
+            self._tell_left(life.name)
+        if self._told.heard:
             self._tell(life, "running")
         ensemble = binding.ensemble
         if ensemble is not None:
@@ -501,7 +460,7 @@ class ActionLayer(Layer):
                 what = "has failed" if ensemble.failing else f"is {ensemble.life}"
                 self._end_life(life, "failed", f"ensemble {ensemble.path!r} does not run: it {what}")
                 return
-            self._keep(life)
+            self._keep(life, task=False)
             ensemble.when_idle(lambda: self._ensemble_ended(life))
             ensemble.start(resume=binding.resume)
             return
@@ -509,38 +468,38 @@ class ActionLayer(Layer):
             self._record(self._now() - action.time)
         jobs = Jobs()
         try:
-            self._calling = True
+            self.lives.calling = True
             result = jobs.call(binding.function, *((action,) if binding.takes_action else ()))
-            self._calling = False
+            self.lives.calling = False
         except BaseException as error:
-            self._take_error(life, error)
+            self._raised(life, error)
             return
-        self._take(life, result, jobs)
+        self._returned(life, result, jobs)
 
-    def _keep(self, life: _Life) -> None:
-        if life.binding.concurrent and not life.secures:
-            self._beside[life.name] = life
-        else:
-            self._current = life
+    def _keep(self, life: _Run, *, task: bool) -> None:
+        self.lives.keep(life, task=task)
         timeout = self.safe_timeout if life.secures else life.binding.timeout
         if timeout is not None:
-            life.deadline = self.after(timeout, lambda: self._cancel(life, "timed_out"))
+            life.deadline = self.after(timeout, lambda: self._obey(self.lives.cancel(life, "timed_out")))
 
-    def _cancel(self, life: _Life, ending: ActionStatus) -> None:
-        """Ask a life to end; how it ends is known when it has."""
-        if life.ending is not None:
-            return
-        life.ending = ending
+    def _cancel(self, life: _Run) -> None:
         if life.binding.ensemble is not None:
             life.binding.ensemble.interrupt()
         elif life.work is not None:
             life.work.cancel()
             life.grace = self.after(life.binding.grace, lambda: self._abandon(life))
 
-    def _abandon(self, life: _Life) -> None:
+    def _abandon(self, life: _Run) -> None:
         if life.work is not None:
             self._leave(life.name, life.work)
             self._finish(life, "abandoned", f"did not end within {life.binding.grace:g} s of being cancelled")
+
+    def _abandon_all(self, lives: tuple[_Run, ...]) -> None:
+        """Abandon what still lives, where its own grace has not done so, as when the layer itself has failed."""
+        for life in set(lives).intersection(self.lives.living):
+            if life.work is not None:
+                self._leave(life.name, life.work)
+            self._finish(life, "abandoned", "had not ended when the safe action was due")
 
     def _leave(self, name: str, work: Work) -> None:
         self.abandon(work)
@@ -555,7 +514,7 @@ class ActionLayer(Layer):
         if running:
             self.report("action", f"action {name!r} begins while {' and '.join(running)}, abandoned, still runs")
 
-    def _work_ended(self, life: _Life, work: Work) -> None:
+    def _work_ended(self, life: _Run, work: Work) -> None:
         if work.error is not None:
             self._finish(life, "failed", describe(work.error))
         elif work.interrupted:  # even where it swallowed the cancellation, and returned
@@ -565,7 +524,7 @@ class ActionLayer(Layer):
         else:
             self._finish(life, "succeeded")
 
-    def _ensemble_ended(self, life: _Life) -> None:
+    def _ensemble_ended(self, life: _Run) -> None:
         ensemble = life.binding.ensemble
         assert ensemble is not None
         if ensemble.failing:
@@ -575,34 +534,27 @@ class ActionLayer(Layer):
         else:
             self._finish(life, life.ending or "succeeded")
 
-    def _finish(self, life: _Life, status: ActionStatus, detail: str = "") -> None:
-        if life in self._replaced:
-            self._finish_replaced(life, status, detail)
-            return
-        if self._current is life:
-            self._current = None
-        elif self._beside.get(life.name) is life:
-            del self._beside[life.name]
-        else:
+    def _finish(self, life: _Run, status: ActionStatus, detail: str = "") -> None:
+        replaced = life in self.lives.replaced
+        if not self.lives.end(life):
             return  # it was abandoned, and an ensemble that was abandoned ends all the same
         for timer in (life.deadline, life.grace):
             if timer is not None:
                 timer.cancel()
-        self._end_life(life, status, detail)
+        if replaced:
+            self._end_replaced(life, status, detail)
+        else:
+            self._end_life(life, status, detail)
         self._settle()
 
-    def _finish_replaced(self, life: _Life, status: ActionStatus, detail: str) -> None:
-        """Take the end of what another action has replaced; that its life has ended is told already."""
-        self._replaced.remove(life)
+    def _end_replaced(self, life: _Run, status: ActionStatus, detail: str) -> None:
+        """Take the end of a life that another has replaced; that it was preempted is told already."""
         self._count_others()
-        if life.grace is not None:
-            life.grace.cancel()
         if status in _FAILED:
             self.report("action", f"action {life.name!r}, which was replaced, {status.replace('_', ' ')}: {detail}")
         self.clears()
-        self._settle()
 
-    def _end_life(self, life: _Life, status: ActionStatus, detail: str = "") -> None:
+    def _end_life(self, life: _Run, status: ActionStatus, detail: str = "") -> None:
         ended = self.ended
         ended[status] = ended.get(status, 0) + 1
         text = f"action {life.name!r} {status.replace('_', ' ')}: {detail}".rstrip(": ")
@@ -612,7 +564,7 @@ class ActionLayer(Layer):
             self.report("action", text)
         lasted = life.work is not None or life.binding.ensemble is not None
         gave_up = not life.secures and self.ends(life.name, life.binding, status, lasted, text)
-        if self._lives.heard:
+        if self._told.heard:
             self._tell(life, status, detail)
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(life.name, status)
@@ -620,10 +572,8 @@ class ActionLayer(Layer):
                 self._raise_end(life.name, "gave_up")
 
     def _tell_secured(self, failure: str | None) -> None:
-        secured, self._secure = self._secure, None
-        if secured is not None:
-            self._unsecured = failure is not None
-            self.runtime.dispatcher.deliver(Subscription(None, self, secured), failure)
+        if self.lives.secured(failed=failure is not None):
+            self.runtime.dispatcher.deliver(Subscription(None, self, self._secured), failure)
 
     def listened(self, name: str, status: str) -> bool:
         """Whether a predicate or event of the system depends on this end of an action."""
@@ -634,14 +584,8 @@ class ActionLayer(Layer):
         if self.predicates is not None and event in self.predicates.action_ends:
             self.predicates.occur(event)
 
-    def _tell(self, life: _Life, status: ActionStatus, detail: str = "") -> None:
-        self._lives.publish(ActionLife(self._now(), self._path, life.number, life.name, status, detail))
-
-
-def _replaceable(life: _Life, binding: Binding) -> bool:
-    """Whether an action may begin before a running one is cancelled: not where that one itself has brought it about."""
-    same = binding.group is not None and binding.group is life.binding.group
-    return same and life.ending is None and life.work is not None and not life.work.is_calling
+    def _tell(self, life: _Run, status: ActionStatus, detail: str = "") -> None:
+        self._told.publish(ActionLife(self._now(), self._path, life.number, life.name, status, detail))
 
 
 def _bindings(

@@ -324,7 +324,7 @@ def test_an_idle_layer_does_nothing_not_even_the_safe_action():
     async def main(runtime):
         did = []
         ensemble = robot({"walk": lambda: did.append("walk")}, safe_action=lambda: did.append("SAFE"))
-        ensemble.action.idle = True
+        ensemble.action.lives.delegate()
         await runtime.start(ensemble)
         ensemble.publish_state(0)
         ensemble.safety.endanger("mine", "why not", runtime.clock.now())

@@ -7,7 +7,7 @@ import itertools
 import pytest
 
 from mdm import ConfigError
-from mdm.actors.sequel import LONGEST_PAUSE, Due, Sequel, Tries
+from mdm.actors.actions.sequel import LONGEST_PAUSE, Due, Sequel, Tries
 
 
 def test_by_default_nothing_follows():

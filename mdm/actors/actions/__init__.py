@@ -1,0 +1,1 @@
+"""The action layer: the lives of actions, the code that they stand for, and what runs it."""

@@ -1,0 +1,293 @@
+"""The lives of one agent's actions, as a state machine of plain data: which live, which waits, and what may begin.
+
+Events are its methods; each returns the orders that the action layer carries out, in their order. It knows no actor, no
+clock, no task and no event loop: what carries a life out, and how long that takes, is the layer's.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mdm.messages import Action, ActionStatus
+
+__all__ = ["Gate", "Kind", "Life", "Lives", "Order", "Orders"]
+
+
+class Gate(Enum):
+    """Whether anything may begin.
+
+    Attributes:
+        CLOSED: Nothing may.
+        OPEN: What is decided may.
+        SAFE: The safe action alone: it is due when nothing lives, or runs.
+        FAILED: Nothing, until it is known whether the safe action, which has failed, runs once more.
+    """
+
+    CLOSED = "closed"
+    OPEN = "open"
+    SAFE = "safe"
+    FAILED = "failed"
+
+
+class Order(Enum):
+    """What the action layer is to do with a life.
+
+    Attributes:
+        BEGIN: Begin it.
+        CANCEL: Ask it to end; `Lives.end` is called when it has.
+        REPLACE: Tell that it has ended as ``preempted``: another one of its group begins in its place.
+        CANCEL_BEHIND: Ask it to end behind the first step of the one that has replaced it.
+        CANCEL_NOW: Ask it to end now, where that was put off.
+    """
+
+    BEGIN = "begin"
+    CANCEL = "cancel"
+    REPLACE = "replace"
+    CANCEL_BEHIND = "cancel behind"
+    CANCEL_NOW = "cancel now"
+
+
+class Kind(Protocol):
+    """What the lives of an action have in common."""
+
+    @property
+    def concurrent(self) -> bool:
+        """Whether they neither end the running one nor are ended by the next."""
+
+    @property
+    def group(self) -> object:
+        """Where not None, those of the same group replace each other: the next begins before the running one ends."""
+
+
+class Life:
+    """One run of one action.
+
+    Args:
+        name: The action's.
+        kind: What it stands for.
+        action: The decision.
+        secures: Whether it is the safe action's.
+
+    Attributes:
+        number: Counted from 1 on by the order in which they begin; 0 before it has begun.
+        task: Whether it goes on as a task behind the call that began it.
+        ending: How it was asked to end; None where it was not.
+    """
+
+    __slots__ = ("action", "ending", "kind", "name", "number", "secures", "task")
+
+    def __init__(self, name: str, kind: Kind, action: Action, *, secures: bool = False) -> None:
+        self.name = name
+        self.kind = kind
+        self.action = action
+        self.secures = secures
+        self.number = 0
+        self.task = False
+        self.ending: ActionStatus | None = None
+
+
+L = TypeVar("L", bound=Life)
+
+Orders = tuple[tuple[Order, L], ...]
+
+
+class Lives(Generic[L]):
+    """The state machine of one action layer.
+
+    Attributes:
+        gate: Whether anything may begin.
+        barred: Whether nothing that is decided may begin although the gate is open: what lives goes on.
+        delegated: Whether other agents do all that is decided, and the safe action, too.
+        open: Whether what is decided may begin now: the gate is open, and it is neither barred nor delegated.
+        calling: Whether the function of a life is being called, so that nothing else may begin.
+        current: The life that the next decision replaces.
+        pending: The one that begins when that has ended.
+        beside: Lives of concurrent actions, by name.
+        replaced: Lives that others of their group have replaced, and that have not ended yet.
+        skipped: Decisions that were overtaken before their action began.
+    """
+
+    __slots__ = (
+        "barred",
+        "beside",
+        "calling",
+        "current",
+        "delegated",
+        "gate",
+        "open",
+        "pending",
+        "replaced",
+        "skipped",
+    )
+
+    def __init__(self) -> None:
+        self.gate = Gate.CLOSED
+        self.open = self.barred = self.delegated = self.calling = False
+        self.current: L | None = None
+        self.pending: L | None = None
+        self.beside: dict[str, L] = {}
+        self.replaced: list[L] = []
+        self.skipped = 0
+
+    @property
+    def living(self) -> tuple[L, ...]:
+        """All lives that have begun and not ended."""
+        return (*self.replaced, *self.beside.values(), *(() if self.current is None else (self.current,)))
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing lives, and nothing is about to begin but what is decided from now on."""
+        waits = self.pending is not None or self.gate in {Gate.SAFE, Gate.FAILED}
+        return not (waits or self.current is not None or self.beside or self.replaced)
+
+    # -- The gate ------------------------------------------------------------------------------------------------
+
+    def restart(self) -> None:
+        """Begin a life of the layer: nothing may begin in it yet."""
+        self.barred = False
+        self._set(Gate.CLOSED)
+
+    def admit(self) -> None:
+        """Let begin what is decided."""
+        self._set(Gate.OPEN)
+
+    def bar(self, *, barred: bool) -> None:
+        """Let nothing begin that is decided, or let it again; what lives goes on, and the safe action runs when due."""
+        self.barred = barred
+        if barred:
+            self.pending = None
+        self._set(self.gate)
+
+    def delegate(self) -> None:
+        """Take it that other agents do all that is decided."""
+        self.delegated = True
+        self._set(self.gate)
+
+    def latch(self) -> Orders[L]:
+        """Let nothing begin that was or is decided; what lives goes on, but for what was replaced."""
+        if self.gate is Gate.OPEN:
+            self._set(Gate.CLOSED)
+        self.pending = None
+        return tuple([(Order.CANCEL_NOW, life) for life in self.replaced])
+
+    def halt(self) -> Orders[L]:
+        """Let nothing begin that was or is decided, and end what lives, but for the safe action."""
+        return (*self.latch(), *self.cancel_all())
+
+    def secure(self) -> Orders[L]:
+        """As `halt`; the safe action begins when nothing lives."""
+        orders = self.latch()
+        self._set(Gate.SAFE)
+        return (*orders, *self.cancel_all())
+
+    def secured(self, *, failed: bool) -> bool:
+        """Take the end of the safe action; return whether it was due."""
+        due = self.gate is Gate.SAFE
+        if due:
+            self._set(Gate.FAILED if failed else Gate.CLOSED)
+        return due
+
+    def give_up(self) -> None:
+        """Take it that the safe action, which has failed, runs no more."""
+        if self.gate is Gate.FAILED:
+            self._set(Gate.CLOSED)
+
+    def _set(self, gate: Gate) -> None:
+        self.gate = gate
+        self.open = gate is Gate.OPEN and not (self.barred or self.delegated)
+
+    # -- Choosing ------------------------------------------------------------------------------------------------
+
+    def choose(self, life: L, goes_on: Callable[[], bool], *, own: bool) -> Orders[L]:
+        """An action was decided, while what is decided may begin.
+
+        Args:
+            life: The one that it would begin.
+            goes_on: Asked where the same action lives already: whether that life goes on in its place.
+            own: Whether the current life's own task has brought the decision about, as by an event that it raises. It
+                is then about to end, and what was decided is to do it once more, not to go on.
+        """
+        current = self.current
+        if life.kind.concurrent:
+            beside = self.beside.get(life.name)
+            if beside is None:
+                return ((Order.BEGIN, life),)
+            if goes_on():
+                return ()
+            self.skipped += 1
+            return self.cancel(beside, "preempted")
+        if current is not None and current.kind is life.kind and current.ending is None and goes_on():
+            self.pending = life if own else None
+            return ()
+        if self.pending is not None:
+            self.pending = None
+            self.skipped += 1
+        if current is None:
+            if self._is_free_for(life):
+                return ((Order.BEGIN, life),)
+        elif current.task and current.ending is None and not own and _same_group(current, life):
+            current.ending = "preempted"
+            self.current = None
+            self.replaced.append(current)
+            return ((Order.REPLACE, current), (Order.BEGIN, life), (Order.CANCEL_BEHIND, current))
+        self.pending = life
+        return () if current is None else self.cancel(current, "preempted")
+
+    def _is_free_for(self, life: L) -> bool:
+        """Whether none but those of its own group still come to their end, having been replaced."""
+        return all(replaced.kind.group is life.kind.group for replaced in self.replaced)
+
+    # -- Lives ---------------------------------------------------------------------------------------------------
+
+    def keep(self, life: L, *, task: bool) -> None:
+        """A life lasts: it goes on behind the call that began it."""
+        life.task = task
+        if life.kind.concurrent and not life.secures:
+            self.beside[life.name] = life
+        else:
+            self.current = life
+
+    def cancel(self, life: L, ending: ActionStatus) -> Orders[L]:
+        """A life is to end; how it has ended is known when it has."""
+        if life.ending is not None:
+            return ()
+        life.ending = ending
+        return ((Order.CANCEL, life),)
+
+    def cancel_all(self, *, but: Callable[[L], bool] = lambda _: False) -> Orders[L]:
+        """All are to end, but the safe action, and those that are left out."""
+        ending = [life for life in self.living if not life.secures and not but(life)]
+        return tuple([order for life in ending for order in self.cancel(life, "preempted")])
+
+    def end(self, life: L) -> bool:
+        """A life has ended; return whether it was one: what was abandoned may end all the same."""
+        if life in self.replaced:
+            self.replaced.remove(life)
+        elif self.current is life:
+            self.current = None
+        elif self.beside.get(life.name) is life:
+            del self.beside[life.name]
+        else:
+            return False
+        return True
+
+    @property
+    def safe_action_is_due(self) -> bool:
+        """Whether the safe action is to begin now."""
+        return self.gate is Gate.SAFE and not (self.calling or self.living)
+
+    def next(self) -> L | None:
+        """Return what waited and may begin now, if any; it waits no more."""
+        life = self.pending
+        if self.calling or life is None or self.current is not None or not self._is_free_for(life):
+            return None
+        self.pending = None
+        return life
+
+
+def _same_group(one: Life, other: Life) -> bool:
+    return one.kind.group is not None and one.kind.group is other.kind.group

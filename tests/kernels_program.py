@@ -13,7 +13,7 @@ from random_models import distributions
 
 from mdm import load_model, problems
 from mdm.beliefs import Support, compact
-from mdm.beliefs.adaptive import AdaptiveFilter
+from mdm.beliefs.choice import AdaptiveFilter
 from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.compressed import GroupedFilter
 from mdm.beliefs.dense import LikelyFilter

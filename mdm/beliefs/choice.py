@@ -1,15 +1,19 @@
-"""The choice of a belief filter: by the size and sparsity of the model, and whether numba is installed."""
+"""The choice of a belief filter: by the size and sparsity of the model, and whether numba is installed.
+
+Where the support of a belief may be small or large, one filter holds it by its support and another over all states, in
+turn.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdm.beliefs.adaptive import AdaptiveFilter
 from mdm.beliefs.compact import LINE, CompactFilter
 from mdm.beliefs.compressed import CompressedFilter, GroupedFilter, held_numbers
 from mdm.beliefs.dense import FoldedFilter, LikelyFilter
+from mdm.beliefs.filter import Filter
 from mdm.beliefs.network import NetworkFilter
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
 from mdm.models.compilation import can_compile, may_compile
@@ -19,10 +23,14 @@ from mdm.models.factored.model import FactoredPOMDP
 from mdm.models.matrices import held_bytes
 
 if TYPE_CHECKING:
-    from mdm.beliefs.filter import Filter
+    from collections.abc import Sequence
+
+    from mdm.beliefs.compressed import WideFilter
+    from mdm.beliefs.filter import SparseFilter, Support
+    from mdm.models.matrices import Vector
     from mdm.models.pomdp import POMDP
 
-__all__ = ["DENSE", "FOLDED", "PAIRS", "SMALL", "chosen_filter", "compiles", "most_folded"]
+__all__ = ["DENSE", "FOLDED", "PAIRS", "SMALL", "AdaptiveFilter", "chosen_filter", "compiles", "most_folded"]
 
 FOLDED = 4_000_000
 """The largest total size of dense matrices, one per action and observation."""
@@ -42,6 +50,83 @@ _NARROW = 8
 """The support is used while it is smaller than S divided by this."""
 _GATHERED = 5_000, 64
 """Without numba, the least S for the support, and the divisor of S: a step costs at least 40 µs."""
+
+
+class AdaptiveFilter(Filter):
+    """Holds a belief by its support while that is small, else over all states.
+
+    Args:
+        narrow: The filter by support.
+        wide: The filter over all states.
+        most: A larger support switches to the wide filter.
+        least: A smaller support switches back.
+    """
+
+    def __init__(self, narrow: SparseFilter, wide: WideFilter, most: int, least: int) -> None:
+        self._narrow = narrow
+        self._wide = wide
+        self._most = most
+        self._least = least
+        self._present: SparseFilter | WideFilter = narrow
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether the belief is held by its support."""
+        return self._present is self._narrow
+
+    def load(self, belief: Support) -> None:
+        """Load a belief."""
+        self._present = self._narrow if len(belief.states) <= self._most else self._wide
+        self._present.load(belief)
+
+    def step(self, action: int, observation: int) -> float:
+        """Update by an action and an observation; return P(observation | belief, action)."""
+        probability = self._present.step(action, observation)
+        self._switch()
+        return probability
+
+    def step_any(self, action: int, observations: Sequence[int]) -> float:
+        """Update by an action and a set of possible observations; return their probability."""
+        probability = self._present.step_any(action, observations)
+        self._switch()
+        return probability
+
+    def predict(self, action: int) -> float:
+        """Predict: update by an action without an observation; return 1."""
+        probability = self._present.predict(action)
+        self._switch()
+        return probability
+
+    def dense(self) -> Vector:
+        """Return the belief as a new array of S numbers, read-only."""
+        return self._present.dense()
+
+    def support(self) -> Support:
+        """Return the support of the belief, as new arrays."""
+        return self._present.support()
+
+    def snapshot(self) -> Any:
+        """Return which filter holds the belief, and its snapshot."""
+        return [self.is_sparse, self._present.snapshot()]
+
+    def restore(self, snapshot: Any) -> None:
+        """Restore a snapshot."""
+        is_sparse, held = snapshot
+        self._present = self._narrow if is_sparse else self._wide
+        self._present.restore(held)
+
+    def _switch(self) -> None:
+        size = self._present.size
+        if self._present is self._narrow:
+            if size <= self._most:
+                return
+            other: SparseFilter | WideFilter = self._wide
+        elif size >= self._least:
+            return
+        else:
+            other = self._narrow
+        other.load(self._present.support())
+        self._present = other
 
 
 def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:

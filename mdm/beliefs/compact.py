@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.beliefs.dense import folded
-from mdm.beliefs.filter import Support
+from mdm.beliefs.filter import WholeFilter
 from mdm.models.compilation import direct
 from mdm.models.compressed import csr, is_compressed
 from mdm.models.dynamics import Dynamics, dense
@@ -37,7 +37,7 @@ _LARGEST_KEPT = 256
 """The most observations in a set that is kept."""
 
 
-class CompactFilter:
+class CompactFilter(WholeFilter):
     """Multiplies by T and P(o | a, s'); for events and false negatives, by a matrix per action and observation.
 
     Its belief is always normalised: in a compiled loop that is cheaper than a check on access.
@@ -46,11 +46,10 @@ class CompactFilter:
         model: The POMDP.
     """
 
-    is_sparse = False
-
     def __init__(self, model: POMDP) -> None:
         from mdm.beliefs.kernels import move_dense, move_sparse  # noqa: PLC0415 - numba is slow to import
 
+        super().__init__(len(model.state_space))
         dynamics = Dynamics(model)
         size = dynamics.num_states
         moves = _moves(dynamics, model)
@@ -70,7 +69,7 @@ class CompactFilter:
         room[_FIRST:first, :size] = list(likelihoods.values())
         for start, block in zip(starts, blocks, strict=False):
             room[start : start + len(block)] = block
-        self._belief = room[0, :size]
+        self._before = room[0, :size]
         self._run: Any = direct(move_dense if is_dense else move_sparse, room, 0, 0)
 
         def found(pairs: Iterable[tuple[Matrix, Vector]]) -> list[tuple[int, int]]:
@@ -79,14 +78,9 @@ class CompactFilter:
         self._predictions = found(predictions)
         self._moves = [found(each) for each in moves]
         self._sums: dict[tuple[int, tuple[int, ...]], Vector] = {}
-        self.steps: list[list[Callable[[], float]]]
-        """What makes a step and returns P(observation | belief, action), for each action and observation."""
-        self.steps = [[partial(self._run, room, *move) for move in each] for each in self._moves]
-
-    def load(self, belief: Support) -> None:
-        """Load a belief."""
-        self._belief[:] = 0
-        self._belief[belief.states] = belief.probabilities
+        self.steps: list[list[Callable[[], float]]] = [
+            [partial(self._run, room, *move) for move in each] for each in self._moves
+        ]
 
     def step(self, action: int, observation: int) -> float:
         """Update by an action and an observation; return P(observation | belief, action)."""
@@ -100,7 +94,7 @@ class CompactFilter:
             room[_ANY] = likelihood
             return float(self._run(room, self._moves[action][observations[0]][0], _ANY))
         moves = [self._moves[action][observation] for observation in observations]
-        belief = self._belief
+        belief = self._before
         (place, _), *others = moves
         if all(other == place for other, _ in others):
             room[_ANY] = likelihood = room[[row for _, row in moves]].sum(axis=0)
@@ -126,20 +120,15 @@ class CompactFilter:
 
     def dense(self) -> Vector:
         """Return the belief as an immutable array of S numbers."""
-        return np.frombuffer(self._belief.tobytes())  # half the time of a copy and its flag
-
-    def support(self) -> Support:
-        """Return the support of the belief, as new arrays."""
-        (states,) = self._belief.nonzero()
-        return Support(states, self._belief[states])
+        return np.frombuffer(self._before.tobytes())  # half the time of a copy and its flag
 
     def snapshot(self) -> Any:
         """Return the bytes of the belief."""
-        return self._belief.tobytes()
+        return self._before.tobytes()
 
     def restore(self, snapshot: Any) -> None:
         """Restore a snapshot."""
-        self._belief[:] = np.frombuffer(snapshot).reshape(self._belief.shape)
+        self._before[:] = np.frombuffer(snapshot).reshape(self._before.shape)
 
 
 def _moves(dynamics: Dynamics, model: POMDP) -> list[list[tuple[Matrix, Vector]]]:

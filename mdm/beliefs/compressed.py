@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdm.beliefs.filter import TINY, Support
+from mdm.beliefs.filter import WholeFilter
 from mdm.models.dynamics import once
 
 if TYPE_CHECKING:
@@ -19,56 +19,43 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from mdm.beliefs.filter import Support
     from mdm.models.dynamics import Dynamics
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["CompressedFilter", "GroupedFilter", "held_numbers", "unsigned"]
+__all__ = ["CompressedFilter", "GroupedFilter", "WideFilter", "held_numbers", "unsigned"]
 
 _FOLDED = 4_000_000
 
 
-class _WideFilter:
-    """The base of filters over all states: one array for the belief, and one for the next."""
+class WideFilter(WholeFilter):
+    """The base of filters by compressed matrices.
 
-    is_sparse = False
+    Attributes:
+        size: The size of the support of the belief.
+    """
 
     def __init__(self, dynamics: Dynamics) -> None:
+        super().__init__(dynamics.num_states)
         self._dynamics = dynamics
-        self._before = np.zeros(dynamics.num_states)
-        self._after = np.zeros(dynamics.num_states)
         self._false_negative = dynamics.model.false_negative
         self._resolvents = dynamics.resolvents
         self._waits = any(resolvent is not None for resolvent in self._resolvents)
-        self._total = 1.0
         self.size = 0
-        """The size of the support of the belief."""
 
     def load(self, belief: Support) -> None:
         """Load a belief."""
-        self._before[:] = 0
-        self._before[belief.states] = belief.probabilities
-        self._total = 1.0
+        super().load(belief)
         self.size = len(belief.states)
-
-    def dense(self) -> Vector:
-        """Return the belief as a new array of S numbers, read-only."""
-        belief = self._before * (1 / self._total)
-        belief.flags.writeable = False
-        return belief
-
-    def support(self) -> Support:
-        """Return the support of the belief, as new arrays."""
-        (states,) = self._before.nonzero()
-        return Support(states, self._before[states] * (1 / self._total))
 
     def snapshot(self) -> Any:
         """Return the internal form of the belief."""
-        return [self._before.tobytes(), self._total, self.size]
+        return [*super().snapshot(), self.size]
 
     def restore(self, snapshot: Any) -> None:
         """Restore a snapshot."""
-        data, self._total, size = snapshot
-        self._before = np.frombuffer(data).reshape(self._dynamics.num_states).copy()
+        *held, size = snapshot
+        super().restore(held)
         self.size = operator.index(size)
 
     def _reached(self, action: int, observation: int) -> Vector:
@@ -79,20 +66,14 @@ class _WideFilter:
         reached: Vector = resolvent.weights(self._before)
         return reached
 
-    def _take(self, total: float, size: int) -> float:
+    def _accept(self, total: float, size: int) -> float:
         """Accept the next belief, given its sum and support size; return the quotient of the two sums."""
-        if not total > 0:
-            return 0.0
-        self._before, self._after = self._after, self._before
-        self.size = size
-        probability, self._total = total / self._total, total
-        if total < TINY:
-            self._before /= total
-            self._total = 1.0
-        return probability
+        if total > 0:
+            self.size = size
+        return self._take(total)
 
 
-class CompressedFilter(_WideFilter):
+class CompressedFilter(WideFilter):
     """The filter by scipy: a matrix per action and observation if these fit, else T and then P(o | a, s').
 
     Args:
@@ -121,10 +102,6 @@ class CompressedFilter(_WideFilter):
         matrix.eliminate_zeros()
         return matrix
 
-    def step(self, action: int, observation: int) -> float:
-        """Update by an action and an observation; return P(observation | belief, action)."""
-        return self.step_any(action, (observation,))
-
     def step_any(self, action: int, observations: Sequence[int]) -> float:
         """Update by an action and a set of possible observations; return their probability."""
         if self._joints is None:
@@ -144,7 +121,7 @@ class CompressedFilter(_WideFilter):
     def _write(self, after: Vector) -> float:
         self._after = after
         # Not a product with ones: waking the threads of BLAS can take longer than all the rest.
-        return self._take(float(after.sum()), int(np.count_nonzero(after)))
+        return self._accept(float(after.sum()), int(np.count_nonzero(after)))
 
     def _likelihood(self, action: int, observations: Sequence[int]) -> Vector:
         """Return P(one of some observations | action, s') for each s'."""
@@ -156,7 +133,7 @@ class CompressedFilter(_WideFilter):
         return likelihood
 
 
-class GroupedFilter(_WideFilter):
+class GroupedFilter(WideFilter):
     """The filter by numba: rows of the transposed matrices are grouped by length, see `kernels.pull`.
 
     Args:
@@ -183,7 +160,7 @@ class GroupedFilter(_WideFilter):
     def step(self, action: int, observation: int) -> float:
         """Update by an action and an observation; return P(observation | belief, action)."""
         before = self._reached(action, observation) if self._waits else self._before
-        return self._take(*self._pull(*self._moves[action][observation], before, self._after))
+        return self._accept(*self._pull(*self._moves[action][observation], before, self._after))
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
         """Update by an action and a set of possible observations; return their probability."""
@@ -196,18 +173,18 @@ class GroupedFilter(_WideFilter):
                 likelihood[places] += chances
             (places,) = likelihood.nonzero()
             move = layout.some_rows(places.astype(np.uint32), likelihood[places])
-            return self._take(*self._pull(*move, self._before, self._after))
+            return self._accept(*self._pull(*move, self._before, self._after))
         before = self._reached(action, observations[0])
         after = np.zeros(self._dynamics.num_states)
         for observation in observations:
             self._pull(*moves[observation], before, self._after)
             after += self._after
         self._after = after
-        return self._take(float(after.sum()), int(np.count_nonzero(after)))
+        return self._accept(float(after.sum()), int(np.count_nonzero(after)))
 
     def predict(self, action: int) -> float:
         """Predict: update by an action without an observation; return 1."""
-        return self._take(*self._pull(*self._predictions[action], self._before, self._after))
+        return self._accept(*self._pull(*self._predictions[action], self._before, self._after))
 
 
 class _Layout:

@@ -7,11 +7,11 @@ environment has ``OPENBLAS_NUM_THREADS=1``.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.beliefs.filter import TINY, Support
+from mdm.beliefs.filter import WholeFilter
 from mdm.models.dynamics import Dynamics, dense, once
 
 if TYPE_CHECKING:
@@ -26,28 +26,12 @@ _KEPT = 4_000_000
 """The largest total size of the matrices that are kept for sets of observations."""
 
 
-class _DenseFilter:
-    """The base of dense filters: one array for the belief, and one for the next.
-
-    An array that was handed out is replaced, never written to again.
-    """
-
-    is_sparse = False
+class _DenseFilter(WholeFilter):
+    """The base of dense filters, which hand out the belief that they hold."""
 
     def __init__(self, model: POMDP) -> None:
-        self._size = len(model.state_space)
-        self._before = np.zeros(self._size)
-        self._after = np.zeros(self._size)
-        self._handed_out = False
-        self._total = 1.0
+        super().__init__(len(model.state_space))
         self._transitions = once(Dynamics(model).matrices, dense)
-
-    def load(self, belief: Support) -> None:
-        """Load a belief."""
-        self._before = np.zeros(self._size)
-        self._handed_out = False
-        self._before[belief.states] = belief.probabilities
-        self._total = 1.0
 
     def predict(self, action: int) -> float:
         """Predict: update by an action without an observation; return 1."""
@@ -61,39 +45,6 @@ class _DenseFilter:
         self._handed_out = True
         self._before.setflags(write=False)
         return self._before
-
-    def support(self) -> Support:
-        """Return the support of the belief, as new arrays."""
-        (states,) = self._before.nonzero()
-        return Support(states, self._before[states] * (1 / self._total))
-
-    def snapshot(self) -> Any:
-        """Return the internal form of the belief."""
-        return [self._before.tobytes(), self._total]
-
-    def restore(self, snapshot: Any) -> None:
-        """Restore a snapshot."""
-        data, self._total = snapshot
-        self._before = np.frombuffer(data).reshape(self._size).copy()
-        self._handed_out = False
-
-    def _take(self, total: float) -> float:
-        """Accept the next belief, given its sum; return the quotient of the two sums."""
-        if not total > 0:
-            return 0.0
-        probability, self._total = total / self._total, total
-        self._swap()
-        if total < TINY:
-            self._normalise()
-        return probability
-
-    def _swap(self) -> None:
-        self._before, self._after = self._after, np.empty(self._size) if self._handed_out else self._before
-        self._handed_out = False
-
-    def _normalise(self) -> None:
-        self._before /= self._total
-        self._total = 1.0
 
 
 class FoldedFilter(_DenseFilter):
@@ -128,7 +79,7 @@ class FoldedFilter(_DenseFilter):
         key = (action, *observations)
         found = self._sums.get(key)
         if found is None:
-            if len(self._sums) >= _KEPT // self._size**2:
+            if len(self._sums) >= _KEPT // len(self._before) ** 2:
                 self._sums.clear()
             folded = self._folded[action]
             found = self._sums[key] = np.sum([folded[observation] for observation in observations], axis=0)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdm.beliefs.filter import Support
+from mdm.beliefs.filter import SparseFilter
 from mdm.models.factored.flattening import following, observed_chances
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["NetworkFilter"]
 
 
-class NetworkFilter:
+class NetworkFilter(SparseFilter):
     """Holds a belief by its support, and takes transitions from the network.
 
     Each event counts as that of a single step: to sum over steps without one takes the matrices of all states.
@@ -33,22 +33,10 @@ class NetworkFilter:
         network: The network, with observations.
     """
 
-    is_sparse = True
-
     def __init__(self, network: TwoSliceNetwork) -> None:
         assert network.observations is not None
+        super().__init__(len(network.states))
         self._network = network
-        self._size = len(network.states)
-        self._states: npt.NDArray[np.intp] = np.empty(0, np.intp)
-        self._values: Vector = np.empty(0)
-
-    def load(self, belief: Support) -> None:
-        """Load a belief."""
-        self._states, self._values = belief.states, belief.probabilities
-
-    def step(self, action: int, observation: int) -> float:
-        """Update by an action and an observation; return P(observation | belief, action)."""
-        return self.step_any(action, (observation,))
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
         """Update by an action and a set of possible observations; return their probability."""
@@ -68,23 +56,14 @@ class NetworkFilter:
         _, next_states, weights = self._following(action)
         return self._write(*_summed(next_states, weights))
 
-    def dense(self) -> Vector:
-        """Return the belief as a new array of S numbers, read-only."""
-        return self.support().dense(self._size)
-
-    def support(self) -> Support:
-        """Return the support of the belief, as new arrays."""
-        return Support(self._states.copy(), self._values.copy())
-
     def snapshot(self) -> Any:
-        """Return the internal form of the belief."""
-        return [self._states.astype(np.int64).tobytes(), self._values.tobytes()]
+        """Return the internal form of the belief, which is normalised."""
+        return super().snapshot()[:2]
 
     def restore(self, snapshot: Any) -> None:
         """Restore a snapshot."""
         states, values = snapshot
-        self._states = np.frombuffer(states, np.int64).astype(np.intp)
-        self._values = np.frombuffer(values).reshape(self._states.shape).copy()
+        super().restore([states, values, 1.0])
 
     def _following(self, action: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Vector]:
         of, next_states, chances = following(self._network, action, self._states)
@@ -95,7 +74,7 @@ class NetworkFilter:
         if not total > 0:
             return 0.0
         kept = weights > 0
-        self._states, self._values = states[kept], weights[kept] / total
+        self._keep(states[kept], weights[kept] / total)
         return min(total, 1.0)
 
 

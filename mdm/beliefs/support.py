@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.beliefs.compressed import unsigned
-from mdm.beliefs.filter import TINY, Support
+from mdm.beliefs.filter import SparseFilter
 from mdm.models.dynamics import once
 
 if TYPE_CHECKING:
@@ -24,31 +24,16 @@ if TYPE_CHECKING:
 __all__ = ["CompiledSupportFilter", "SupportFilter"]
 
 
-class SupportFilter:
+class SupportFilter(SparseFilter):
     """The filter by numpy: gathers the rows of the support.
 
     Args:
         dynamics: The model, without false negatives: these spread over all states.
     """
 
-    is_sparse = True
-
     def __init__(self, dynamics: Dynamics) -> None:
+        super().__init__(dynamics.num_states)
         self._dynamics = dynamics
-        self._states: npt.NDArray[Any] = np.empty(0, np.intp)
-        self._values = np.empty(0)
-        self._total = 1.0
-        self.size = 0
-        """The size of the support of the belief."""
-
-    def load(self, belief: Support) -> None:
-        """Load a belief."""
-        self._keep(belief.states, belief.probabilities)
-        self._total = 1.0
-
-    def step(self, action: int, observation: int) -> float:
-        """Update by an action and an observation; return P(observation | belief, action)."""
-        return self.step_any(action, (observation,))
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
         """Update by an action and a set of possible observations; return their probability."""
@@ -70,27 +55,6 @@ class SupportFilter:
             *self._summed([_entries(self._dynamics.transition_matrices[action], self._states[: self.size])])
         )
 
-    def dense(self) -> Vector:
-        """Return the belief as a new array of S numbers, read-only."""
-        return self.support().dense(self._dynamics.num_states)
-
-    def support(self) -> Support:
-        """Return the support of the belief, as new arrays."""
-        size = self.size
-        return Support(self._states[:size].astype(np.intp), self._values[:size] * (1 / self._total))
-
-    def snapshot(self) -> Any:
-        """Return the internal form of the belief."""
-        size = self.size
-        return [self._states[:size].astype(np.int64).tobytes(), self._values[:size].tobytes(), self._total]
-
-    def restore(self, snapshot: Any) -> None:
-        """Restore a snapshot."""
-        states, values, total = snapshot
-        places = np.frombuffer(states, np.int64)
-        self._keep(places, np.frombuffer(values).reshape(places.shape).copy())
-        self._total = total
-
     def _summed(self, parts: list[tuple[npt.NDArray[np.intp], Any, Vector]]) -> tuple[npt.NDArray[Any], Vector]:
         """Return the next states, and the weight of each."""
         reached = np.concatenate([targets for _, targets, _ in parts])
@@ -106,17 +70,6 @@ class SupportFilter:
             return 0.0
         self._keep(states[kept], values[kept])
         return self._take(total)
-
-    def _keep(self, states: npt.NDArray[Any], values: Vector) -> None:
-        self._states, self._values, self.size = states, values, len(states)
-
-    def _take(self, total: float) -> float:
-        """Accept the next belief, given its sum; return the quotient of the two sums."""
-        probability, self._total = total / self._total, total
-        if total < TINY:
-            self._values[: self.size] /= total
-            self._total = 1.0
-        return probability
 
 
 class CompiledSupportFilter(SupportFilter):

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from mdm.beliefs.choice import chosen_filter
-from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.filter import Support
 from mdm.errors import ModelError
 from mdm.models.factored.flattening import first_states
@@ -72,7 +71,7 @@ class BeliefTracker:
         self._start = _first(model)
         self._filter = chosen_filter(model)
         self._step = self._filter.step
-        self._steps = self._filter.steps if isinstance(self._filter, CompactFilter) else None
+        self._steps = self._filter.steps
         self._belief: Vector | None = None
         self._support: Support | None = None
         self._sizes = model.observation_space.shape

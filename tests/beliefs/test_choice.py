@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from mdm.beliefs import BeliefTracker, choice as belief_choice
-from mdm.beliefs.adaptive import AdaptiveFilter
-from mdm.beliefs.choice import chosen_filter
+from mdm.beliefs.choice import AdaptiveFilter, chosen_filter
 from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.compressed import CompressedFilter
 from mdm.beliefs.dense import FoldedFilter, LikelyFilter

@@ -12,8 +12,7 @@ from hypothesis import given, settings, strategies as st
 from random_models import dense, flat_models, leading_to_detection, without_detection
 
 from mdm.beliefs import choice as belief_choice, compact
-from mdm.beliefs.adaptive import AdaptiveFilter
-from mdm.beliefs.choice import chosen_filter
+from mdm.beliefs.choice import AdaptiveFilter, chosen_filter
 from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.compressed import CompressedFilter, GroupedFilter
 from mdm.beliefs.dense import FoldedFilter, LikelyFilter

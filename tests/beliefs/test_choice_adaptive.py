@@ -8,8 +8,7 @@ from belief_steps import assert_step, corridor, loaded, needs_numba
 from random_models import dense
 
 from mdm.beliefs import Support, choice as belief_choice
-from mdm.beliefs.adaptive import AdaptiveFilter
-from mdm.beliefs.choice import chosen_filter
+from mdm.beliefs.choice import AdaptiveFilter, chosen_filter
 from mdm.beliefs.compressed import CompressedFilter, GroupedFilter
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
 from mdm.models import POMDP

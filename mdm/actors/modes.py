@@ -1,4 +1,4 @@
-"""The modes of an ensemble: stopped, deciding or safe, as a state machine of plain data.
+"""The modes of an ensemble, stopped, deciding or safe, and the stages of its end, as a state machine of plain data.
 
 Events are its methods; each returns the orders that the ensemble carries out, in their order. It knows no actor, no
 clock and no event loop: the time of each event is handed in.
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from mdm.messages import ModeName
 
-__all__ = ["AT_INPUT", "AT_KNOWN", "AT_STIMULUS", "WAYS_BACK", "Modes", "Order"]
+__all__ = ["AT_INPUT", "AT_KNOWN", "AT_STIMULUS", "WAYS_BACK", "Modes", "Order", "Stage", "Try"]
 
 
 class Order(Enum):
@@ -37,6 +37,42 @@ class Order(Enum):
     RESUME = "resume"
     IDLE = "idle"
     EMERGENCY = "emergency"
+
+
+class Stage(Enum):
+    """How far a life of the ensemble has come; it goes through them in this order.
+
+    Attributes:
+        CLOSED: No life has begun.
+        OPEN: It starts and stops as it is told.
+        LATCHED: An ensemble above it ends: nothing of it starts any more.
+        BELOW: It ends, and the ensembles below it come first.
+        LAST: It ends, and its safe action has the last word.
+        OVER: It has ended.
+    """
+
+    CLOSED = 0
+    OPEN = 1
+    LATCHED = 2
+    BELOW = 3
+    LAST = 4
+    OVER = 5
+
+
+class Try(Enum):
+    """How the safe action stands.
+
+    Attributes:
+        NONE: It is not due.
+        FIRST: It is due or runs.
+        SECOND: It has failed, and is due once more or runs again.
+        OWED: It has failed, and runs again when what is below has ended.
+    """
+
+    NONE = 0
+    FIRST = 1
+    SECOND = 2
+    OWED = 3
 
 
 WAYS_BACK: Final = {
@@ -67,7 +103,6 @@ AT_KNOWN: Final = AT_INPUT | {"unknown_input"}
 """Causes that are gone with the next state that is known, or observation."""
 
 _FOR_GOOD = frozenset(cause for cause, way in WAYS_BACK.items() if way in {"restart", "never"})
-_TRIES = 2
 
 Orders = tuple[Order, ...]
 
@@ -86,18 +121,34 @@ class Modes:
         since: When it began.
         causes: Why it is safe, by kind; each with its words and since when it holds. What only a release ends outlasts
             a stop.
-        securing: Whether the safe action is due or runs.
+        stage: How far its life has come.
+        safe_action: How the safe action stands.
     """
 
-    __slots__ = ("_leaving", "_tries", "causes", "mode", "securing", "since")
+    __slots__ = ("_leaving", "causes", "mode", "safe_action", "since", "stage")
 
     def __init__(self, time: int = 0, held: Iterable[Cause] = ()) -> None:
         self.mode: ModeName = "stopped"
         self.since = time
         self.causes = {cause.kind: cause for cause in held}
-        self.securing = False
-        self._tries = 0
+        self.stage = Stage.CLOSED
+        self.safe_action = Try.NONE
         self._leaving = False
+
+    @property
+    def deciding(self) -> bool:
+        """Whether it may decide."""
+        return self.mode == "deciding" and self.stage is Stage.OPEN
+
+    @property
+    def securing(self) -> bool:
+        """Whether the safe action is due or runs."""
+        return self.safe_action is not Try.NONE
+
+    @property
+    def ending(self) -> bool:
+        """Whether it comes to its end, or has."""
+        return self.stage.value >= Stage.BELOW.value
 
     @property
     def ended(self) -> bool:
@@ -114,10 +165,48 @@ class Modes:
         """The causes that nothing but a release, or a user's own word, takes away."""
         return tuple(cause for kind, cause in self.causes.items() if WAYS_BACK.get(kind, "release") == "release")
 
+    # -- Stages --------------------------------------------------------------------------------------------------
+
+    def open(self, time: int) -> None:
+        """A life begins, stopped: of the one before stays what a restart does not mend."""
+        held = self.held if "failure" in self.causes else ()
+        self._leaving, self.safe_action = False, Try.NONE
+        self.causes = {cause.kind: cause for cause in held}
+        self.stage = Stage.OPEN
+        self._enter("stopped", time)
+
+    def latch(self) -> None:
+        """An ensemble above ends: nothing starts any more; what lives has an end of its own."""
+        if self.stage is Stage.OPEN:
+            self.stage = Stage.LATCHED
+
+    def end_below(self) -> bool:
+        """The end begins with what is below; return whether it had not begun."""
+        begins = self.stage in {Stage.OPEN, Stage.LATCHED}
+        if begins:
+            self.stage = Stage.BELOW
+        return begins
+
+    def end_here(self) -> None:
+        """What is below has ended: a safe action that ran before, for another cause, is not the last word."""
+        self.stage = Stage.LAST
+
+    def finish(self) -> bool:
+        """The last word is said; return whether it had not been."""
+        ends = self.stage is not Stage.OVER
+        self.stage = Stage.OVER
+        return ends
+
+    def close(self) -> None:
+        """Nothing of the life is left that could be made safe."""
+        self.stage = Stage.OVER if self.ending else Stage.CLOSED
+
     # -- Events --------------------------------------------------------------------------------------------------
 
     def start(self, time: int) -> Orders:
         """The ensemble is to decide; where a cause has outlasted its stop, it is safe at once."""
+        if self.stage is not Stage.OPEN:
+            return ()
         if self.mode == "safe":
             self._leaving = self._leaving and self.ended
             return ()
@@ -129,7 +218,12 @@ class Modes:
         return (Order.ADMIT,)
 
     def stop(self, time: int) -> Orders:
-        """The ensemble is to decide no more; a safe action that is due or runs comes to its end first."""
+        """The ensemble is to decide no more; a safe action that is due or runs comes to its end first.
+
+        What ends with those below it is made safe all the same.
+        """
+        if self.stage is Stage.BELOW:
+            return ()
         if self.mode == "deciding":
             self._enter("stopped", time)
             return (Order.HALT,)
@@ -148,7 +242,7 @@ class Modes:
         return () if self.mode == "safe" else self._secure(time)
 
     def end(self, time: int, kind: str = "end", detail: str = "the ensemble ends", *, unsafe: bool = False) -> Orders:
-        """There is no way back; the safe action runs once more, unless it is due or runs.
+        """There is no way back, behind `end_here`; the safe action runs once more, unless it is due or runs.
 
         Args:
             time: When.
@@ -157,6 +251,9 @@ class Modes:
             unsafe: Whether an action has begun since the safe action last ran: it then runs where all has stopped, too.
         """
         self.causes.setdefault(kind, Cause(kind, detail, time))
+        if self.safe_action is Try.OWED:
+            self.safe_action = Try.SECOND
+            return (Order.SECURE,)
         return () if self.securing or (self.mode == "stopped" and not unsafe) else self._secure(time)
 
     def gone(self, kinds: frozenset[str], time: int) -> Orders:
@@ -175,20 +272,24 @@ class Modes:
         Args:
             failure: How it failed, or None.
             time: When.
-            early: Whether it began before that which it is to have the last word over had ended: it runs once more.
+            early: Whether it began before what it is to have the last word over had ended: as the last word of an end,
+                it runs once more.
         """
         if not self.securing:
             return ()
-        if failure is not None and self._tries < _TRIES:
-            self._tries += 1
+        if failure is not None and self.safe_action is Try.FIRST:
+            if self.stage is Stage.BELOW:  # not beside the safe actions of what ends there
+                self.safe_action = Try.OWED
+                return ()
+            self.safe_action = Try.SECOND
             return (Order.SECURE,)
         alarm: Orders = ()
         if failure is not None:
             self.causes["safe_action"] = Cause("safe_action", failure, time)
             alarm = (Order.EMERGENCY,)
-        if early:
+        if early and self.stage is Stage.LAST:
             return (*alarm, *self._secure(time))
-        self.securing = False
+        self.safe_action = Try.NONE
         if failure is None:
             self.causes.pop("impossible_observation", None)
         return (*alarm, *self._leave(time))
@@ -201,8 +302,7 @@ class Modes:
     def _secure(self, time: int) -> Orders:
         if self.mode != "safe":
             self._enter("safe", time)
-        self.securing = True
-        self._tries = 1
+        self.safe_action = Try.FIRST
         return (Order.SECURE,)
 
     def _leave(self, time: int) -> Orders:
@@ -218,4 +318,4 @@ class Modes:
         if self.causes:
             return ()
         self._enter("deciding", time)
-        return (Order.RESUME,)
+        return (Order.RESUME,) if self.stage is Stage.OPEN else ()  # what ends is made safe anew, by its end

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, get_args
 
-from mdm.actors.modes import Modes, Order
+from mdm.actors.modes import Modes, Order, Stage, Try
 from mdm.actors.options import FailureReaction, LostTeammate, Reaction
 from mdm.actors.waiting import Waiting
 from mdm.choice import check_choice
@@ -58,13 +58,7 @@ class Safety:
         self._base = 0
         self._safe_at = 0
         self._lost: set[str] = set()
-        self._lives = False
-        self._latched = False
-        self._ending = False
-        self._owed = False
         self._ended_below: int | None = None
-        self._last = False
-        self._over = False
         self._ended: list[Callable[[], None]] = []
         self._end_stopped: Callable[[], None] = lambda: None
 
@@ -104,10 +98,7 @@ class Safety:
         """Begin a life of the ensemble: stopped, with nothing from the one before but what a restart does not mend."""
         ensemble = self._ensemble
         now = ensemble.runtime.clock.now()
-        held = self.modes.held if "failure" in self.modes.causes else ()
-        self.modes = Modes(now, held)
-        self._lives = True
-        self._latched = self._ending = self._owed = self._last = self._over = False
+        self.modes.open(now)
         self._ended_below = None
         self._ended.clear()
         self._lost.clear()
@@ -120,8 +111,9 @@ class Safety:
 
     def close(self) -> None:
         """End a life of the ensemble: nothing of it is left that could be made safe."""
-        self._lives = False
+        self.modes.close()
         self._ensemble.liveness.end()
+        self._tell_ended()
 
     def _watch(self, manager: PredicateManager) -> None:
         """Notice sensors that become too old, and those of observations that turn unknown: no state tells of these."""
@@ -154,7 +146,7 @@ class Safety:
     @property
     def deciding(self) -> bool:
         """Whether the control layer may decide."""
-        return self.modes.mode == "deciding" and not self._latched
+        return self.modes.deciding
 
     @property
     def returning(self) -> bool:
@@ -175,13 +167,11 @@ class Safety:
                 ensemble.report("control", text, time=time)
             if self.modes.mode == "stopped":  # else those who wait for it hear of it when its safe mode is over
                 ensemble.action.when_idle(ensemble.became_idle)
-        elif not self._ending and not ensemble.runtime.ending:
+        elif not ensemble.runtime.ending:
             self._obey(self.modes.start(time), time)
 
     def stop(self, time: int) -> None:
         """Decide no more; what ends by now is made safe all the same."""
-        if self._ending and not self._last:
-            return
         self._obey(self.modes.stop(time), time)
 
     def release(self, time: int) -> None:
@@ -238,7 +228,7 @@ class Safety:
             time: When.
             told: Whether it is reported where it is no cause.
         """
-        secured = self.modes.mode == "safe" and not self._ending
+        secured = self.modes.mode == "safe" and not self.modes.ending
         if kind in self.modes.causes or not (secured or (self.deciding and self._acted)):
             return
         fault = Fault(time, self._ensemble.path, kind, text)
@@ -286,7 +276,7 @@ class Safety:
                 self._ensemble.became_idle()
             elif order is Order.EMERGENCY:
                 self._call_emergency(time)
-            elif not self._latched:
+            else:
                 self._base = control.decisions
                 action.admit()
                 self._ensemble.liveness.look()
@@ -322,15 +312,14 @@ class Safety:
         now = self._ensemble.runtime.clock.now()
         if failure is None:
             self._safe_at = self._ensemble.action.started
-        orders = self.modes.secured(failure, now, early=self._last and self._outlived)
-        if self._ending and not self._last and Order.SECURE in orders:
-            self._owed = True  # tried once more, but not beside the safe actions of what has stopped below
+        orders = self.modes.secured(failure, now, early=self._outlived)
+        if self.modes.safe_action is Try.OWED:
             self._end_stopped()
             return
         self._obey(orders, now)
         if failure is not None and Order.SECURE not in orders:
             self._ensemble.action.give_up()
-        if self._last and not self.modes.securing:
+        if self.modes.stage is Stage.LAST and not self.modes.securing:
             self._finish()
 
     def _call_emergency(self, time: int) -> None:
@@ -358,15 +347,15 @@ class Safety:
             detail: In words.
             ended: Called when it is done.
         """
-        if self._over or not self._lives:  # or it has not begun to start, where what is above ends in its own start
+        if self.modes.stage in {Stage.CLOSED, Stage.OVER}:  # closed, where what is above ends in its own start
             ended()
             return
         self._ended.append(ended)
-        if self._ending:
+        if self.modes.ending:
             return
         for safety in self._family():
             safety.latch()
-        self._ending = True
+        self.modes.end_below()
         waiting = len(self._ensemble.subensembles) + 1
 
         def one() -> None:
@@ -396,13 +385,10 @@ class Safety:
             self._ensemble.after(self._ensemble.settling, end_stopped)
 
     def _end(self, kind: str, detail: str) -> None:
-        self._last = True  # a safe action that ran before, for another cause, is not the one that ends it all
+        self.modes.end_here()
         now = self._ensemble.runtime.clock.now()
         if not self._has_safe_action:
             self._obey(self.modes.stop(now), now)
-        if self._owed:
-            self._owed = False
-            self._obey((Order.SECURE,), now)
         self._obey(self.modes.end(now, kind, detail, unsafe=self.unsafe), now)
         if not self.modes.securing:
             self._ensemble.action.when_idle(self._finish)
@@ -410,7 +396,7 @@ class Safety:
     @property
     def ending(self) -> bool:
         """Whether it comes to its end, or has."""
-        return self._ending
+        return self.modes.ending
 
     @property
     def unsafe(self) -> bool:
@@ -429,18 +415,20 @@ class Safety:
         return stopped and any(safety.unsafe for safety in self._family())
 
     def _finish(self) -> None:
-        if not self._over:
-            self._over = True
+        if self.modes.finish():
             self._ensemble.became_idle()
-            ended, self._ended = self._ended, []
-            for tell in ended:
-                tell()
+            self._tell_ended()
+
+    def _tell_ended(self) -> None:
+        ended, self._ended = self._ended, []
+        for tell in ended:
+            tell()
 
     def stop_alone(self) -> None:
         """Stop what was started by hand, here and below; what an action has started, the end of that action stops."""
         for below in self._ensemble.subensembles:
             below.safety.stop_alone()
-        if self.modes.mode != "stopped" and not self._ending and not self._ensemble.awaited:
+        if self.modes.mode != "stopped" and not self.modes.ending and not self._ensemble.awaited:
             self._ensemble.interrupt()
 
     def latch(self) -> None:
@@ -448,7 +436,7 @@ class Safety:
 
         It stays so: what it is below of ends, and it ends with that.
         """
-        self._latched = True
+        self.modes.latch()
         if self._ensemble.control.lead is None:
             self._ensemble.control.running = False
         self._ensemble.action.latch()

@@ -6,9 +6,18 @@ import pytest
 from hypothesis import settings, strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from mdm.actors.modes import AT_INPUT, AT_STIMULUS, WAYS_BACK, Modes, Order
+from mdm.actors.modes import AT_INPUT, AT_STIMULUS, WAYS_BACK, Modes, Order, Stage, Try
 
 CAUSES = ("impossible_observation", "deadline", "stale_input", "action", "mine")
+
+
+def end(modes, time, kind="end"):
+    """What is below has ended, too."""
+    modes.end_below()
+    modes.end_here()
+    return modes.end(time, kind)
+
+
 EVENTS = {
     "start": lambda modes, time: modes.start(time),
     "stop": lambda modes, time: modes.stop(time),
@@ -17,7 +26,9 @@ EVENTS = {
     "failed": lambda modes, time: modes.secured("it broke", time),
     "secured early": lambda modes, time: modes.secured(None, time, early=True),
     "failed early": lambda modes, time: modes.secured("it broke", time, early=True),
-    "end": lambda modes, time: modes.end(time),
+    "latch": lambda modes, time: modes.latch(),
+    "end below": lambda modes, time: modes.end_below(),
+    "end": end,
     "stimulus": lambda modes, time: modes.gone(AT_STIMULUS, time),
     "input": lambda modes, time: modes.gone(AT_INPUT, time),
     "known": lambda modes, time: modes.gone(frozenset({"stale_input"}), time),
@@ -30,6 +41,7 @@ class World:
 
     def __init__(self):
         self.modes = Modes()
+        self.modes.open(0)
         self.admits = False
         self.safe_runs = False
         self.tries = 0
@@ -37,22 +49,27 @@ class World:
         self.time = 0
 
     def apply(self, event):
-        before, ended = self.modes.mode, self.modes.ended
+        before, ended, stage = self.modes.mode, self.modes.ended, self.modes.stage
+        owed = self.modes.safe_action is Try.OWED
         self.time += 1
         if event in {"secured", "failed", "secured early", "failed early"}:
             if not self.safe_runs:
                 return
             self.safe_runs = False
-        for order in EVENTS[event](self.modes, self.time):
+        orders = EVENTS[event](self.modes, self.time)
+        if event in {"latch", "end below"}:
+            self.admits, orders = False, ()
+        for order in orders:
             if order in {Order.ADMIT, Order.RESUME}:
                 assert not self.safe_runs, "a decision starts an action beside the safe action"
                 assert not self.modes.causes, "decides although a cause holds"
                 assert not ended, "there was no way back"
+                assert stage is Stage.OPEN, "it starts although what is above ends"
                 self.admits = True
             elif order is Order.SECURE:
                 assert not self.safe_runs, "the safe action runs twice at once"
                 self.admits, self.safe_runs = False, True
-                self.tries = self.tries + 1 if event in {"failed", "failed early"} else 1
+                self.tries = self.tries + 1 if owed or event in {"failed", "failed early"} else 1
                 assert self.tries <= 2
             elif order is Order.EMERGENCY:
                 assert self.tries == 2
@@ -61,21 +78,24 @@ class World:
             elif order is Order.HALT:
                 self.admits = False
         after = self.modes.mode
-        assert self.admits == (after == "deciding")
-        assert self.safe_runs == self.modes.securing
+        assert self.admits == self.modes.deciding
+        assert self.safe_runs == (self.modes.safe_action in {Try.FIRST, Try.SECOND})
+        assert stage.value <= self.modes.stage.value, "a stage comes back"
+        if self.modes.safe_action is Try.OWED:
+            assert self.modes.stage is Stage.BELOW, "nothing has the safe action run once more"
         assert not self.safe_runs or after == "safe"
         if before == "deciding" and (event in CAUSES or event == "end"):
             assert (after, self.safe_runs) == ("safe", True), "a cause did not start the safe action"
         if before == "safe" and after == "deciding":
-            assert event in {"release", "secured", "stimulus", "input", "known"}
+            assert event in {"release", "secured", "secured early", "stimulus", "input", "known"}
         if after != before:
             assert self.modes.since == self.time
 
     @property
     def key(self):
         modes = self.modes
-        hidden = (modes._tries, modes._leaving)
-        return (modes.mode, frozenset(modes.causes), modes.securing, hidden, self.admits, self.safe_runs, self.tries)
+        hidden = (modes.stage, modes.safe_action, modes._leaving)
+        return (modes.mode, frozenset(modes.causes), hidden, self.admits, self.safe_runs, self.tries)
 
 
 def test_every_small_world_keeps_the_latch():
@@ -115,6 +135,8 @@ TestMachine = Machine.TestCase
 
 def decide():
     modes = Modes()
+    assert modes.start(0) == (), "no life has begun"
+    modes.open(0)
     assert modes.start(0) == (Order.ADMIT,)
     return modes
 
@@ -154,7 +176,7 @@ def test_several_causes_hold_together():
 @pytest.mark.parametrize("kind", ["failure", "end"])
 def test_nobody_releases_a_failure_or_the_end(kind):
     modes = decide()
-    assert modes.end(1, kind) == (Order.SECURE,)
+    assert end(modes, 1, kind) == (Order.SECURE,)
     modes.secured(None, 2)
     assert modes.release(3) == ()
     assert modes.mode == "safe"
@@ -174,7 +196,7 @@ def test_a_safe_action_that_fails_twice_is_an_emergency():
 def test_a_safe_action_that_began_too_early_to_be_the_last_word_runs_once_more_and_may_fail_once():
     modes = decide()
     modes.endanger("impossible_observation", "words", 1)
-    modes.end(2)
+    end(modes, 2)
     assert modes.secured(None, 3, early=True) == (Order.SECURE,)
     assert modes.securing
     assert modes.secured("broken", 4) == (Order.SECURE,)
@@ -187,7 +209,7 @@ def test_what_was_told_to_stop_stops_only_when_its_safe_action_has_run_once_more
     modes = decide()
     modes.endanger("deadline", "late", 1)
     assert modes.stop(2) == ()
-    modes.end(3)
+    end(modes, 3)
     assert modes.secured(None, 4, early=True) == (Order.SECURE,)
     assert modes.secured(None, 5) == (Order.IDLE,)
 
@@ -199,3 +221,42 @@ def test_every_cause_of_the_table_has_its_way_back():
         assert modes.secured(None, 2) == ((Order.RESUME,) if way == "at once" else ())
         released = modes.release(3)
         assert (released == (Order.RESUME,)) == (way not in {"at once", "restart", "never"})
+
+
+def test_a_safe_action_that_fails_while_what_is_below_ends_runs_once_more_when_that_is_over():
+    modes = decide()
+    modes.endanger("deadline", "late", 1)
+    assert modes.end_below()
+    assert not modes.end_below()
+    assert modes.secured("broken", 2) == ()
+    assert modes.safe_action is Try.OWED
+    modes.end_here()
+    assert modes.end(3) == (Order.SECURE,)
+    assert modes.secured("broken", 4) == (Order.EMERGENCY,)
+    assert modes.finish()
+    assert not modes.finish()
+
+
+def test_what_ends_goes_safe_and_nothing_of_it_starts():
+    modes = decide()
+    modes.latch()
+    assert not modes.deciding
+    assert modes.endanger("deadline", "late", 1) == (Order.SECURE,)
+    assert modes.secured(None, 2) == ()
+    assert modes.gone(AT_STIMULUS, 3) == ()
+    assert not modes.deciding
+    assert end(modes, 4) == (Order.SECURE,)
+
+
+def test_a_new_life_keeps_what_no_restart_mends():
+    modes = decide()
+    modes.endanger("deadline", "late", 1)
+    modes.secured("broken", 2)
+    modes.secured("broken", 3)
+    end(modes, 4, "failure")
+    modes.finish()
+    modes.close()
+    assert modes.ending
+    modes.open(5)
+    assert (modes.mode, modes.since, [*modes.causes]) == ("stopped", 5, ["safe_action"])
+    assert modes.start(6) == (Order.SECURE,)

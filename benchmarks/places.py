@@ -10,7 +10,7 @@ from measurement import arguments, quantiles, report, table
 
 import mdm
 from mdm.maps import Frame, Labels, PlaceBelief, Places
-from mdm.maps.lookup import lookup
+from mdm.maps.raster import lookup
 from mdm.messages import ParticleUpdate
 from mdm.models import POMDP, Factor, Space
 

@@ -21,7 +21,7 @@ from mdm.beliefs import KnownState
 from mdm.beliefs.footprint import check_memory
 from mdm.beliefs.information import restore, snapshot
 from mdm.beliefs.tracker import checked_support
-from mdm.choice import check_choice
+from mdm.checks import check_choice
 from mdm.errors import ConfigError, ModelError
 from mdm.loading import model_of, policy_of, spared
 from mdm.models import POMDP, FactoredMDP, FactoredPOMDP

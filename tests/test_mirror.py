@@ -23,7 +23,6 @@ UNTESTED_ALONE = {
     "team/layer.py": "a base: replicas and centralised teams are tested",
     "cli/map/floor.py": "with the verbs that load a floor: test_check",
     "cli/map/drawing.py": "with the verbs that draw: test_check, test_show",
-    "maps/problem.py": "declares a type alone",
     "simulation/building/drive.py": "what a robot keeps in mind: test_robot",
     "cli/team/asker.py": "with the verbs that ask: test_status",
     "cli/team/commands.py": "with the status, which tells what has become of them: test_status",

@@ -22,7 +22,7 @@ from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.safety import Safety
 from mdm.actors.state_factor import StateFactor
 from mdm.actors.state_layer import StateLayer
-from mdm.choice import check_flag
+from mdm.checks import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
 from mdm.options import check_options

@@ -10,9 +10,9 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from mdm.actors.actions.sequel import Due, Sequel, Tries
+from mdm.checks import is_number
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Idle
-from mdm.number import is_number
 from mdm.runtime.channel import Subscription
 
 if TYPE_CHECKING:

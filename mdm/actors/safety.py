@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, get_args
 from mdm.actors.modes import Modes, Order, Stage, Try
 from mdm.actors.options import FailureReaction, LostTeammate, Reaction
 from mdm.actors.waiting import Waiting
-from mdm.choice import check_choice
+from mdm.checks import check_choice
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Mode, PredicateUpdate
 from mdm.runtime.channel import Subscription

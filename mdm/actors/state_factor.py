@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 from mdm.actors.wiring import Wire, check_name, check_owner, index_order, named, places
-from mdm.choice import check_choice
+from mdm.checks import check_choice
 from mdm.errors import ConfigError
 from mdm.logic import P
 

@@ -16,7 +16,7 @@ from mdm.runtime.clock import check_seconds
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from mdm.number import Number
+    from mdm.checks import Number
 
 __all__ = ["run_subprocess"]
 

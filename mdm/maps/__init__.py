@@ -9,18 +9,13 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from mdm.maps.check import check
-from mdm.maps.draft import draft
+from mdm.maps.check import Problem, check
+from mdm.maps.draft import draft, propose
 from mdm.maps.files import load_floors, load_graph, load_grid, load_map, save_graph, save_labels
-from mdm.maps.floors import Floors, Lift
-from mdm.maps.frame import Frame
 from mdm.maps.graph import Edge, Graph, Node, Pose
-from mdm.maps.grid import Grid
-from mdm.maps.labels import Labels
-from mdm.maps.map import Map
-from mdm.maps.passages import Passage, passages
-from mdm.maps.problem import Problem
-from mdm.maps.propose import propose
+from mdm.maps.map import Floors, Lift, Map
+from mdm.maps.paths import Passage, passages
+from mdm.maps.raster import Frame, Grid, Labels
 
 if TYPE_CHECKING:
     from mdm.maps.navigation import LiftNavigator, Navigation, Navigator, ReportingNavigator

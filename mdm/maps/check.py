@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
 
-from mdm.maps.floors import Floors, place_of
-from mdm.maps.lookup import border_distance
-from mdm.maps.metres import check_metres
-from mdm.maps.passages import leads, passages, route_sentence, undivided, widest
-from mdm.maps.paths import drivable, needed_clearance
-from mdm.maps.problem import Problem
+from mdm.checks import check_metres
+from mdm.maps.map import Floors, place_of
+from mdm.maps.paths import drivable, leads, needed_clearance, passages, route_sentence, undivided, widest
+from mdm.maps.raster import border_distance
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from mdm.maps.floors import Lift
     from mdm.maps.graph import Graph, Node
-    from mdm.maps.grid import Grid
-    from mdm.maps.labels import Labels
-    from mdm.maps.map import Map
-    from mdm.maps.passages import Passage
+    from mdm.maps.map import Lift, Map
+    from mdm.maps.paths import Passage
+    from mdm.maps.raster import Grid, Labels
 
-__all__ = ["MARGIN", "RADIUS", "check", "examine", "examine_lifts", "missing"]
-
+__all__ = ["MARGIN", "RADIUS", "Problem", "check", "examine", "examine_lifts", "missing"]
 RADIUS = 0.25
 """The radius of a robot, in metres, if nobody says another."""
 MARGIN = 0.3
@@ -37,6 +33,29 @@ _TOLD = ("entered", "left", "at_goal", "arrived", "reached", "next")
 _SLACK = 1e-9
 _SHOWN = 200
 """Cells of a stray colour that a problem names."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Something that is wrong with a map.
+
+    Args:
+        kind: What it is about: `greys`, `colours`, `goals`, `rooms`, `ways` or `lifts`.
+        text: What is wrong, in a sentence.
+        places: The names of the places that it is about.
+        cells: Rows and columns of cells where it is seen.
+        floor: The floor that it is on, where there are several.
+    """
+
+    kind: str
+    text: str
+    places: tuple[str, ...] = ()
+    cells: Sequence[tuple[int, int]] = ()
+    floor: str = ""
+
+    def on(self, floor: str) -> Problem:
+        """Return the problem as one of a floor, which its sentence names."""
+        return replace(self, text=f"{floor}: {self.text}", floor=floor)
 
 
 def check(floor: Map | Floors, *, radius: float = RADIUS, margin: float = MARGIN) -> tuple[Problem, ...]:

@@ -17,12 +17,11 @@ import numpy as np
 from scipy import ndimage
 from scipy.linalg import block_diag
 
+from mdm.checks import check_metres, is_number
 from mdm.errors import MapError
-from mdm.maps.floors import Floors
-from mdm.maps.metres import check_metres
+from mdm.maps.map import Floors
 from mdm.maps.paths import Paths, drivable
 from mdm.models import Durations, Factor, FactoredMDP, FactoredPOMDP, Node, Space, Table, TwoSliceNetwork
-from mdm.number import is_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

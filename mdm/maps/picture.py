@@ -16,11 +16,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from mdm.maps.frame import Frame
     from mdm.maps.graph import Graph, Node, Pose
-    from mdm.maps.grid import Grid
-    from mdm.maps.labels import Labels
-    from mdm.maps.passages import Passage
+    from mdm.maps.paths import Passage
+    from mdm.maps.raster import Frame, Grid, Labels
 
 __all__ = ["Picture", "around", "colour", "contrast", "stacked"]
 

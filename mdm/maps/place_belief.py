@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ConfigError, Error
-from mdm.maps.floors import Floors
-from mdm.maps.map import Map
+from mdm.maps.map import Floors, Map
 from mdm.messages import Belief, ParticleUpdate
 from mdm.runtime import Actor
 
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.actors import Ensemble
-    from mdm.maps.labels import Labels
+    from mdm.maps.raster import Labels
     from mdm.models.matrices import Vector
     from mdm.runtime import Supervision
 

@@ -7,15 +7,12 @@ import math
 from typing import TYPE_CHECKING, Literal
 
 from mdm.actors.predicates.declarations import ACTION_END
-from mdm.choice import check_choice
+from mdm.checks import check_choice, is_number
 from mdm.errors import ConfigError, Error, MapError
-from mdm.maps.floors import Floors
 from mdm.maps.graph import Pose
-from mdm.maps.labels import Labels
-from mdm.maps.lookup import border_distance, lookup
-from mdm.maps.map import Map
+from mdm.maps.map import Floors, Map
+from mdm.maps.raster import Labels, border_distance, lookup
 from mdm.messages import PoseUpdate
-from mdm.number import is_number
 from mdm.runtime import Actor
 from mdm.runtime.clock import check_seconds
 

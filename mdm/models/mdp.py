@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar, overload
 
 import numpy as np
 
+from mdm.checks import is_number
 from mdm.errors import ModelError
 from mdm.models.compressed import is_compressed
 from mdm.models.matrices import Matrix, Vector, distribution, read_only, stochastic_matrices
 from mdm.models.rewards import OutcomeRewards, RewardArray, check_finite, expected_rewards, reward_numbers
 from mdm.models.space import Space, Symbol
-from mdm.number import is_number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence

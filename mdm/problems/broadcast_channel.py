@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mdm.checks import is_number
 from mdm.errors import ModelError
 from mdm.models import POMDP
-from mdm.number import is_number
 from mdm.problems.agents import agents
 from mdm.problems.parameters import checked
 

@@ -6,8 +6,8 @@ import functools
 import inspect
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
+from mdm.checks import is_number, is_whole
 from mdm.errors import ModelError
-from mdm.number import is_number, is_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable

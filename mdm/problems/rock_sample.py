@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from mdm.checks import is_whole
 from mdm.errors import ModelError
 from mdm.models import Factor, FactoredPOMDP, Node, Potential, Space, Table, Tree, TwoSliceNetwork
-from mdm.number import is_whole
 from mdm.problems.parameters import checked
 
 __all__ = ["field_vision_rock_sample", "rock_sample"]

@@ -14,7 +14,7 @@ from mdm.runtime.stream import Stream
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable
 
-    from mdm.number import Whole
+    from mdm.checks import Whole
     from mdm.runtime.actor import Actor
     from mdm.runtime.dispatcher import Dispatcher
 

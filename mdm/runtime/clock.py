@@ -16,8 +16,8 @@ from itertools import count
 from time import monotonic_ns
 from typing import TYPE_CHECKING
 
+from mdm.checks import is_number
 from mdm.errors import ConfigError
-from mdm.number import is_number
 from mdm.runtime import timerfd
 from mdm.runtime.reader import steady
 

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 import anyio
 import msgspec
 
-from mdm.choice import check_flag
+from mdm.checks import check_flag
 from mdm.errors import Error
 from mdm.messages import Decision, Fault, Idle, Mode, StateChange
 from mdm.runtime.actor import Actor

@@ -5,10 +5,9 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING, Literal
 
-from mdm.choice import check_choice
+from mdm.checks import check_choice, is_number
 from mdm.errors import ConfigError
 from mdm.messages import Tick
-from mdm.number import is_number
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
 import anyio
 
-from mdm.choice import check_choice
+from mdm.checks import check_choice, is_whole
 from mdm.errors import Error
-from mdm.number import is_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
     from typing import Self
 
-    from mdm.number import Whole
+    from mdm.checks import Whole
 
 __all__ = ["Overflow", "Stream"]
 

@@ -9,8 +9,8 @@ from typing import Literal
 
 import msgspec
 
+from mdm.checks import is_number, is_whole
 from mdm.errors import ConfigError, Error
-from mdm.number import is_number, is_whole
 from mdm.runtime.clock import check_seconds
 
 __all__ = [

@@ -18,13 +18,12 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from mdm.choice import check_seed
+from mdm.checks import check_seed, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
 from mdm.models import POMDP
 from mdm.models.durations import discounts_in_time
 from mdm.models.matrices import Vector
-from mdm.number import is_whole
 from mdm.policies import mismatch
 from mdm.simulation.episodes import EpisodeBatch, limits, one_by_one
 

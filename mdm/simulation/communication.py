@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
+from mdm.checks import is_number, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
 from mdm.models import POMDP
 from mdm.models.matrices import Vector  # noqa: TC001 - field types are evaluated
-from mdm.number import is_number, is_whole
 from mdm.simulation.batch import Evaluation
 from mdm.simulation.sampler import Sampler
 from mdm.simulation.simulate import steps_for

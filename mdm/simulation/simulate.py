@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 
 from mdm.actors import Ensemble
-from mdm.choice import check_seed
+from mdm.checks import check_seed, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
-from mdm.number import is_whole
 from mdm.runtime import Runtime, run
 from mdm.simulation.batch import Evaluation
 from mdm.simulation.world import World

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mdm.choice import check_flag, check_seed
+from mdm.checks import check_flag, check_seed, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of
 from mdm.models import POMDP, in_time
-from mdm.number import is_whole
 from mdm.solvers.limits import Limits
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ from hypothesis import given, strategies as st
 
 from mdm.errors import MapError
 from mdm.maps import Frame
-from mdm.maps.paths import Paths
-from mdm.maps.sight import sees
+from mdm.maps.paths import Paths, sees
 
 
 def plain(free, starts):

@@ -15,7 +15,7 @@ from mdm.cli.map.drawing import floor_picture
 from mdm.errors import MapError
 from mdm.maps import Edge, Frame, Graph, Grid, Labels, Node, Pose, load_map
 from mdm.maps.files.load import Parts
-from mdm.maps.passages import passages
+from mdm.maps.paths import passages
 from mdm.maps.picture import Picture, around, colour, contrast
 
 WHOLE = (0, 0, 40, 40)

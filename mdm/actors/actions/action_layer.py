@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from mdm.actors.actions.lives import Orders
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.predicates.predicate_manager import PredicateManager
-    from mdm.number import Number
+    from mdm.checks import Number
     from mdm.runtime import Timer, Work
 
 __all__ = ["SAFE_TIMEOUT", "ActionLayer", "ActionStatistics", "Secured"]

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any, Literal
 
 from mdm.actors.actions.sequel import Sequel, Then
-from mdm.choice import check_choice, check_flag
+from mdm.checks import check_choice, check_flag
 from mdm.errors import ConfigError
 from mdm.runtime.clock import check_seconds
 from mdm.runtime.handler import kind_of

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple, TypedDict
 
-from mdm.choice import check_choice
+from mdm.checks import check_choice
 from mdm.errors import ConfigError
 from mdm.runtime.clock import check_seconds
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
+from mdm.checks import is_number
 from mdm.errors import ConfigError, ModelError
-from mdm.number import is_number
 from mdm.runtime.scheduler import check_rate
 
 if TYPE_CHECKING:

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from mdm.actors.predicates.declarations import Kind
     from mdm.actors.predicates.sensor import Readings
+    from mdm.checks import Number
     from mdm.logic import Change
-    from mdm.number import Number
     from mdm.runtime import Channel, Runtime, Supervision, Timer
 
     Truth: TypeAlias = bool | np.bool_ | None

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator, Sequence
 
+    from mdm.maps.check import Problem
     from mdm.maps.files.load import Parts
-    from mdm.maps.problem import Problem
 
 __all__ = ["add_parser", "run"]
 
@@ -136,8 +136,8 @@ def _background(parts: Parts) -> dict[int, int]:
 
 def _greys(path: str | Path) -> Iterator[Problem]:
     """Yield a problem where the unknown cells of a map are free by its threshold."""
+    from mdm.maps.check import Problem  # noqa: PLC0415
     from mdm.maps.files.occupancy import free_grey  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.maps.problem import Problem  # noqa: PLC0415
 
     found = free_grey(path)
     if found is not None:

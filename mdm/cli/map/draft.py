@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _facts(labels: Labels, grid: Grid, graph: Graph) -> dict[str, Any]:
     """Return what the draft holds, ready for JSON."""
-    from mdm.maps.passages import passages, undivided, widest  # noqa: PLC0415
+    from mdm.maps.paths import passages, undivided, widest  # noqa: PLC0415
 
     found = passages(labels, grid)
     doors = {pair: passage.width for pair, passage in widest(found).items()}
@@ -98,7 +98,7 @@ def _tell(facts: dict[str, Any]) -> None:
         print(f"note: the graph has a way between {one!r} and {other!r}, and in the draft they do not touch")
     crowded = facts["undivided"]
     if crowded:
-        from mdm.maps.passages import route_sentence  # noqa: PLC0415 - `mdm --help` needs no numpy
+        from mdm.maps.paths import route_sentence  # noqa: PLC0415 - `mdm --help` needs no numpy
 
         print(f"note: {route_sentence(len(crowded), len(facts['places']))}")
     for one, other in facts["touching"]:

@@ -9,21 +9,20 @@ import numpy as np
 
 from mdm.errors import Error
 from mdm.formats.target import check_place, replacing
-from mdm.maps.floors import place_of
-from mdm.maps.labels import Labels
-from mdm.maps.passages import passages, widest
-from mdm.maps.paths import Paths
+from mdm.maps.map import place_of
+from mdm.maps.paths import Paths, passages, widest
 from mdm.maps.picture import Picture, around, stacked
+from mdm.maps.raster import Labels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from mdm.maps.check import Problem
     from mdm.maps.files.building import BuildingParts
     from mdm.maps.files.load import Parts
-    from mdm.maps.grid import Grid
-    from mdm.maps.passages import Passage
+    from mdm.maps.paths import Passage
     from mdm.maps.picture import Window
-    from mdm.maps.problem import Problem
+    from mdm.maps.raster import Grid
 
 __all__ = ["building_picture", "check_output", "floor_picture", "grid_picture", "keep", "problem_picture"]
 

@@ -222,8 +222,8 @@ def _made(
 def _tour(arguments: argparse.Namespace, floor: Map | Floors) -> tuple[str, ...]:
     """Return the places to come to in the order of a tour; none where none are given."""
     from mdm.maps import Floors  # noqa: PLC0415 - `mdm --help` needs no numpy
+    from mdm.maps.graph import tour  # noqa: PLC0415
     from mdm.maps.model import arrivals  # noqa: PLC0415
-    from mdm.maps.tours import tour  # noqa: PLC0415
 
     graph, given = floor.graph, arguments.visits
     if not given:

@@ -149,7 +149,7 @@ def _show_grid(arguments: argparse.Namespace) -> int:
 
 def _facts(parts: Parts, narrow: float) -> dict[str, Any]:
     """Return what the map holds, ready for JSON."""
-    from mdm.maps.passages import passages, widest  # noqa: PLC0415
+    from mdm.maps.paths import passages, widest  # noqa: PLC0415
 
     labels, graph, grid = parts.labels, parts.graph, parts.grid
     found = () if grid is None else passages(labels, grid)

@@ -1,7 +1,7 @@
 """The files that maps are read from, a module per kind of file."""
 
 from mdm.maps.files.building import load_floors
-from mdm.maps.files.label_image import save_labels
+from mdm.maps.files.image import save_labels
 from mdm.maps.files.load import load_graph, load_map
 from mdm.maps.files.occupancy import load_grid
 from mdm.maps.files.topological_map import save_graph

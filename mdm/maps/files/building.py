@@ -20,8 +20,7 @@ from mdm.errors import FormatError, MapError
 from mdm.formats.source import Source
 from mdm.maps.files.load import load_parts
 from mdm.maps.files.occupancy import image_of
-from mdm.maps.floors import Floors, Lift, joined
-from mdm.maps.map import Map
+from mdm.maps.map import Floors, Lift, Map, joined
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,7 +1,11 @@
-"""Images: the numbers in portable maps (PGM, PPM), read with numpy alone, and in PNG and BMP, read with Pillow."""
+"""Images: the numbers in portable maps (PGM, PPM), read with numpy alone, and in PNG and BMP, read with Pillow.
+
+Labels are written to be corrected in a paint program: a colour for each place, black where there is none.
+"""
 
 from __future__ import annotations
 
+import colorsys
 import io
 import re
 from dataclasses import dataclass
@@ -12,21 +16,24 @@ import numpy as np
 
 from mdm.errors import FormatError, MapError
 from mdm.formats.source import content
+from mdm.formats.target import replacing
 
 if TYPE_CHECKING:
     from os import PathLike
 
     from numpy.typing import NDArray
 
+    from mdm.maps.raster import Labels
     from mdm.models.matrices import Vector
 
-__all__ = ["Image", "read_image"]
+__all__ = ["Image", "read_image", "save_labels"]
 
 _MOST = 100_000_000
 """Pixels of an image."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _HEADER = re.compile(rb"P([2356])" + rb"(?:\s|#[^\n]*\n)+(\d+)" * 3 + rb"(?:\s|(?=\Z))")
 _DEEP = "16 bits per colour channel: save the image with 8"
+_HUES = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,3 +175,37 @@ def _pillow(path: Path) -> Any:
     except ImportError:
         raise MapError(f"{path}: PNG and BMP images need Pillow: pip install 'markov-decision-making[maps]'") from None
     return pillow
+
+
+def save_labels(labels: Labels, path: str | PathLike[str]) -> None:
+    """Write labels as a PNG of plain colours, one cell a pixel.
+
+    A place's name is not in it: read again with the same graph, a place is what has the colour under its goal.
+
+    Raises:
+        FormatError: If the file cannot be written, or its name does not end in ``.png``.
+        MapError: If Pillow is not installed.
+    """
+    if Path(path).suffix.lower() != ".png":
+        raise FormatError("images of labels are written as .png", file=str(path))
+    try:
+        from PIL import Image  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise MapError("PNG images need Pillow: pip install 'markov-decision-making[maps]'") from None
+    colours = np.array([(0, 0, 0), *_colours(len(labels.names))], dtype=np.uint8)
+    image: Any = Image.fromarray(colours[labels.raster])
+    with replacing(Path(path)) as file:
+        image.save(file, format="PNG", optimize=True)
+
+
+def _colours(count: int) -> list[tuple[int, int, int]]:
+    """Return so many colours, none twice: hues first, then the same darker."""
+    colours: dict[tuple[int, int, int], None] = {}
+    while len(colours) < count:
+        turn, hue = divmod(len(colours), _HUES)
+        parts = colorsys.hsv_to_rgb((5 * hue % _HUES) / _HUES, 0.75, 1.0 - 0.05 * (turn % 15))
+        red, green, blue = (round(255 * part) for part in parts)
+        while (red, green, blue) in colours:
+            red, green = (red + 1) % 256, (green + (red == 255)) % 256
+        colours[red, green, blue] = None
+    return list(colours)

@@ -1,4 +1,4 @@
-"""Loading a map from its files."""
+"""Loading a map from its files: the grid, the graph, and labels, whose colours a file names or goals lie in."""
 
 from __future__ import annotations
 
@@ -8,35 +8,43 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+import numpy as np
+
 from mdm.errors import FormatError, MapError
 from mdm.formats.source import Source
-from mdm.maps.files.colours import colours_by_name, colours_under_goals
+from mdm.maps.check import Problem
 from mdm.maps.files.image import read_image
 from mdm.maps.files.occupancy import load_grid
-from mdm.maps.files.predicate_labels import load_colours
 from mdm.maps.files.route_graph import read_route_graph
 from mdm.maps.files.tmap2 import read_tmap2
 from mdm.maps.files.topological_map import read_topological_map
 from mdm.maps.files.yaml_tree import read_yaml
 from mdm.maps.files.zones import frame_of, labels_of
 from mdm.maps.graph import Graph
-from mdm.maps.grid import Grid
-from mdm.maps.labels import Labels
 from mdm.maps.map import Map
+from mdm.maps.raster import Grid, Labels
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
-    from mdm.maps.frame import Frame
-    from mdm.maps.problem import Problem
+    from mdm.maps.raster import Frame
 
-__all__ = ["Parts", "load_graph", "load_map", "load_parts", "read_label_image"]
+__all__ = [
+    "Parts",
+    "colours_by_name",
+    "colours_under_goals",
+    "load_colours",
+    "load_graph",
+    "load_map",
+    "load_parts",
+    "read_label_image",
+]
 
 _FAR = 1_000_000.0
 """Metres that no place reaches."""
 
 GivenPath: TypeAlias = str | PathLike[str]
+_OPAQUE = 0xFF << 24
 
 
 def load_map(
@@ -161,3 +169,82 @@ def read_label_image(path: GivenPath, frame: Frame) -> NDArray[np.uint32]:
             file=Path(path),
         )
     return image.numbers
+
+
+def colours_by_name(
+    graph: Graph, colours: NDArray[np.uint32], names: Mapping[str, int]
+) -> tuple[dict[str, int], list[Problem]]:
+    """Return the colours of the places of a graph by names that are given, and what is wrong with them."""
+    problems: list[Problem] = []
+    chosen: dict[str, int] = {}
+    of: dict[int, str] = {}
+    for name, colour in names.items():
+        if name not in graph.names:
+            text = f"{name!r} has a colour, and is no place of the graph, which has {', '.join(graph.names)}"
+            problems.append(Problem("colours", text))
+        elif colour in of:
+            text = f"{of[colour]!r} and {name!r} have the same colour, {colour}: give each its own"
+            problems.append(Problem("colours", text, (of[colour], name)))
+        else:
+            of[colour] = name
+            chosen[name] = colour
+    there = {int(colour) for colour in np.unique(colours)}
+    for name, colour in chosen.items():
+        if colour not in there:
+            hint = f"; with opacity, as in this image, it is {colour + _OPAQUE}" if colour + _OPAQUE in there else ""
+            problems.append(Problem("colours", f"no pixel has the colour of {name!r}, {colour}{hint}", (name,)))
+    problems += [
+        Problem("colours", f"the names give no colour to {name!r}, a place of the graph", (name,))
+        for name in graph.names
+        if name not in names
+    ]
+    return chosen, problems
+
+
+def colours_under_goals(graph: Graph, colours: NDArray[np.uint32], grid: Grid) -> tuple[dict[str, int], list[Problem]]:
+    """Return for each place the colour that is under its goal, and what is wrong with these."""
+    problems: list[Problem] = []
+    chosen: dict[str, int] = {}
+    of: dict[int, str] = {}
+    for node in graph.nodes:
+        cell = grid.frame.cell(node.goal.x, node.goal.y)
+        where = f"the goal of {node.name!r}, ({node.goal.x:g}, {node.goal.y:g}),"
+        if cell is None:
+            problems.append(Problem("goals", f"{where} lies outside the map", (node.name,)))
+            continue
+        colour = int(colours[cell])
+        if not grid.free[cell]:
+            text = f"{where} is not free in the map, so that the colour under it says nothing: move it, or give names"
+            problems.append(Problem("goals", text, (node.name,), [cell]))
+        elif colour in of:
+            text = f"{where} and that of {of[colour]!r} lie on the same colour, {colour}: give each place its own"
+            problems.append(Problem("colours", text, (of[colour], node.name), [cell]))
+        else:
+            of[colour] = node.name
+            chosen[node.name] = colour
+    return chosen, problems
+
+
+def load_colours(path: str | Path) -> dict[str, int]:
+    """Load the number of each place's colour, by the place's name.
+
+    A number is decimal or begins with 0x. A negative one is that of an image with opacity, as 32 bits with a sign.
+
+    Raises:
+        FormatError: If the file is missing or malformed, or two places have the same colour.
+        MapError: If PyYAML is not installed.
+    """
+    colours: dict[str, int] = {}
+    root = read_yaml(Source(path))
+    for name, entry in root.mapping("the colours").items():
+        text = entry.string(name)
+        try:
+            number = int(text, 0)
+        except ValueError:
+            entry.fail(f"{name}: the number of a colour was expected, not {text!r}")
+        if not -(1 << 31) <= number < 1 << 32:
+            entry.fail(f"{name}: the number {number} is that of no colour: it has more than 32 bits")
+        colours[name] = number % (1 << 32)
+    if not colours:
+        root.fail("no place has a colour")
+    return colours

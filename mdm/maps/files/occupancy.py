@@ -23,8 +23,7 @@ from mdm.errors import MapError, MapWarning
 from mdm.formats.source import Source
 from mdm.maps.files.image import read_image
 from mdm.maps.files.yaml_tree import read_yaml
-from mdm.maps.frame import Frame
-from mdm.maps.grid import Grid
+from mdm.maps.raster import Frame, Grid
 
 if TYPE_CHECKING:
     from pathlib import Path

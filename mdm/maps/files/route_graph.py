@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from mdm.checks import is_number
 from mdm.errors import MapWarning
 from mdm.maps.files.gathered import Gathered
 from mdm.maps.graph import Edge, Graph, Node, Pose
-from mdm.number import is_number
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import MapError, MapWarning
-from mdm.maps.frame import Frame
-from mdm.maps.labels import Labels
+from mdm.maps.raster import Frame, Labels
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -12,7 +12,7 @@ from mdm.maps.paths import WALL_GAP
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from mdm.maps.grid import Grid
+    from mdm.maps.raster import Grid
     from mdm.simulation.building.body import Body
 
 __all__ = ["GAP", "Brakes"]

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mdm.checks import is_number, is_whole
 from mdm.errors import ConfigError, Error, MapError
 from mdm.maps.paths import PATH_MARGIN, Paths, drivable
 from mdm.messages import PoseUpdate
-from mdm.number import is_number, is_whole
 from mdm.runtime import Actor
 from mdm.simulation.building.brakes import GAP, Brakes
 from mdm.simulation.building.bystander import Bystander

@@ -9,8 +9,7 @@ import numpy as np
 
 from mdm.errors import Error, MapError
 from mdm.maps import Pose
-from mdm.maps.paths import PATH_MARGIN, Paths
-from mdm.maps.sight import sees
+from mdm.maps.paths import PATH_MARGIN, Paths, sees
 from mdm.simulation.building.body import Body
 from mdm.simulation.building.brakes import GAP, Brakes
 from mdm.simulation.building.drive import Aside, Drive

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from mdm.checks import is_number
 from mdm.errors import ConfigError
 from mdm.messages import Message
-from mdm.number import is_number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

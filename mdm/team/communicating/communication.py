@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
+from mdm.checks import is_number
 from mdm.errors import ConfigError, ModelError
-from mdm.number import is_number
 from mdm.team.transport.budget import TokenBucket
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from mdm.checks import is_whole
 from mdm.errors import ConfigError, ModelError
-from mdm.number import is_whole
 from mdm.symbols import agent_index
 
 if TYPE_CHECKING:

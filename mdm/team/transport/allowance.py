@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from mdm.checks import is_number
 from mdm.errors import ConfigError
-from mdm.number import is_number
 from mdm.team.transport.budget import TokenBucket
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from mdm.checks import is_number, is_whole
 from mdm.errors import ConfigError
-from mdm.number import is_number, is_whole
 
 __all__ = ["TokenBucket"]
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from mdm.checks import is_number, is_whole
 from mdm.errors import ConfigError, Error
-from mdm.number import is_number, is_whole
 from mdm.team.transport.keys import check_expression
 from mdm.team.transport.transport import Priority
 

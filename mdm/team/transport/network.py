@@ -11,8 +11,8 @@ from functools import partial
 from random import Random
 from typing import TYPE_CHECKING, Literal
 
+from mdm.checks import is_number
 from mdm.errors import ConfigError, Error
-from mdm.number import is_number
 from mdm.team.transport.envelope import LARGEST, Packer, check_size
 from mdm.team.transport.keys import check_expression, check_name
 from mdm.team.transport.router import Router

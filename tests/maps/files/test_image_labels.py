@@ -10,8 +10,7 @@ from maps.floors import flat
 
 from mdm.errors import FormatError, MapError
 from mdm.maps import Frame, Labels, load_map
-from mdm.maps.files.image import read_image
-from mdm.maps.files.label_image import save_labels
+from mdm.maps.files.image import read_image, save_labels
 
 
 def test_what_is_written_is_read_again_by_the_goals(tmp_path):

@@ -1,16 +1,23 @@
-"""Choices that users make: among a few words, yes or no, and the seed of chance."""
+"""Checks of what users give: numbers (Python's and numpy's alike; truth values are none), choices, seeds, lengths."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from numbers import Integral, Real
+from typing import TYPE_CHECKING, Any, TypeGuard
 
-from mdm.errors import ConfigError
-from mdm.number import is_whole
+from mdm.errors import ConfigError, MapError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import TypeAlias
 
-__all__ = ["check_choice", "check_flag", "check_seed"]
+    import numpy as np
+
+    Number: TypeAlias = float | np.floating[Any] | np.integer[Any]
+    Whole: TypeAlias = int | np.integer[Any]
+
+__all__ = ["check_choice", "check_flag", "check_metres", "check_seed", "is_number", "is_whole"]
 
 
 def check_choice(given: object, choices: Sequence[str], what: str, *, key: str | None = None) -> None:
@@ -42,3 +49,23 @@ def check_seed(given: object) -> None:
     """
     if given is not None and not (is_whole(given) and given >= 0):
         raise ConfigError(f"a seed is a whole number from 0 on, not {given!r}", key="seed")
+
+
+def is_number(given: object) -> TypeGuard[float]:
+    """Whether something is a real number; nan and infinities are."""
+    return isinstance(given, Real) and not isinstance(given, bool)
+
+
+def is_whole(given: object) -> TypeGuard[int]:
+    """Whether something is an integer."""
+    return isinstance(given, Integral) and not isinstance(given, bool)
+
+
+def check_metres(metres: object, what: str) -> None:
+    """Check that a length is one.
+
+    Raises:
+        MapError: If it is no finite number of 0 or more; `what` names it.
+    """
+    if not is_number(metres) or not 0 <= metres < math.inf:
+        raise MapError(f"{what} is a number of metres, 0 or more, not {metres!r}")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mdm import ConfigError
-from mdm.choice import check_choice, check_flag, check_seed
+from mdm.checks import check_choice, check_flag, check_seed
 
 
 @pytest.mark.parametrize("given", ["blue", "Red", "", None, 1, ["red"], {}, b"red"])

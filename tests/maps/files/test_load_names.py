@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mdm.errors import FormatError
-from mdm.maps.files.predicate_labels import load_colours
+from mdm.maps.files.load import load_colours
 
 
 def load(tmp_path, text):

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from mdm.checks import check_metres
 from mdm.errors import MapError
-from mdm.maps.metres import check_metres
 
 
 @pytest.mark.parametrize("metres", [-1, -0.1, math.nan, math.inf, "1", None, True])

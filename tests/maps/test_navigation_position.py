@@ -9,7 +9,7 @@ from rows_of_rooms import row_of_rooms
 
 import mdm
 from mdm.maps import Navigation, Places
-from mdm.maps.position import Position
+from mdm.maps.navigation import Position
 from mdm.messages import Action
 from mdm.models import Factor, Space
 

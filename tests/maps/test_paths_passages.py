@@ -7,7 +7,7 @@ import pytest
 from floor_file import free, rooms
 
 from mdm.maps import Frame, Grid, Labels
-from mdm.maps.passages import passages, undivided, widest
+from mdm.maps.paths import passages, undivided, widest
 
 NAMES = ("hall", "office", "store")
 

@@ -14,8 +14,8 @@ from rows_of_rooms import row_of_rooms
 import mdm
 from mdm.errors import MapError
 from mdm.maps import Edge, Graph, Map, Navigation, Node, Pose
+from mdm.maps.graph import tour
 from mdm.maps.model import model, visits
-from mdm.maps.tours import tour
 from mdm.testing import probe, run_virtual
 
 

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from mdm.number import is_number, is_whole
+from mdm.checks import is_number, is_whole
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mdm.maps import Frame, Graph, Grid, Node, Pose
-from mdm.maps.files.colours import colours_by_name, colours_under_goals
+from mdm.maps.files.load import colours_by_name, colours_under_goals
 
 COLOURS = np.array([[5, 5, 9, 9, 0xFF000007]], dtype=np.uint32)
 GRID = Grid(Frame(1, 5, 1.0), np.array([[True, True, True, False, True]]), np.zeros((1, 5), dtype=bool))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, strategies as st
 
-from mdm.maps.sight import seen_from, sees
+from mdm.maps.paths import seen_from, sees
 
 
 @given(st.integers(1, 40), st.integers(1, 40), st.data())

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm.maps import Frame, Labels
-from mdm.maps.lookup import lookup
+from mdm.maps.raster import lookup
 
 COORDINATE = st.floats(-8, 8) | st.sampled_from([math.nan, math.inf, -math.inf, 0.0, -0.0, 2.0, 1e300])
 

@@ -13,9 +13,9 @@ from hypothesis import given, settings, strategies as st
 import mdm
 from mdm.errors import MapError
 from mdm.maps import Edge, Floors, Frame, Graph, Grid, Labels, Lift, Map, Navigation, Node, Places, Pose, check
-from mdm.maps.floors import place_of, rides
+from mdm.maps.graph import tour
+from mdm.maps.map import place_of, rides
 from mdm.maps.model import arrivals, model, sightings, visits
-from mdm.maps.tours import tour
 from mdm.testing import probe, run_virtual
 
 

@@ -39,7 +39,7 @@ test: $(READY)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
 
 # What another interpreter is most likely to change, in little time: what the event loop, threads and actors are made of.
-FAST := tests/actors/test_*actions.py tests/actors/test_ensemble.py tests/logic tests/runtime
+FAST := tests/actors/actions tests/actors/test_ensemble.py tests/logic tests/runtime
 test-fast: $(READY)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal $(FAST)
 
@@ -61,13 +61,15 @@ wheel-test:
 	cd $(WHEEL)/copy && ../env/bin/mdm --version && ../env/bin/pytest -n logical --maxprocesses 8 --dist worksteal
 
 # Random systems under random faults in virtual time, then robots as real processes that get signals, two at a time; then
-# teams that are sent forged messages; then patrols of random floors, which must go on; then
+# teams that are sent forged messages; then all that may happen, in a few steps, to three ensembles above each other;
+# then patrols of random floors, which must go on; then
 # random schedules of what happens to a team's agreement; then hours of many robots on a floor; then days of the demo,
 # 6 minutes of a processor each.
 # Violations are printed with their seeds.
 MDM_CHAOS ?= 100000
 MDM_CHAOS_PROCESSES ?= 1000
 MDM_FORGED ?= 200000
+MDM_LADDER ?= 20000
 MDM_PATROLS ?= 2000
 MDM_SCHEDULES ?= 100000
 MDM_CROWDS ?= 3600
@@ -75,6 +77,7 @@ MDM_DAYS ?= 20
 chaos: $(READY)
 	PYTHONPATH=tests $(BIN)/python -m chaos $(MDM_CHAOS) $(MDM_CHAOS_PROCESSES)
 	PYTHONPATH=tests $(BIN)/python -m team.forgery $(MDM_FORGED)
+	PYTHONPATH=tests $(BIN)/python -m ladder $(MDM_LADDER)
 	PYTHONPATH=tests $(BIN)/python -m patrols $(MDM_PATROLS)
 	PYTHONPATH=tests $(BIN)/python -m team.schedules $(MDM_SCHEDULES)
 	PYTHONPATH=tests $(BIN)/python -m crowds $(MDM_CROWDS)

@@ -54,6 +54,7 @@ ACROSS = {
     "actors/actions/test_failed_actions.py": "the action layer: actions that fail, or do not end",
     "actors/actions/test_groups.py": "safety: actions of a group",
     "actors/test_safe_starts.py": "safety: ends and failures in the middle of a start",
+    "actors/test_ladder.py": "all that may happen to three ensembles above each other",
     "actors/test_many.py": "many ensembles in one runtime",
     "actors/test_hierarchy.py": "ensembles above and below each other",
     "actors/test_lost_input.py": "safety: input that is lost",

@@ -27,7 +27,7 @@ from mdm.loading import model_of, policy_of, spared
 from mdm.models import POMDP, FactoredMDP, FactoredPOMDP
 from mdm.models.compilation import sparing
 from mdm.models.digest import digest, of_parts
-from mdm.models.factored.reward_rows import RewardRow, RewardRows
+from mdm.models.factored.flattening import RewardRow, RewardRows
 from mdm.options import ControllerOptions, OnImpossible, check_options
 from mdm.policies import mismatch
 from mdm.symbols import Symbols

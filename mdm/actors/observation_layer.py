@@ -8,7 +8,7 @@ from mdm.actors.layer import Layer
 from mdm.actors.wiring import Wire, arrange
 from mdm.errors import ConfigError
 from mdm.logic import similar
-from mdm.logic.memory import Memory
+from mdm.logic.inputs import Memory
 from mdm.messages import EventUpdate, Observation
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdm.models.compressed import is_compressed
+from mdm.models.matrices import is_compressed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -17,10 +17,9 @@ from mdm.beliefs.filter import Filter
 from mdm.beliefs.network import NetworkFilter
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
 from mdm.models.compilation import can_compile, may_compile
-from mdm.models.compressed import is_compressed
 from mdm.models.dynamics import Dynamics
 from mdm.models.factored.model import FactoredPOMDP
-from mdm.models.matrices import held_bytes
+from mdm.models.matrices import held_bytes, is_compressed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

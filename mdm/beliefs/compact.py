@@ -14,8 +14,8 @@ import numpy as np
 from mdm.beliefs.dense import folded
 from mdm.beliefs.filter import WholeFilter
 from mdm.models.compilation import direct
-from mdm.models.compressed import csr, is_compressed
 from mdm.models.dynamics import Dynamics, dense
+from mdm.models.matrices import csr, is_compressed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

@@ -14,10 +14,9 @@ import numpy as np
 from mdm.beliefs.choice import DENSE, FOLDED, PAIRS, SMALL, compiles, most_folded
 from mdm.beliefs.compact import LINE
 from mdm.errors import ConfigError
-from mdm.models.compressed import is_compressed
 from mdm.models.factored.model import FactoredMDP, FactoredPOMDP
 from mdm.models.factored.size import MatrixSize
-from mdm.models.matrices import held_bytes
+from mdm.models.matrices import held_bytes, is_compressed
 from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:

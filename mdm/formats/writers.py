@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import ModelWarning
-from mdm.models.compressed import csr, is_compressed
-from mdm.models.factored.potential import Node, Table
+from mdm.models.factored.two_slice import Node, Table
+from mdm.models.matrices import csr, is_compressed
 
 if TYPE_CHECKING:
     import re
     from collections.abc import Callable, Container, Sequence
 
     from mdm.models import TwoSliceNetwork
-    from mdm.models.factored.potential import Potential
+    from mdm.models.factored.two_slice import Potential
 
 __all__ = ["Speller", "closed", "initial", "unused", "utilities"]
 _CLOSE = 1e-14

@@ -1,23 +1,30 @@
-"""Inputs of a network: which values and events, by name, mean which of its places."""
+"""Inputs of a network: which values and events, by name, mean which of its places, and what a change of some touches.
+
+What a change touches is found once for those that recur, and remembered within bounds.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import msgspec
 
 from mdm.errors import Error
 from mdm.logic.compiler import CODES, TRUE
 from mdm.logic.declarations import similar
-from mdm.logic.memory import Memory
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from mdm.logic.declarations import Declaration
-    from mdm.logic.plan import Plan
 
-__all__ = ["Given", "Inputs"]
+__all__ = ["Change", "Given", "Inputs", "Memory", "Plan"]
 
 _FEW = 8
+K = TypeVar("K")
+V = TypeVar("V")
+MOST = 4096
+"""Entries of a memory."""
 
 
 class Given:
@@ -105,3 +112,69 @@ class Inputs:
             return Error(f"there is no predicate or event {name!r}{similar(name, self._index)}")
         kind = "raised: it is not an event" if self._nodes[name].kind == "input" else "set from outside: it is derived"
         return Error(f"{name!r} cannot be {kind}")
+
+
+class Change(msgspec.Struct):
+    """The changes of an update, by name: predicates that became true, false or unknown; events that occurred.
+
+    ``armed`` are the holds whose formula became true, which starts their time; ``disarmed`` those whose formula ceased
+    to be true. A change that recurs is the same object; with ``noted`` its reader may keep what it finds out about it.
+    """
+
+    rising: tuple[str, ...] = ()
+    falling: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    events: tuple[str, ...] = ()
+    armed: tuple[str, ...] = ()
+    disarmed: tuple[str, ...] = ()
+    noted: Any = None
+
+
+class Plan:
+    """What a set of changes touches.
+
+    Args:
+        codes: Four times the place of each node that changes, and its value.
+        order: All that is downstream of them, in order.
+        dirty: What depends on them immediately.
+        formulas: What is downstream with its functions, if these are few and plain formulas: then to evaluate all is
+            quicker than to find out which must be.
+        raised: The places of events among them.
+
+    Attributes:
+        changes: What has come of it, by the formulas' values in base 4: 3 where one stays.
+        outcome: These values when it came last, or -1.
+        change: What came of it then.
+    """
+
+    __slots__ = ("change", "changes", "codes", "dirty", "formulas", "order", "outcome", "raised")
+
+    def __init__(
+        self,
+        codes: tuple[int, ...],
+        order: tuple[int, ...],
+        dirty: frozenset[int],
+        formulas: tuple[tuple[int, Callable[[list[int]], int]], ...] | None,
+        raised: tuple[int, ...],
+    ) -> None:
+        self.codes = codes
+        self.order = order
+        self.dirty = dirty
+        self.formulas = formulas
+        self.raised = raised
+        self.changes: dict[int, Change] = {}
+        self.outcome = -1
+        self.change: Change | None = None
+
+
+class Memory(dict[K, V]):
+    """What was found by key: a dictionary that begins anew when it is full."""
+
+    __slots__ = ()
+
+    def keep(self, key: K, value: V) -> V:
+        """Remember a value, and return it."""
+        if len(self) >= MOST:
+            self.clear()
+        self[key] = value
+        return value

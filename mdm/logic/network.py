@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Final
 from mdm.errors import Error
 from mdm.logic.compiler import FALSE, TRUE, UNKNOWN, compile_formula, compile_hold, compile_latch
 from mdm.logic.declarations import Declaration, Declarations
-from mdm.logic.inputs import Given, Inputs
-from mdm.logic.memory import MOST, Memory
-from mdm.logic.plan import Change, Plan
+from mdm.logic.inputs import MOST, Change, Given, Inputs, Memory, Plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

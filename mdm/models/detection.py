@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.compressed import csr, csr_identity, is_compressed
+from mdm.models.matrices import csr, csr_identity, is_compressed
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from mdm.models.compressed import is_compressed
 from mdm.models.factored import FactoredMDP, FactoredPOMDP, Tree
+from mdm.models.matrices import is_compressed
 from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.compressed import csr
-from mdm.models.matrices import numbers, read_only
+from mdm.models.matrices import csr, numbers, read_only
 from mdm.models.mdp import MDP
 from mdm.models.pomdp import POMDP
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from mdm.models.compressed import csr, is_compressed
 from mdm.models.events import by_entry
+from mdm.models.matrices import csr, is_compressed
 from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from mdm.errors import ModelError, ModelWarning
-from mdm.models.compressed import csr, is_compressed
 from mdm.models.detection import is_rounding
-from mdm.models.matrices import ROUNDING, TOLERANCE, Matrix, Vector, numbers, read_only
+from mdm.models.matrices import ROUNDING, TOLERANCE, Matrix, Vector, csr, is_compressed, numbers, read_only
 from mdm.models.validation import report
 
 if TYPE_CHECKING:
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from mdm.models.space import Space
 
 __all__ = ["DenseEvents", "EventObservations", "TransitionEvents", "by_entry", "event_observations"]
-
 
 _TOLD = 100
 

@@ -1,4 +1,7 @@
-"""Matrices of probabilities: one per action, dense or CSR, checked, normalised and read-only."""
+"""Matrices of probabilities: one per action, dense or CSR, checked, normalised and read-only.
+
+scipy is slow to import, so it is imported with the first CSR matrix.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import ModelError, ModelWarning
-from mdm.models.compressed import csr, is_compressed
 from mdm.models.validation import is_collecting, report
 
 if TYPE_CHECKING:
@@ -24,8 +26,11 @@ __all__ = [
     "Matrix",
     "RowError",
     "Vector",
+    "csr",
+    "csr_identity",
     "distribution",
     "held_bytes",
+    "is_compressed",
     "is_large_and_sparse",
     "numbers",
     "read_only",
@@ -245,3 +250,22 @@ def read_only(matrix: Any) -> Any:
     for array in (matrix.data, matrix.indices, matrix.indptr) if is_compressed(matrix) else (matrix,):
         array.flags.writeable = False
     return matrix
+
+
+def is_compressed(matrix: object) -> bool:
+    """Whether an object is a sparse matrix of scipy, in any layout."""
+    return not isinstance(matrix, np.ndarray) and hasattr(matrix, "tocsr")
+
+
+def csr(matrix: Any, shape: tuple[int, int] | None = None, *, copy: bool = True) -> Any:
+    """Return a CSR matrix of floats from a dense or sparse matrix, or from ``(data, indices, row starts)``."""
+    from scipy.sparse import csr_array  # noqa: PLC0415 - see above
+
+    return csr_array(matrix, shape=shape, dtype=np.float64, copy=copy)
+
+
+def csr_identity(size: int) -> Any:
+    """Return an identity matrix."""
+    from scipy.sparse import eye_array  # noqa: PLC0415 - see above
+
+    return eye_array(size, format="csr")

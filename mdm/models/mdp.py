@@ -10,8 +10,7 @@ import numpy as np
 
 from mdm.checks import is_number
 from mdm.errors import ModelError
-from mdm.models.compressed import is_compressed
-from mdm.models.matrices import Matrix, Vector, distribution, read_only, stochastic_matrices
+from mdm.models.matrices import Matrix, Vector, distribution, is_compressed, read_only, stochastic_matrices
 from mdm.models.rewards import OutcomeRewards, RewardArray, check_finite, expected_rewards, reward_numbers
 from mdm.models.space import Space, Symbol
 

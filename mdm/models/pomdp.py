@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.compressed import csr, is_compressed
 from mdm.models.detection import Resolvent, leading_to_detection
 from mdm.models.events import (
     DenseEvents,
@@ -16,7 +15,7 @@ from mdm.models.events import (
     TransitionEvents,
     event_observations as checked_events,
 )
-from mdm.models.matrices import Matrix, Vector, numbers, stochastic_matrices
+from mdm.models.matrices import Matrix, Vector, csr, is_compressed, numbers, stochastic_matrices
 from mdm.models.mdp import MDP, as_space, matrix_row
 
 if TYPE_CHECKING:

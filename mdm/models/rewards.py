@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.compressed import is_compressed
-from mdm.models.matrices import Checked, Matrix, Vector, numbers
+from mdm.models.matrices import Checked, Matrix, Vector, is_compressed, numbers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -14,7 +14,7 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import POMDP
-from mdm.models.compressed import csr
+from mdm.models.matrices import csr
 from mdm.policies.batch import BeliefBatch
 from mdm.policies.policy import BeliefPolicy, listed, whole
 

@@ -7,8 +7,7 @@ import numpy as np
 from mdm.checks import is_number
 from mdm.errors import ModelError
 from mdm.models import POMDP
-from mdm.problems.agents import agents
-from mdm.problems.parameters import checked
+from mdm.problems.parameters import agents, checked
 
 __all__ = ["broadcast_channel"]
 

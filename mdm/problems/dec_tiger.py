@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mdm.models import POMDP
-from mdm.problems.agents import agents
-from mdm.problems.parameters import checked
+from mdm.problems.parameters import agents, checked
 
 __all__ = ["dec_tiger"]
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import Factor, FactoredPOMDP, Node, Space, Table, Tree, TwoSliceNetwork
-from mdm.problems.agents import agents
-from mdm.problems.parameters import checked
+from mdm.problems.parameters import agents, checked
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from mdm.errors import ModelError
 from mdm.models import MDP
-from mdm.models.compressed import csr
+from mdm.models.matrices import csr
 from mdm.problems.grid import DIRECTIONS, Grid
 from mdm.problems.parameters import checked
 

@@ -1,4 +1,4 @@
-"""Parameters of problems: each is of the kind that its annotation says."""
+"""Parameters of problems: each is of the kind that its annotation says; and spaces of teams whose agents are alike."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from mdm.checks import is_number, is_whole
 from mdm.errors import ModelError
+from mdm.models import Factor, Space
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
-__all__ = ["checked"]
+__all__ = ["agents", "checked"]
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -45,3 +46,8 @@ def checked(problem: Callable[P, T]) -> Callable[P, T]:
         return problem(*given.args, **given.kwargs)
 
     return check
+
+
+def agents(names: Sequence[str], count: int = 2) -> Space:
+    """Return a joint space in which every agent has the same symbols; the first factor is ``agent0``."""
+    return Space(Factor(f"agent{number}", names) for number in range(count))

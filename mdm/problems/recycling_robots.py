@@ -7,8 +7,7 @@ from itertools import product
 import numpy as np
 
 from mdm.models import POMDP, Factor, Space
-from mdm.problems.agents import agents
-from mdm.problems.parameters import checked
+from mdm.problems.parameters import agents, checked
 
 __all__ = ["recycling_robots"]
 

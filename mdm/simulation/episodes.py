@@ -13,8 +13,7 @@ from mdm.errors import ConfigError
 from mdm.models import POMDP
 from mdm.models.dynamics import Dynamics
 from mdm.policies.batch import ENDED
-from mdm.simulation.batch_sampler import BatchSampler, ended_states
-from mdm.simulation.sampler import Sampler
+from mdm.simulation.sampler import BatchSampler, Sampler, ended_states
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -9,8 +9,7 @@ from mdm.errors import ConfigError
 from mdm.messages import Action, Belief, Fault, Observation, State
 from mdm.models import POMDP, MixedPOMDP
 from mdm.runtime import Actor
-from mdm.simulation.lengths import Lengths
-from mdm.simulation.sampler import Sampler
+from mdm.simulation.sampler import Lengths, Sampler
 
 if TYPE_CHECKING:
     from collections.abc import Callable

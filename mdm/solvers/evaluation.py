@@ -17,7 +17,7 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import POMDP, in_time
-from mdm.models.compressed import csr, is_compressed
+from mdm.models.matrices import csr, is_compressed
 
 if TYPE_CHECKING:
     from mdm.models import MDP, Durations

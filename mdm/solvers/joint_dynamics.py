@@ -2,6 +2,11 @@
 
 It has a row for each s, and a column for each pair of o and s' that is possible. One product moves a block of beliefs
 along all observations; one product with the vectors that follow makes the vectors of a backup.
+
+Steps before the next detection are summed: with S(s, s') the probability of a step without a detection, and g the
+discount, an action with reward r in a step has reward (I - g S)^-1 r up to the detection, whose probabilities are
+multiplied by the same matrix (J. V. Messias, M. T. J. Spaan and P. U. Lima, *Asynchronous execution in multiagent
+POMDPs: reasoning over partially-observable events*, MSDM 2013).
 """
 
 from __future__ import annotations
@@ -11,17 +16,16 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from mdm.models.compressed import csr, is_compressed
+from mdm.errors import ModelError
+from mdm.models.detection import Resolvent, is_rounding
 from mdm.models.dynamics import Dynamics, Indices, Joint
-from mdm.models.matrices import ROUNDING
+from mdm.models.matrices import ROUNDING, csr, is_compressed
 from mdm.solvers.bounds import InformedBound
-from mdm.solvers.resolvent import discounted_resolvent
 
 if TYPE_CHECKING:
-    from mdm.models.detection import Resolvent
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["JointDynamics", "Only"]
+__all__ = ["JointDynamics", "Only", "discounted_resolvent"]
 
 Only: TypeAlias = tuple[int, Indices]
 
@@ -34,6 +38,7 @@ _NARROW = 0.3
 """With more states than the first, beliefs are sparse if their supports are less than this share of the states."""
 _TOGETHER = 8_000_000
 """The most numbers that are gathered at once for a backup."""
+_ENDLESS = 1e9
 
 
 class JointDynamics:
@@ -244,3 +249,26 @@ class JointDynamics:
         """Return the values of an action up to and after the next detection, of those of a single step."""
         resolvent = self._resolvents[action]
         return values if resolvent is None else resolvent.values(values)
+
+
+def discounted_resolvent(steps: Matrix | None, discount: float, name: str) -> Resolvent | None:
+    """Return the resolvent of an action's steps without a detection; None where every event is detected.
+
+    Args:
+        steps: The probabilities of these steps, S x S', dense or CSR; None where there are none.
+        discount: What a step is discounted by.
+        name: The action's.
+
+    Raises:
+        ModelError: If the discount is 1 and nothing may ever be detected.
+    """
+    if steps is None or is_rounding(steps):
+        return None
+    endless = f"the discount is 1, and action {name!r} may go on for ever without anything being detected"
+    try:
+        resolvent = Resolvent(discount * steps)
+    except (np.linalg.LinAlgError, RuntimeError):
+        raise ModelError(endless) from None
+    if not np.abs(resolvent.values(np.ones(steps.shape[0]))).max() < _ENDLESS / max(1 - discount, 1e-6):
+        raise ModelError(endless)
+    return resolvent

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.models.factored.potential import Node
+from mdm.models.factored.two_slice import Node
 from mdm.views.canvas import keep, pyplot
 
 if TYPE_CHECKING:
     from mdm.models import TwoSliceNetwork
-    from mdm.models.factored.potential import Role
+    from mdm.models.factored.two_slice import Role
 
 __all__ = ["draw"]
 

@@ -16,9 +16,9 @@ from mdm import ConfigError, Controller, Ensemble, ModelError
 from mdm.beliefs import BeliefTracker
 from mdm.errors import ModelWarning
 from mdm.models import MDP, POMDP, Factor, MixedPOMDP, Space
-from mdm.models.compressed import csr
 from mdm.models.detection import Resolvent
 from mdm.models.digest import digest
+from mdm.models.matrices import csr
 from mdm.policies import AlphaVectors
 from mdm.solvers import solve
 

@@ -6,8 +6,8 @@ from hypothesis import given, strategies as st
 from random_models import dense, factored_models, flat_models
 
 from mdm.models import MDP, POMDP, dynamics as forms
-from mdm.models.compressed import csr
 from mdm.models.dynamics import Dynamics, once, stacked
+from mdm.models.matrices import csr
 from mdm.problems import tiger
 
 POMDPS = flat_models(kinds=("POMDP",), events=True)

@@ -125,7 +125,7 @@ def _difference(model: MDP, written: MDP) -> float:
 def _distance(left: Any, right: Any) -> float:
     import numpy as np  # noqa: PLC0415
 
-    from mdm.models.compressed import is_compressed  # noqa: PLC0415
+    from mdm.models.matrices import is_compressed  # noqa: PLC0415
 
     if is_compressed(left) != is_compressed(right):
         left, right = (each.toarray() if is_compressed(each) else each for each in (left, right))

@@ -17,11 +17,10 @@ import numpy as np
 from mdm.errors import ModelWarning
 from mdm.formats.archive.store import Store, StoreError, user_folder
 from mdm.models import MDP, POMDP, FactoredMDP, FactoredPOMDP
-from mdm.models.compressed import csr, is_compressed
 from mdm.models.digest import digest, of_parts
 from mdm.models.dynamics import Rows, distinct, stacked
 from mdm.models.events import DenseEvents, TransitionEvents
-from mdm.models.matrices import Checked, read_only
+from mdm.models.matrices import Checked, csr, is_compressed, read_only
 from mdm.version import __version__
 
 if TYPE_CHECKING:

@@ -17,11 +17,9 @@ from mdm.errors import FormatError, ModelError, ModelWarning
 from mdm.formats.archive import npz
 from mdm.formats.archive.npz import Names, names_of, space_of
 from mdm.models import MDP, POMDP, Durations, FactoredMDP, FactoredPOMDP
-from mdm.models.compressed import csr, is_compressed
 from mdm.models.events import DenseEvents, TransitionEvents
-from mdm.models.factored.potential import Node, Potential, Role, Table, Tree
-from mdm.models.factored.two_slice import TwoSliceNetwork
-from mdm.models.matrices import ROUNDING, Checked, Matrix, Vector
+from mdm.models.factored.two_slice import Node, Potential, Role, Table, Tree, TwoSliceNetwork
+from mdm.models.matrices import ROUNDING, Checked, Matrix, Vector, csr, is_compressed
 from mdm.models.rewards import RewardArray
 
 if TYPE_CHECKING:

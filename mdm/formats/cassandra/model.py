@@ -21,8 +21,7 @@ from mdm.formats.source import LARGEST, Source, Words, number, suffixes
 from mdm.formats.target import write_text
 from mdm.formats.writers import Speller, closed
 from mdm.models import MDP, POMDP, Space
-from mdm.models.compressed import csr, is_compressed
-from mdm.models.matrices import TOLERANCE, RowError
+from mdm.models.matrices import TOLERANCE, RowError, csr, is_compressed
 from mdm.models.validation import is_collecting, report
 
 if TYPE_CHECKING:

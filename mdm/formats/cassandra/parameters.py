@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import ModelError
-from mdm.models.compressed import csr, is_compressed
+from mdm.models.matrices import csr, is_compressed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

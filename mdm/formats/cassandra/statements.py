@@ -17,7 +17,7 @@ import numpy.typing as npt
 from mdm.errors import FormatError, ModelError
 from mdm.formats.cassandra.parameters import Places, Probabilities, Rewards
 from mdm.formats.source import number
-from mdm.models.compressed import csr_identity
+from mdm.models.matrices import csr_identity
 from mdm.models.validation import report
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from mdm.errors import ModelError
 from mdm.formats.madp import dpomdp
 from mdm.formats.source import Source, number
 from mdm.models import POMDP, Factor, Space
-from mdm.models.compressed import csr
+from mdm.models.matrices import csr
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -17,8 +17,7 @@ from mdm.formats.markup import Element, stream
 from mdm.formats.openmarkov.writer import write
 from mdm.formats.source import Source, number
 from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Space
-from mdm.models.factored.potential import Node, Potential, Table, Tree
-from mdm.models.factored.two_slice import PotentialError, TwoSliceNetwork
+from mdm.models.factored.two_slice import Node, Potential, PotentialError, Table, Tree, TwoSliceNetwork
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

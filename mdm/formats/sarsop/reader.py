@@ -16,8 +16,7 @@ from mdm.formats.markup import Element, stream
 from mdm.formats.sarsop.writer import write
 from mdm.formats.source import Source, number
 from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Space
-from mdm.models.factored.potential import Node, Potential, Role, Table, Tree
-from mdm.models.factored.two_slice import PotentialError, TwoSliceNetwork
+from mdm.models.factored.two_slice import Node, Potential, PotentialError, Role, Table, Tree, TwoSliceNetwork
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -19,14 +19,14 @@ from mdm.formats.target import write_text
 from mdm.formats.writers import Speller, initial, unused, utilities
 from mdm.models.factored.factoring import as_network
 from mdm.models.factored.links import joined, unlinked
-from mdm.models.factored.potential import Node, Potential, Table, tabulated
+from mdm.models.factored.two_slice import Node, Potential, Table, tabulated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
     from mdm.models import MDP, TwoSliceNetwork
-    from mdm.models.factored.potential import Role
+    from mdm.models.factored.two_slice import Role
 
 __all__ = ["write"]
 

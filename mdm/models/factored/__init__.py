@@ -2,7 +2,6 @@
 
 from mdm.models.factored.mixed import MixedPOMDP
 from mdm.models.factored.model import FactoredMDP, FactoredPOMDP
-from mdm.models.factored.potential import Node, Potential, Table, Tree
-from mdm.models.factored.two_slice import TwoSliceNetwork
+from mdm.models.factored.two_slice import Node, Potential, Table, Tree, TwoSliceNetwork
 
 __all__ = ["FactoredMDP", "FactoredPOMDP", "MixedPOMDP", "Node", "Potential", "Table", "Tree", "TwoSliceNetwork"]

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.compressed import is_compressed
 from mdm.models.factored.model import FactoredMDP, FactoredPOMDP
-from mdm.models.factored.potential import Node, Role, Table
-from mdm.models.factored.two_slice import TwoSliceNetwork
+from mdm.models.factored.two_slice import Node, Role, Table, TwoSliceNetwork
+from mdm.models.matrices import is_compressed
 from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:

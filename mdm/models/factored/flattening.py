@@ -2,7 +2,7 @@
 
 Joint distributions grow variable by variable: each possible partial assignment is repeated for every possible value of
 the next variable. Zeros are never stored, so nothing is larger than the result, and every step handles all states at
-once.
+once. R(s, a) can also be computed where it is read: in one state, or in those that a belief holds possible.
 """
 
 from __future__ import annotations
@@ -12,22 +12,22 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from mdm.models.compressed import csr
-from mdm.models.factored.potential import Node
-from mdm.models.matrices import ROUNDING
+from mdm.models.factored.two_slice import Node
+from mdm.models.matrices import ROUNDING, csr
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
 
     import numpy.typing as npt
 
-    from mdm.models.factored.potential import Potential, Role
-    from mdm.models.factored.two_slice import TwoSliceNetwork
+    from mdm.models.factored.two_slice import Potential, Role, TwoSliceNetwork
     from mdm.models.matrices import Vector
 
     Indices = npt.NDArray[np.intp]
 
 __all__ = [
+    "RewardRow",
+    "RewardRows",
     "expected_rewards",
     "first_distribution",
     "first_states",
@@ -381,3 +381,46 @@ def _blocks(matrix: Any, size: int) -> Iterator[tuple[int, int]]:
         last = min(max(last, first + 1), matrix.shape[0])
         yield first, last
         first = last
+
+
+class RewardRows:
+    """R as a row over the states for each action, none of which is made.
+
+    Args:
+        network: The network.
+    """
+
+    def __init__(self, network: TwoSliceNetwork) -> None:
+        self._network = network
+
+    def __getitem__(self, action: int) -> RewardRow:
+        return RewardRow(self._network, action)
+
+
+class RewardRow:
+    """R(s, a) of one action; it is read as an array of S numbers is.
+
+    Args:
+        network: The network.
+        action: The joint action.
+    """
+
+    __slots__ = ("_action", "_network")
+
+    def __init__(self, network: TwoSliceNetwork, action: int) -> None:
+        self._network = network
+        self._action = action
+
+    def take(self, states: npt.NDArray[np.intp]) -> Vector:
+        """Return the rewards in some states."""
+        return rewards_at(self._network, self._action, np.asarray(states))
+
+    def item(self, state: int) -> float:
+        """Return the reward in a state."""
+        return float(self.take(np.array([state]))[0])
+
+    def dot(self, belief: Vector) -> np.float64:
+        """Return the expected reward, for a belief of S numbers."""
+        (states,) = belief.nonzero()
+        result: Any = self.take(states).dot(belief[states])
+        return np.float64(result)

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.factored.potential import Node, Potential, Role, Table, tabulated
-from mdm.models.factored.two_slice import TwoSliceNetwork
+from mdm.models.factored.two_slice import Node, Potential, Role, Table, TwoSliceNetwork, tabulated
 from mdm.models.space import Factor, Space
 
 if TYPE_CHECKING:

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.compressed import csr
 from mdm.models.events import TransitionEvents
-from mdm.models.matrices import TOLERANCE, Checked, stochastic_matrices
+from mdm.models.matrices import TOLERANCE, Checked, csr, stochastic_matrices
 from mdm.models.mdp import MDP
 from mdm.models.pomdp import POMDP
 from mdm.models.space import Space

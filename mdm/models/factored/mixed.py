@@ -15,11 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.compressed import csr, is_compressed
 from mdm.models.factored.model import FactoredPOMDP
-from mdm.models.factored.potential import Node, Potential, Table, Tree
-from mdm.models.factored.two_slice import TwoSliceNetwork
-from mdm.models.matrices import Checked, Vector, read_only
+from mdm.models.factored.two_slice import Node, Potential, Table, Tree, TwoSliceNetwork
+from mdm.models.matrices import Checked, Vector, csr, is_compressed, read_only
 from mdm.models.pomdp import POMDP
 from mdm.models.space import Space
 

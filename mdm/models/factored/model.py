@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.compressed import is_compressed
 from mdm.models.events import DenseEvents, EventObservations, TransitionEvents
 from mdm.models.factored import flattening
-from mdm.models.factored.potential import Node
 from mdm.models.factored.size import MatrixSize, matrix_size
-from mdm.models.matrices import Checked, Matrix, Vector, distribution, stochastic_matrices
+from mdm.models.factored.two_slice import Node
+from mdm.models.matrices import Checked, Matrix, Vector, distribution, is_compressed, stochastic_matrices
 from mdm.models.mdp import MDP, checked_discount
 from mdm.models.pomdp import POMDP
 
@@ -23,8 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Self
 
-    from mdm.models.factored.potential import Role
-    from mdm.models.factored.two_slice import TwoSliceNetwork
+    from mdm.models.factored.two_slice import Role, TwoSliceNetwork
     from mdm.models.space import Space
 
 __all__ = ["FactoredMDP", "FactoredPOMDP"]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mdm.models.factored.potential import Node
+from mdm.models.factored.two_slice import Node
 from mdm.models.matrices import is_large_and_sparse
 
 if TYPE_CHECKING:
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from mdm.models.factored.potential import Potential, Role
-    from mdm.models.factored.two_slice import TwoSliceNetwork
+    from mdm.models.factored.two_slice import Potential, Role, TwoSliceNetwork
 
 __all__ = ["MatrixSize", "matrix_size"]
 

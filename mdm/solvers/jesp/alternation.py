@@ -20,10 +20,9 @@ import numpy as np
 from mdm.errors import ConfigError
 from mdm.models.detection import check_no_false_negatives
 from mdm.solvers.bounds import staged_values
-from mdm.solvers.jesp.joint_plan import as_controller, plan_size, plan_value, random_plan
+from mdm.solvers.jesp.joint_plan import Team, as_controller, plan_size, plan_value, random_plan
 from mdm.solvers.jesp.response import best_response, solve_as_one
 from mdm.solvers.jesp.search import PlanSearch
-from mdm.solvers.jesp.team import Team
 from mdm.solvers.limits import Limits
 
 if TYPE_CHECKING:

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
     from mdm.models.dynamics import Indices
     from mdm.models.matrices import Vector
-    from mdm.solvers.jesp.joint_plan import JointPlan, Tree
-    from mdm.solvers.jesp.team import Team
+    from mdm.solvers.jesp.joint_plan import JointPlan, Team, Tree
 
 __all__ = ["Stage", "best_response", "merged", "solve_as_one"]
 

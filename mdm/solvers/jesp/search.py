@@ -25,9 +25,8 @@ if TYPE_CHECKING:
 
     from mdm.models.dynamics import Indices
     from mdm.models.matrices import Vector
-    from mdm.solvers.jesp.joint_plan import JointPlan
+    from mdm.solvers.jesp.joint_plan import JointPlan, Team
     from mdm.solvers.jesp.response import Stage
-    from mdm.solvers.jesp.team import Team
 
 __all__ = ["PlanSearch"]
 

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mdm.models.compressed import csr_identity, is_compressed
 from mdm.models.dynamics import Dynamics
+from mdm.models.matrices import csr_identity, is_compressed
 from mdm.policies import QTable
 from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.rounds import bounded, sweeping

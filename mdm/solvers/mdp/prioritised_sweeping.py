@@ -16,12 +16,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.models.compressed import csr
 from mdm.models.dynamics import Dynamics, stacked
+from mdm.models.matrices import csr
 from mdm.solvers.limits import Limits
-from mdm.solvers.mdp.backups import kernels
 from mdm.solvers.mdp.policy_iteration import improve_policies
-from mdm.solvers.mdp.rounds import Round, bounded, sweeps_of
+from mdm.solvers.mdp.rounds import Round, bounded, kernels, sweeps_of
 
 if TYPE_CHECKING:
     from mdm.models import MDP

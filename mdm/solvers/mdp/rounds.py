@@ -1,5 +1,10 @@
 """Rounds of value iteration and its kin: some sweeps, then one backup that bounds the optimal values.
 
+In a backup of all states V(s) becomes the greatest R(s, a) + discount * the expected V of the next state. CSR matrices
+are swept by compiled kernels where there is numba, each state with the newest values of the others (Gauss-Seidel).
+Without numba, and for dense matrices, all states are backed up at once by scipy's and BLAS's products (Jacobi), which
+takes more sweeps to the same values. A backup costs one pass over the transitions.
+
 With d = T V - V over all states, T the backup, the optimal values lie within
 
     T V + discount / (1 - discount) * [min d, max d],
@@ -16,25 +21,24 @@ Backups of all states at once even them out: a few of these at the end of a roun
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from mdm.models.compilation import can_compile
 from mdm.policies import QTable
-from mdm.solvers.mdp.backups import backup, sweep
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     import numpy.typing as npt
 
-    from mdm.models.dynamics import Dynamics
+    from mdm.models.dynamics import Dynamics, Indices
     from mdm.models.matrices import Vector
     from mdm.solvers.limits import Limits
     from mdm.solvers.solution import Solution
 
-__all__ = ["Round", "bounded", "rounding", "rounds", "sweeping", "sweeps_of"]
-
+__all__ = ["Round", "backup", "bounded", "kernels", "rounding", "rounds", "sweep", "sweeping", "sweeps_of"]
 _PASS = 200_000
 """The sweeps of a round read at least so many entries, so that a report costs little beside them."""
 _SWEEPS = 3, 64
@@ -43,6 +47,56 @@ _LEVELLING = 16
 """The most backups of all states at once in a round."""
 _SETTLED = 0.3
 """Sweeps end when they change values by less than this share of the gap between their bounds."""
+
+
+def kernels(dynamics: Dynamics) -> Any:
+    """Return the module of compiled sweeps; None for a dense model, and without numba."""
+    if dynamics.is_dense or not can_compile():
+        return None
+    from mdm.solvers.mdp import sweeps  # noqa: PLC0415 - imports numba
+
+    return sweeps
+
+
+def backup(dynamics: Dynamics, values: Vector) -> tuple[Vector, Indices]:
+    """Return each state's value after a backup, and its best action; of equal ones the lowest."""
+    compiled = kernels(dynamics)
+    if compiled is None:
+        table = dynamics.q_values(values)
+        policy = table.argmax(axis=1)
+        return table[np.arange(dynamics.num_states), policy], policy
+    backed, policy = np.empty(dynamics.num_states), np.empty(dynamics.num_states, dtype=np.intp)
+    compiled.backup(dynamics.transitions, dynamics.rewards, dynamics.discount, values, backed, policy)
+    return backed, policy
+
+
+def sweep(dynamics: Dynamics, values: Vector, policy: Indices, most: int, each: int, tolerance: float) -> None:
+    """Back states up, in place, until a sweep for the best actions changes none by more than the tolerance.
+
+    Args:
+        dynamics: The model.
+        values: The values of the states.
+        policy: An action for each state; about the best at the end.
+        most: The most sweeps.
+        each: One of so many sweeps finds the best actions, the first among them; the others follow these.
+        tolerance: When to stop before.
+    """
+    compiled = kernels(dynamics)
+    if compiled is not None:
+        compiled.sweep(dynamics.transitions, dynamics.rewards, dynamics.discount, values, policy, most, each, tolerance)
+        return
+    matrix, rewards = dynamics.matrix, dynamics.rewards
+    for turn in range(most):
+        if turn % each == 0:
+            backed, policy[:] = backup(dynamics, values)
+            change = np.abs(backed - values).max()
+            if each > 1:
+                matrix, rewards = dynamics.under(policy)
+        else:
+            backed = rewards + dynamics.discount * (matrix @ values)
+        values[:] = backed
+        if turn % each == 0 and not change > tolerance:
+            return
 
 
 class Round(NamedTuple):
@@ -119,7 +173,7 @@ def sweeping(dynamics: Dynamics, gap: float, each: int) -> Callable[[Vector, Rou
     Args:
         dynamics: The model.
         gap: How far the bounds may be apart at the end.
-        each: One of so many sweeps finds the best actions; see `mdm.solvers.mdp.backups.sweep`.
+        each: One of so many sweeps finds the best actions; see `mdm.solvers.mdp.rounds.sweep`.
     """
     most = each * sweeps_of(dynamics)
     share = _SETTLED * (1 - dynamics.discount)

@@ -60,7 +60,7 @@ def sweep(
     each: int,
     tolerance: float,
 ) -> None:
-    """Back states up, in place; see `mdm.solvers.mdp.backups.sweep`.
+    """Back states up, in place; see `mdm.solvers.mdp.rounds.sweep`.
 
     The rows of the best actions are copied: the sweeps that follow them read a matrix that is A times smaller.
     """

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.compressed import csr, is_compressed
+from mdm.models.matrices import csr, is_compressed
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -18,7 +18,7 @@ from mdm.models.matrices import Vector  # noqa: TC001 - the fields' types are lo
 from mdm.policies import FiniteStateController
 from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.perseus.backup import choose
-from mdm.solvers.perseus.bounds import upper_bound
+from mdm.solvers.perseus.certificate import upper_bound
 from mdm.solvers.perseus.points import sampled
 
 if TYPE_CHECKING:

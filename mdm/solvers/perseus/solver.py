@@ -12,7 +12,7 @@ Cost of a backup: P(s', o | s, a) once, and A O S N for N vectors, as products o
 SARSOP keeps to the beliefs of good policies, and its bounds are closer. Choose Perseus for plans of a few decisions,
 and where false negatives lead to too many states for SARSOP.
 
-Where the model has false negatives see `mdm.solvers.perseus.false_negatives`, with a ``horizon``
+Where the model has false negatives see `mdm.solvers.perseus.backup`, with a ``horizon``
 `mdm.solvers.perseus.plan`.
 """
 
@@ -29,10 +29,8 @@ from mdm.policies import AlphaVectors
 from mdm.solvers.bounds import blind_values
 from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.limits import Limits
-from mdm.solvers.perseus.backup import Vectors, best, improve, needed
-from mdm.solvers.perseus.bounds import upper_bound
-from mdm.solvers.perseus.certificate import certified
-from mdm.solvers.perseus.false_negatives import Constrained
+from mdm.solvers.perseus.backup import Constrained, Vectors, best, improve, needed
+from mdm.solvers.perseus.certificate import certified, upper_bound
 from mdm.solvers.perseus.plan import plan
 from mdm.solvers.perseus.points import sampled, starts
 

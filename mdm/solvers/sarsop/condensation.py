@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mdm.models.compressed import csr
+from mdm.models.matrices import csr
 from mdm.solvers.sarsop.linear import solved
 
 if TYPE_CHECKING:

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from mdm.models.compressed import csr
 from mdm.models.dynamics import Dynamics, Indices, Rows, dense, stacked
 from mdm.models.factored.mixed import MixedPOMDP
+from mdm.models.matrices import csr
 
 if TYPE_CHECKING:
     from mdm.models import POMDP

@@ -17,9 +17,9 @@ from mdm.errors import ModelWarning
 from mdm.formats.archive import flat
 from mdm.loading import spared
 from mdm.models import FactoredMDP, FactoredPOMDP, Node, Space, Table, TwoSliceNetwork
-from mdm.models.compressed import is_compressed
 from mdm.models.dynamics import Dynamics, Rows
 from mdm.models.events import TransitionEvents
+from mdm.models.matrices import is_compressed
 from mdm.solvers.online.tables import search_tables
 
 

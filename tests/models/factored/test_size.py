@@ -11,8 +11,8 @@ from random_models import factored_models
 
 import mdm
 from mdm.errors import ModelWarning
-from mdm.models.compressed import is_compressed
 from mdm.models.factored.size import matrix_size
+from mdm.models.matrices import is_compressed
 
 
 def held(matrices):

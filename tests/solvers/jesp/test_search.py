@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from teams import best_of_all, team
 
-from mdm.solvers.jesp.joint_plan import plan_value
+from mdm.solvers.jesp.joint_plan import Team, plan_value
 from mdm.solvers.jesp.response import solve_as_one
 from mdm.solvers.jesp.search import PlanSearch
-from mdm.solvers.jesp.team import Team
 
 NOTHING = -1e9
 

@@ -19,7 +19,7 @@ from mdm.models import MDP
 from mdm.models.compilation import can_compile
 from mdm.models.dynamics import Dynamics
 from mdm.solvers import Limits
-from mdm.solvers.mdp import backups
+from mdm.solvers.mdp import rounds as backups
 from mdm.solvers.mdp.policy_iteration import modified_policy_iteration, policy_iteration
 from mdm.solvers.mdp.prioritised_sweeping import prioritised_sweeping
 from mdm.solvers.mdp.value_iteration import value_iteration

@@ -14,8 +14,7 @@ from mdm.models.dynamics import Dynamics
 from mdm.solvers import Limits
 from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.perseus import perseus
-from mdm.solvers.perseus.backup import Vectors
-from mdm.solvers.perseus.false_negatives import Constrained
+from mdm.solvers.perseus.backup import Constrained, Vectors
 
 
 class Unhurried:

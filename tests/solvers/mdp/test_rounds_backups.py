@@ -8,8 +8,8 @@ from random_models import flat_models
 from mdm.models import dynamics as forms
 from mdm.models.compilation import can_compile
 from mdm.models.dynamics import Dynamics
-from mdm.solvers.mdp import backups
-from mdm.solvers.mdp.backups import backup, kernels, sweep
+from mdm.solvers.mdp import rounds as backups
+from mdm.solvers.mdp.rounds import backup, kernels, sweep
 
 
 @given(model=flat_models(), seed=st.integers(0, 99), each=st.integers(1, 4))

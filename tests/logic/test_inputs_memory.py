@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from hypothesis import given, strategies as st
 
-from mdm.logic import memory
-from mdm.logic.memory import Memory
+from mdm.logic import inputs as memory
+from mdm.logic.inputs import Memory
 
 
 def test_what_was_kept_is_found():

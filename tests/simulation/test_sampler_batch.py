@@ -7,7 +7,7 @@ from random_models import dense, distributions
 
 from mdm.models import MDP
 from mdm.models.dynamics import Dynamics, stacked
-from mdm.simulation.batch_sampler import Draws, ended_states
+from mdm.simulation.sampler import Draws, ended_states
 
 
 @given(st.integers(0, 2**32 - 1), st.booleans())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from mdm.models.compressed import csr, csr_identity, is_compressed
+from mdm.models.matrices import csr, csr_identity, is_compressed
 
 ARRAY = np.array([[0, 2, 0], [1, 0, 3]])
 

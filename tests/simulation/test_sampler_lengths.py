@@ -7,7 +7,7 @@ import pytest
 
 import mdm
 from mdm.models import Durations
-from mdm.simulation.lengths import Lengths
+from mdm.simulation.sampler import Lengths
 
 
 def test_lengths_have_the_moments_of_erlang_distributions():

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from random_models import factored_models
 
 from mdm.errors import ModelWarning
-from mdm.models.factored.reward_rows import RewardRows
+from mdm.models.factored.flattening import RewardRows
 
 
 @given(factored_models(events=True), st.integers(0, 2**32 - 1))

@@ -93,7 +93,7 @@ class Ladder:
                 raise Wrong(f"{action} of {name} begins while {one.name} is {one.mode}")
             one = one.parent
         for body in beside:
-            replaced = {body.name, action} == {"Left", "Right"}
+            replaced = {body.name, action} <= {"Left", "Right"}
             if not (replaced or "Sing" in {body.name, action}):
                 raise Wrong(f"{action} of {name} begins beside {body.name}")
 

@@ -13,6 +13,7 @@ import numpy as np
 from mdm.actors.actions.action_layer import SAFE_TIMEOUT, ActionLayer
 from mdm.actors.control.control_layer import ControlLayer
 from mdm.actors.control.drive import FixedRate
+from mdm.actors.control.source import JointProcess
 from mdm.actors.layer import Layer
 from mdm.actors.liveness import Liveness
 from mdm.actors.observation_factor import ObservationFactor
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.actors.actions.binding import Binding, Callback
-    from mdm.actors.control.control_layer import Lead
+    from mdm.actors.control.source import Team
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.space import Symbol
     from mdm.runtime import Supervision
@@ -180,7 +181,7 @@ class Ensemble(Layer):
             if layer is not None:
                 yield from layer.problems()
         space = None if self.controller.model is None else self.controller.model.state_space
-        if self.safety.on_lost_teammate is not None and self.control.lead is None:
+        if self.safety.on_lost_teammate is not None and not self.control.source.shared:
             yield ConfigError(
                 f"on_lost_teammate is for ensembles of a team, but {self.name!r} is of none",
                 key=f"ensembles.{self.name}.on_lost_teammate",
@@ -246,7 +247,7 @@ class Ensemble(Layer):
             ModelError: If there is no such state.
             Error: If it is of a team, where each agent's state factors tell its own part.
         """
-        if self.control.lead is not None:
+        if self.control.source.shared:
             raise Error(
                 f"ensemble {self.name!r} is of a team, to which each agent tells the state factors that it owns: set "
                 "their predicates"
@@ -266,7 +267,7 @@ class Ensemble(Layer):
         index, values = self.controller.symbols.observed(observation)
         mask = tuple([value is not None for value in values])
         now = self.runtime.clock.now()
-        name = "observation" if self.control.lead is None else "own_observation"
+        name = "own_observation" if self.control.source.shared else "observation"
         self.channel(name, Observation).publish(Observation(now, index, values, mask))
 
     def publish_belief(self, belief: npt.ArrayLike | str) -> None:
@@ -328,21 +329,25 @@ class Ensemble(Layer):
         """End the safe mode: whoever calls it answers for its causes. The safe action comes to its end first."""
         self.channel("control", Control).publish(Control(self.runtime.clock.now(), "release"))
 
-    def follow(self, lead: Lead, owned: Collection[str], *, acts: bool = True) -> None:
-        """Decide on what a team tells; call this before the start.
+    def follow(self, team: Team, owned: Collection[str], *, acts: bool = True) -> JointProcess:
+        """Decide on what a team says; call this before the start.
 
         Args:
-            lead: Who tells it, and takes what is asked of the ensemble.
+            team: Receives what is asked of the ensemble.
             owned: The state and observation factors that this agent's sensors tell, on ``own_state`` and
                 ``own_observation``.
             acts: Whether this agent carries out a component of what is decided.
+
+        Returns:
+            This agent's copy of the process, which the team has decide.
         """
-        self.control.lead = lead
+        process = self.control.source = JointProcess(self.control, team)
         if not acts:
             self.action.lives.delegate()
         for layer in (self.state, self.observation):
             if layer is not None:
                 layer.cover(owned)
+        return process
 
     def take(self, message: Control | State | Observation) -> None:
         """Take what the team tells, in this call: a command, or what is decided on."""
@@ -354,7 +359,8 @@ class Ensemble(Layer):
             self.channel("state", State, retain=True).publish(message)
         else:
             self.channel("observation", Observation).publish(message)
-        self.control.take(message)
+        assert isinstance(self.control.source, JointProcess)
+        self.control.source.take(message)
 
     def interrupt(self) -> None:
         """Stop within the call, so that nothing that was decided before starts."""
@@ -407,12 +413,11 @@ class Ensemble(Layer):
         return None
 
     def _on_control(self, control: Control) -> None:
-        if self.control.lead is not None and control.command != "release":
-            self.control.lead.command(control.command)
-        else:
-            command = control.command
-            if command == "reset" or command == "release" or not self._put_off(command):  # noqa: PLR1714 - mypy
-                self._command(control)
+        command = control.command
+        if command != "release" and self.control.source.asked(command):
+            return
+        if command == "reset" or command == "release" or not self._put_off(command):  # noqa: PLR1714 - mypy
+            self._command(control)
 
     def _command(self, control: Control) -> None:
         if control.command in {"start", "resume"}:
@@ -459,7 +464,7 @@ class Ensemble(Layer):
     def on_running(self) -> None:
         """Begin to decide, unless it was told otherwise meanwhile, or an ensemble above or a team starts it."""
         asked, self._asked = self._asked, None
-        if asked is None and not isinstance(self.parent, Ensemble) and self.control.lead is None:
+        if asked is None and not isinstance(self.parent, Ensemble) and not self.control.source.shared:
             asked = "start"
         if asked in {"start", "resume"}:
             self.start(resume=asked == "resume")

@@ -96,7 +96,7 @@ class Liveness:
         """Yield which actions can end with nothing that decides afterwards, unless an input changes."""
         ensemble = self._ensemble
         control = ensemble.control
-        if not control.event_driven or control.lead is not None:
+        if not control.event_driven or control.source.shared:
             return
         used = self._used()
         pairs = [*zip(ensemble.action.names, ensemble.action.bindings, strict=True)]
@@ -199,7 +199,7 @@ class Liveness:
         if safety.modes.mode == "safe":  # by the failure itself
             safety.reopen(frozenset({"action"}), now)
         elif safety.deciding and ensemble.control.decisions == self._decisions:
-            ensemble.control.decide_again(now)
+            ensemble.control.source.decide_again(now)
         self.look()
 
     def _give_up(self, name: str, text: str, sequel: Sequel) -> None:
@@ -255,7 +255,7 @@ class Liveness:
             return None
         if self._idle_after is not None:
             return self._idle_after
-        if ensemble.control.lead is not None:  # its part may be done while others do theirs
+        if ensemble.control.source.shared:  # its part may be done while others do theirs
             return None
         end = self._end
         if end is None:

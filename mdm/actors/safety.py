@@ -262,17 +262,17 @@ class Safety:
                 self.waiting.end()
                 self._ensemble.liveness.end()
                 self.runs += 1
-                control.hold(self._done)
+                control.source.hold(self._done)
                 for below in self._ensemble.subensembles:
                     below.safety.stop_alone()
                 action.secure(self._on_secured, self._on_begin, patience=self._ensemble.settling)
             elif order is Order.HALT:
                 self.waiting.end()
                 self._ensemble.liveness.end()
-                control.let_go()
+                control.source.let_go()
                 action.halt(self._ensemble.became_idle)
             elif order is Order.IDLE:
-                control.let_go()
+                control.source.let_go()
                 self._ensemble.became_idle()
             elif order is Order.EMERGENCY:
                 self._call_emergency(time)
@@ -288,7 +288,9 @@ class Safety:
     def _resume(self, time: int) -> None:
         self._tell(time)
         stale, self._stale = self._stale and self._done is None, False
-        self._ensemble.control.go_on(time, anew=stale and not self._keep, predict=stale or self._done is not None)
+        self._ensemble.control.source.go_on(
+            time, anew=stale and not self._keep, predict=stale or self._done is not None
+        )
         if self.deciding and self._ensemble.control.blind:
             self.waiting.begin()
 
@@ -437,8 +439,7 @@ class Safety:
         It stays so: what it is below of ends, and it ends with that.
         """
         self.modes.latch()
-        if self._ensemble.control.lead is None:
-            self._ensemble.control.running = False
+        self._ensemble.control.source.latch()
         self._ensemble.action.latch()
         self._ensemble.action.end_functions()
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from typing import Literal
 
     from mdm.actors import Ensemble
+    from mdm.actors.control.source import JointProcess
     from mdm.team.ownership import Parts
     from mdm.team.team import Team
 
@@ -82,6 +83,7 @@ class Copy:
         team: The team.
         agent: Whose copy it is.
         ensemble: What decides here.
+        process: As this agent's control layer decides on it.
         parts: The factors, and whose they are.
 
     Attributes:
@@ -90,13 +92,13 @@ class Copy:
         malformed: Parts that were none of its agent's; they count as missing.
     """
 
-    def __init__(self, team: Team, agent: str, ensemble: Ensemble, parts: Parts) -> None:
+    def __init__(self, team: Team, agent: str, ensemble: Ensemble, process: JointProcess, parts: Parts) -> None:
         self.parts = parts
         self.begun = False
         self.malformed = 0
         self._agent = agent
         self._ensemble = ensemble
-        self._control = ensemble.control
+        self._process = process
         self._event_driven = team.event_driven
         self._max_age = round(team.max_age * 1e9)
         self._kept: list[int | None] = [None] * len(parts.names)
@@ -113,7 +115,7 @@ class Copy:
     @property
     def running(self) -> bool:
         """Whether it decides."""
-        return self._control.running
+        return self._ensemble.control.running
 
     def part(self, time: int, values: Iterable[int | None]) -> bytes:
         """Return what this agent says of a step: a value for each factor that it owns."""
@@ -149,7 +151,7 @@ class Copy:
             self._kept = list(self.parts.idle)
         message = Control(time, cast('Literal["start", "stop", "reset", "resume"]', command))
         if still:
-            self._control.take(message)
+            self._process.take(message)
         else:
             self._ensemble.take(message)
 
@@ -266,7 +268,7 @@ class Copy:
     def snapshot(self) -> bytes:
         """Return the whole copy."""
         held = Held(
-            self._control.snapshot(),
+            self._process.snapshot(),
             self.begun,
             tuple(self._kept),
             sorted(self._gone.items()),
@@ -295,11 +297,11 @@ class Copy:
         clock = self._ensemble.runtime.clock.now()
         if not can_be(held.now, clock, 1):
             raise ModelError(f"this is not a copy of an ensemble: it is {held.now} ns old")
-        before = self._control.snapshot()
-        self._control.restore(held.control)
+        before = self._process.snapshot()
+        self._process.restore(held.control)
         epoch = self._ensemble.controller.epoch
         if not can_be(epoch, clock, _DECISION):
-            self._control.restore(before)
+            self._process.restore(before)
             raise ModelError(f"this is not a copy of an ensemble: it has made {epoch} decisions")
         self._digest = None
         self.begun, self._kept, self._gone = held.begun, list(held.kept), dict(held.gone)

@@ -52,7 +52,8 @@ class TeamLayer(Layer):
 
     Attributes:
         parts: The factors of what the ensemble decides on, and whose they are.
-        copy: This agent's copy of the joint process.
+        process: The joint process, as this agent's control layer decides on it.
+        copy: This agent's copy of it, and what it is decided on.
         commits: Where each step is told; set before the start.
         lost: The teammates that are lost.
         tick: The number of the last tick.
@@ -71,8 +72,8 @@ class TeamLayer(Layer):
         if not team.event_driven:
             ensemble.controller.step_by_step()
         self.parts = Parts(team, ensemble, placement)
-        ensemble.follow(self, self.parts.named(self.agent), acts=self.agent in agents)
-        self.copy = Copy(team, self.agent, ensemble, self.parts)
+        self.process = ensemble.follow(self, self.parts.named(self.agent), acts=self.agent in agents)
+        self.copy = Copy(team, self.agent, ensemble, self.process, self.parts)
         link.compare(ensemble.name, self.copy.facts)
         self.commits: Channel[Committed] | None = None
         self.lost: frozenset[str] = frozenset()
@@ -271,7 +272,7 @@ class TeamLayer(Layer):
             self._held = bool(self.lost)
             self.ensemble.action.bar(barred=self._held)
             if not self._held:
-                self.ensemble.control.repeat(now)
+                self.process.repeat(now)
 
     # -- Steps ---------------------------------------------------------------------------------------------------
 

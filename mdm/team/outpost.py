@@ -233,7 +233,7 @@ class Outpost(TeamLayer):
         elif decided.running and action is not None:
             if decided.impossible is not None:
                 safety.alarm(Fault(now, self.ensemble.path, "impossible_observation", decided.impossible))
-            control.carry_out(Action(now, decided.epoch, action))
+            self.process.carry_out(Action(now, decided.epoch, action))
         elif decided.running and self.parts.takes == "state":
             safety.blind(now)
         safety.reopen(_CONTROLLER, now)

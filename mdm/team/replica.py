@@ -233,7 +233,7 @@ class Replica(TeamLayer):
             return
         if isinstance(message, _BEHIND) and not self._behind:
             self._behind = True
-            self.ensemble.control.catch_up(now, over=False)
+            self.process.catch_up(now, over=False)
         sends = agreement.receive(sample.owner, sample.incarnation, message, now)
         if sends or not isinstance(message, _AWAITED) or message.term != agreement.term:
             self._send(sends)
@@ -273,7 +273,7 @@ class Replica(TeamLayer):
         self._role = agreement.role
         if self._behind and agreement.fetching is None:
             self._behind = False
-            self.ensemble.control.catch_up(now, over=True)
+            self.process.catch_up(now, over=True)
         self._set_timer(now)
         self.assess(now)
         if self._role == "leading" and not self.copy.begun and not self._asked and not self.still:
@@ -381,7 +381,7 @@ class Replica(TeamLayer):
         alone = self.copy.running and self.ensemble.mode == "stopped"
         self.take_command(command, commit.token, now)
         if alone and self.ensemble.mode == "deciding":
-            self.ensemble.control.repeat(now)  # it does what was decided while it alone was stopped
+            self.process.repeat(now)  # it does what was decided while it alone was stopped
 
     @property
     def running(self) -> bool:

@@ -27,8 +27,8 @@ async def copied(runtime, team, build, agent=0, **options):
     robot = SimpleNamespace(act=lambda name: lambda: None)
     ensemble = build(robot, agent, **options)
     parts = Parts(team, ensemble)
-    ensemble.follow(Lead(), parts.named(team.names[agent]))
-    copy = Copy(team, team.names[agent], ensemble, parts)
+    process = ensemble.follow(Lead(), parts.named(team.names[agent]))
+    copy = Copy(team, team.names[agent], ensemble, process, parts)
     await runtime.start(ensemble)
     return copy, ensemble
 

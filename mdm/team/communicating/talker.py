@@ -327,7 +327,7 @@ class Talker(TeamLayer):
         if controller.problem is not None and controller.problem != self._problem:
             self.runtime.faults.publish(Fault(time, ensemble.path, "impossible_observation", controller.problem))
         self._problem = controller.problem
-        ensemble.control.announce(decided, time, "tick", self.knowledge.own.observed)
+        self.process.announce(decided, time, "tick", self.knowledge.own.observed)
         self._did = self._doing()
         others = (agent for agent in self._agents if agent != self.agent)
         missing = tuple(agent for agent in others if self._told_of.get(agent, 0) < step)
@@ -355,7 +355,7 @@ class Talker(TeamLayer):
         self.tell(term, step, inputs, missing, command, action=action, digest=self._digest())
 
     def _digest(self) -> str:
-        return of_parts([self.ensemble.control.snapshot()])
+        return of_parts([self.process.snapshot()])
 
     # -- What the others say -------------------------------------------------------------------------------------
 

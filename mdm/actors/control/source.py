@@ -1,0 +1,362 @@
+"""Sources: who says to a control layer what it decides on, its ensemble's own channels or a team.
+
+A layer that decides for itself stops deciding while its ensemble is safe. One of a team has a copy of a process that
+all agents decide on: it goes on deciding in safe modes, as they do, and what is decided is only not done.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+import msgspec
+
+from mdm.actors.modes import AT_INPUT, AT_KNOWN, AT_STIMULUS
+from mdm.errors import ModelError
+from mdm.messages import Belief, Control, Observation, State
+
+if TYPE_CHECKING:
+    from mdm.actors.control.control_layer import ControlLayer
+    from mdm.actors.control.output import Observed
+    from mdm.controller import Step
+    from mdm.messages import Action, Tick
+    from mdm.models.matrices import Vector
+
+__all__ = ["JointProcess", "OwnChannels", "Source", "Team"]
+
+_opened = msgspec.msgpack.Decoder(tuple[bytes, bool, int | None, int | None]).decode
+"""What a snapshot holds: that of the controller, whether it runs, the state, and the action that was published."""
+
+CommandName = Literal["start", "stop", "reset", "resume"]
+
+
+class Team(Protocol):
+    """Receives what is asked of an ensemble that is of a team."""
+
+    def command(self, command: CommandName) -> None:
+        """Somebody asks the ensemble for this here: it concerns the whole team."""
+
+
+class Source(Protocol):
+    """Who says to a control layer what it decides on.
+
+    Attributes:
+        shared: Whether other agents decide on the same.
+        catching_up: Whether what is decided now was decided by others long ago, so that nothing of it is done.
+        held: Whether what comes is decided on only when a safe mode is over.
+    """
+
+    shared: bool
+    catching_up: bool
+    held: bool
+
+    def open(self) -> None:
+        """Listen; the layer starts."""
+
+    def asked(self, command: CommandName) -> bool:
+        """Somebody asks the ensemble for something; return whether that was passed on to others."""
+
+    @property
+    def may_begin(self) -> bool:
+        """Whether an episode may begin."""
+
+    @property
+    def may_decide(self) -> bool:
+        """Whether decisions may follow at once."""
+
+    def hold(self, done: int | None) -> None:
+        """The ensemble is safe.
+
+        Args:
+            done: The safe action, where it is one of the model's: the belief then goes by it.
+        """
+
+    def let_go(self) -> None:
+        """The ensemble is stopped."""
+
+    def latch(self) -> None:
+        """Nothing of the ensemble starts any more: it comes to its end."""
+
+    def go_on(self, time: int, *, anew: bool, predict: bool) -> None:
+        """A safe mode is over.
+
+        Args:
+            time: When.
+            anew: Begin a new episode: nobody knows what the safe action has done to the state.
+            predict: Time has passed, of which the belief does not know.
+        """
+
+    def decide_again(self, time: int) -> None:
+        """Decide once more on what is known: nothing was observed, so that no belief is updated by it."""
+
+    def observe_aside(self, observation: Observation) -> None:
+        """An observation has come on which nothing is decided."""
+
+    def tick_aside(self, tick: Tick) -> None:
+        """A tick has come at which nothing is decided, unless it ends a safe mode."""
+
+    def answer_later(self, cause: str, observation: Observed) -> None:
+        """Decide when the safe mode is over which this observation has brought about."""
+
+
+class OwnChannels:
+    """The channels of the layer's ensemble: nothing is decided while that is safe.
+
+    Args:
+        control: The layer.
+    """
+
+    shared = catching_up = False
+
+    def __init__(self, control: ControlLayer) -> None:
+        self.held = False
+        self._control = control
+        # Of a safe mode: whether the belief knows what is done in it, and has gone by an observation since.
+        self._informed = self._moved = False
+        self._unanswered: tuple[str, Observed] = ("release", None)
+
+    def open(self) -> None:
+        """Subscribe to what it decides on, and to commands."""
+        control, channel = self._control, self._control.owner.channel
+        self.held = False
+        if control.takes_states:
+            control.subscribe(channel("state", State, retain=True), control.on_state)
+        else:
+            control.subscribe(channel("observation", Observation), control.on_observation)
+            control.subscribe(channel("external_belief", Belief), control.on_external_belief)
+            control.subscribe(channel("initial_belief", Belief, retain=True), control.on_initial_belief)
+        control.subscribe(channel("control", Control), control.on_control)
+
+    def asked(self, command: CommandName) -> bool:  # noqa: ARG002 - a team passes it on
+        """Return that it concerns this ensemble alone."""
+        return False
+
+    @property
+    def may_begin(self) -> bool:
+        """Whether the ensemble decides, or will when its safe mode is over."""
+        guard = self._control.guard
+        return guard is None or guard.deciding or guard.returning
+
+    @property
+    def may_decide(self) -> bool:
+        """Whether the ensemble decides."""
+        guard = self._control.guard
+        return guard is None or guard.deciding
+
+    def hold(self, done: int | None) -> None:
+        """Decide nothing until the safe mode is over."""
+        control = self._control
+        control.running = False
+        control.withdraw()
+        self.held = True
+        self._informed = done is not None and not control.takes_states
+        self._moved = False
+        self._unanswered = ("release", None)
+        if done is not None:
+            control.controller.last_action = control.output.acted = done
+
+    def let_go(self) -> None:
+        """Decide nothing more."""
+        self._control.running = self.held = False
+
+    def latch(self) -> None:
+        """Decide nothing more; what is observed in a safe mode is taken in until that is over."""
+        self._control.running = False
+
+    def go_on(self, time: int, *, anew: bool, predict: bool) -> None:
+        """Decide on what is known now."""
+        control = self._control
+        self.held, control.running = False, True
+        controller = control.controller
+        if not control.takes_states:
+            if (anew and not controller.given) or controller.over:
+                control.begin_episode()
+                self._unanswered = ("release", None)
+            elif predict and control.event_driven and not self._moved:
+                control.advance(None, time)
+        if control.running and control.event_driven and not control.blind:
+            cause, observation = self._unanswered
+            control.decide(time, cause, observation)
+
+    def decide_again(self, time: int) -> None:
+        """Decide as one decision more of the episode, where inputs alone have it decide."""
+        control = self._control
+        if control.running and control.event_driven and not control.blind and not control.asks:
+            cause = "again"
+            if control.controller.over:
+                cause = "episode"
+                control.begin_episode()
+            control.decide(time, cause)
+
+    def observe_aside(self, observation: Observation) -> None:
+        """Take an observation in while the ensemble is safe: into the belief, where that knows what is done."""
+        if not self.held:
+            return
+        control = self._control
+        if not control.event_driven:
+            control.keep(observation)
+        elif self._informed and not control.controller.over:
+            self._moved = True
+            control.advance(control.symbol(observation), observation.time)
+        control.reopen(AT_INPUT, observation.time)
+
+    def tick_aside(self, tick: Tick) -> None:
+        """Let the belief go by a tick while the ensemble is safe, unless the tick ends that."""
+        control = self._control
+        control.reopen(AT_STIMULUS, tick.time)
+        if not control.running and self._informed and not control.controller.over:
+            observation = control.kept()
+            control.advance(None if observation is None else control.symbol(observation), tick.time)
+
+    def answer_later(self, cause: str, observation: Observed) -> None:
+        """Keep what the next decision answers."""
+        self._unanswered = (cause, observation)
+
+
+class JointProcess:
+    """One agent's copy of a process on which a team decides: the team calls it, in the call in which it has decided.
+
+    Args:
+        control: The layer.
+        team: Receives what is asked of the ensemble.
+    """
+
+    shared = True
+    held = False
+    may_begin = may_decide = True
+
+    def __init__(self, control: ControlLayer, team: Team) -> None:
+        self.catching_up = False
+        self._control = control
+        self._team = team
+        self._taking = False  # what is decided now need not be said twice where it ends a safe mode
+
+    def open(self) -> None:
+        """Refuse beliefs from outside: the agents share theirs."""
+        control = self._control
+        for name in ("external_belief", "initial_belief"):
+            channel = control.owner.channel(name, Belief, retain=name == "initial_belief")
+            control.subscribe(channel, self._refuse_belief)
+
+    def _refuse_belief(self, belief: Belief) -> None:
+        text = "refused a belief from outside: the team's agents share theirs"
+        self._control.report("belief", text, time=belief.time)
+
+    def asked(self, command: CommandName) -> bool:
+        """Ask the team."""
+        self._team.command(command)
+        return True
+
+    # -- Safe modes ----------------------------------------------------------------------------------------------
+
+    def hold(self, done: int | None) -> None:
+        """Go on deciding: what the team knows must not depend on one agent's trouble."""
+
+    def let_go(self) -> None:
+        """Go on deciding, as `hold` does."""
+
+    def latch(self) -> None:
+        """Go on deciding, as `hold` does."""
+
+    def go_on(self, time: int, *, anew: bool, predict: bool) -> None:  # noqa: ARG002 - nothing was missed
+        """Do what is decided by now, unless that is about to be published."""
+        if not self._taking:
+            self.repeat(time)
+
+    def decide_again(self, time: int) -> None:
+        """Do once more what the team has decided."""
+        self.repeat(time)
+
+    def observe_aside(self, observation: Observation) -> None:
+        """Do nothing: what is not decided on is not observed."""
+
+    def tick_aside(self, tick: Tick) -> None:
+        """Do nothing: a team has ticks of its own."""
+
+    def answer_later(self, cause: str, observation: Observed) -> None:
+        """Do nothing: it was decided on."""
+
+    # -- What the team says --------------------------------------------------------------------------------------
+
+    def take(self, message: Control | State | Observation) -> None:
+        """Decide on a message now, in this call, as if it had come on its channel."""
+        control = self._control
+        if isinstance(message, Control):
+            control.on_control(message)
+            return
+        alarms = control.alarms
+        self._taking = True
+        if isinstance(message, State):
+            control.on_state(message)
+        else:
+            control.on_observation(message)
+        if control.alarms == alarms and not control.blind:
+            control.reopen(AT_KNOWN, message.time)
+        self._taking = False
+
+    def carry_out(self, action: Action, belief: Vector | None = None) -> None:
+        """Publish what was decided elsewhere, as if it had been decided here; on a belief, where one is known."""
+        control = self._control
+        self._taking = True
+        control.running = True
+        control.output.publish_foreign(action, belief)
+        control.reopen(AT_KNOWN | {"lost_controller"}, action.time)
+        self._taking = False
+
+    def announce(self, step: Step, time: int, cause: str, observation: Observed = None) -> None:
+        """Publish what the team has had the layer's controller decide, as if it had come of an input here."""
+        control = self._control
+        alarms = control.alarms
+        self._taking = True
+        control.output.publish(step, time, cause, observation, None)
+        if control.alarms == alarms:
+            control.reopen(AT_KNOWN, time)
+        self._taking = False
+
+    def repeat(self, time: int) -> None:
+        """Publish the present action once more, where there is one."""
+        control = self._control
+        if control.running:
+            control.output.repeat(time, control.state)
+
+    def catch_up(self, time: int, *, over: bool) -> None:
+        """Decide what others have decided long ago, of which nothing is done; when that is over, do what is done now.
+
+        Args:
+            time: When.
+            over: Whether it is.
+        """
+        control = self._control
+        self.catching_up = not over
+        control.output.mute(muted=not over)
+        if over and control.running and control.blind and control.guard is not None:
+            control.guard.blind(time)
+        elif over:
+            self.repeat(time)
+
+    # -- Snapshots -----------------------------------------------------------------------------------------------
+
+    def snapshot(self) -> bytes:
+        """Return what it takes to go on from here at another agent."""
+        control = self._control
+        held: Any = [control.controller.snapshot(), control.running, control.state, control.output.acted]
+        return msgspec.msgpack.encode(held)
+
+    def restore(self, snapshot: bytes) -> None:
+        """Go on from a snapshot of a copy of the same configuration.
+
+        Raises:
+            ModelError: If it is invalid or of another configuration; the layer is unchanged.
+        """
+        control = self._control
+        try:
+            controller, running, state, acted = _opened(snapshot)
+        except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
+            raise ModelError(f"this is not a snapshot of a control layer: {error}") from None
+        for what, index, size in (
+            ("state", state, control.controller.symbols.num_states),
+            ("action", acted, control.controller.policy.num_actions),
+        ):
+            if index is not None and size is not None and not 0 <= index < size:
+                raise ModelError(f"this is not a snapshot of a control layer: there is no {what} {index} of {size}")
+        control.controller.restore(controller)
+        control.running, control.state, control.output.acted = running, state, acted

@@ -240,7 +240,12 @@ class Calls:
     processes there are none.
     """
 
-    LEFT_OUT = ("team/transport/network.py", "runtime/virtual.py", "runtime/clock.py", "runtime/runner.py")
+    LEFT_OUT = (
+        "team/transport/network.py",
+        "runtime/time/virtual.py",
+        "runtime/time/clock.py",
+        "runtime/process/runner.py",
+    )
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self.by_agent = dict.fromkeys(names, 0)

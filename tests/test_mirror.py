@@ -17,7 +17,6 @@ UNTESTED_ALONE = {
     "messages.py": "declares types alone",
     "version.py": "a line: test_public",
     "actors/options.py": "declares types alone",
-    "runtime/reader.py": "a line of the wall clock: test_clock",
     "actors/layer.py": "a base: its layers are tested",
     "team/centre.py": "with its outposts: test_centralised",
     "team/layer.py": "a base: replicas and centralised teams are tested",

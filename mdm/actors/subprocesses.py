@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdm.errors import Error
-from mdm.runtime.clock import check_seconds
+from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

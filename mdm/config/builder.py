@@ -16,7 +16,7 @@ from mdm.config.system import System
 from mdm.errors import ConfigError
 from mdm.formats.archive.npz import is_archive
 from mdm.formats.recognition import beginning, holds_policy
-from mdm.runtime.emergency import check_emergency
+from mdm.runtime.process.emergency import check_emergency
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,7 +14,7 @@ from mdm.maps.map import Floors, Map
 from mdm.maps.raster import Labels, border_distance, lookup
 from mdm.messages import PoseUpdate
 from mdm.runtime import Actor
-from mdm.runtime.clock import check_seconds
+from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -2,12 +2,10 @@
 
 from mdm.runtime.actor import Actor
 from mdm.runtime.channel import Channel, Subscription
-from mdm.runtime.clock import Clock, Timer, WallClock
 from mdm.runtime.dispatcher import Dispatcher
-from mdm.runtime.log import Log
-from mdm.runtime.runner import run
+from mdm.runtime.process.log import Log
+from mdm.runtime.process.runner import run
 from mdm.runtime.runtime import Runtime, RuntimeStatistics
-from mdm.runtime.scheduler import Ticker
 from mdm.runtime.statistics import (
     ActorStatistics,
     ChannelStatistics,
@@ -19,7 +17,9 @@ from mdm.runtime.statistics import (
 )
 from mdm.runtime.stream import Overflow, Stream
 from mdm.runtime.supervision import ActorFailure, Restart, Supervision
-from mdm.runtime.virtual import DeadlockError, VirtualClock, VirtualEventLoop
+from mdm.runtime.time.clock import Clock, Timer, WallClock
+from mdm.runtime.time.scheduler import Ticker
+from mdm.runtime.time.virtual import DeadlockError, VirtualClock, VirtualEventLoop
 from mdm.runtime.work import Work
 
 __all__ = [

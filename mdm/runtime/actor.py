@@ -12,10 +12,7 @@ import anyio
 from mdm.errors import Error
 from mdm.messages import Fault, StateChange, Tick
 from mdm.runtime.channel import Channel, Subscription
-from mdm.runtime.clock import check_seconds
 from mdm.runtime.handler import check_plain, kind_of
-from mdm.runtime.scheduler import Ticker
-from mdm.runtime.start import Start
 from mdm.runtime.statistics import ActorStatistics
 from mdm.runtime.supervision import (
     LEAVING,
@@ -29,20 +26,62 @@ from mdm.runtime.supervision import (
     text_of,
     was_cancelled,
 )
-from mdm.runtime.work import hide
-from mdm.runtime.workload import Workload
+from mdm.runtime.time.clock import check_seconds
+from mdm.runtime.time.scheduler import Ticker
+from mdm.runtime.work import Workload, hide
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Coroutine, Iterable
 
     from anyio.abc import TaskGroup
 
-    from mdm.runtime.clock import Timer
     from mdm.runtime.executors import Jobs
     from mdm.runtime.runtime import Runtime
+    from mdm.runtime.time.clock import Timer
     from mdm.runtime.work import Work
 
-__all__ = ["Actor"]
+__all__ = ["Actor", "Start"]
+
+
+class Start:
+    """Tells whoever starts an actor that it runs, or what its start raised.
+
+    Args:
+        untold: Called with what the start raised, where whoever started the actor was cancelled and waits no more.
+    """
+
+    def __init__(self, untold: Callable[[BaseException], object]) -> None:
+        self._untold = untold
+        self._left = False
+        self._event = anyio.Event()
+        self._error: BaseException | None = None
+
+    def done(self) -> None:
+        """Say that the actor runs."""
+        self._event.set()
+
+    def failed(self, error: BaseException | None) -> None:
+        """Say that it has ended; before it ran, because of an error."""
+        if not self._event.is_set():
+            self._error = error
+            self._event.set()
+            self._tell_otherwise()
+
+    def _tell_otherwise(self) -> None:
+        if self._left and self._error is not None:
+            self._untold(self._error)
+
+    async def wait(self) -> None:
+        """Wait until it runs; raise what its start raised."""
+        try:
+            await self._event.wait()
+        except BaseException:
+            self._left = True
+            self._tell_otherwise()
+            raise
+        if self._error is not None:
+            raise self._error
+
 
 T = TypeVar("T")
 Request = Literal["none", "stop", "restart", "fail"]

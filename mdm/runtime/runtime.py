@@ -17,14 +17,13 @@ from mdm.errors import Error
 from mdm.messages import Decision, Fault, Idle, Mode, StateChange
 from mdm.runtime.actor import Actor
 from mdm.runtime.channel import Channel, Subscription
-from mdm.runtime.clock import Clock, WallClock
 from mdm.runtime.dispatcher import Dispatcher
-from mdm.runtime.emergency import Emergency, check_emergency
 from mdm.runtime.executors import unwatch, watch
-from mdm.runtime.first_failures import FirstFailures
-from mdm.runtime.log import Log
+from mdm.runtime.process.emergency import Emergency, check_emergency
+from mdm.runtime.process.log import FirstFailures, Log
+from mdm.runtime.process.signals import Signals
+from mdm.runtime.process.watchdog import Watchdog, check_watch
 from mdm.runtime.sharing import Sharing
-from mdm.runtime.signals import Signals
 from mdm.runtime.statistics import (
     ActorStatistics,
     ChannelStatistics,
@@ -33,8 +32,8 @@ from mdm.runtime.statistics import (
     LoopStatistics,
 )
 from mdm.runtime.supervision import LEAVING, ActorFailure, describe, text_of
-from mdm.runtime.virtual import VirtualClock, VirtualEventLoop
-from mdm.runtime.watchdog import Watchdog, check_watch
+from mdm.runtime.time.clock import Clock, WallClock
+from mdm.runtime.time.virtual import VirtualClock, VirtualEventLoop
 from mdm.runtime.work import hide
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import msgspec
 
 from mdm.checks import is_number, is_whole
 from mdm.errors import ConfigError, Error
-from mdm.runtime.clock import check_seconds
+from mdm.runtime.time.clock import check_seconds
 
 __all__ = [
     "LEAVING",

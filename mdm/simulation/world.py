@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mdm.actors import StateLayer
     from mdm.models import MDP, Durations
     from mdm.models.matrices import Vector
-    from mdm.runtime.clock import Timer
+    from mdm.runtime.time.clock import Timer
 
 __all__ = ["World"]
 

@@ -9,7 +9,7 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.runtime import Actor
-from mdm.runtime.writer import Writer
+from mdm.runtime.process.writer import Writer
 from mdm.team.commits import Committed
 
 if TYPE_CHECKING:

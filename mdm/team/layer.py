@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError
 from mdm.messages import Observation, State
-from mdm.runtime.scheduler import next_tick
+from mdm.runtime.time.scheduler import next_tick
 from mdm.team import centralised
 from mdm.team.commands import DONE, PENDING, Commands
 from mdm.team.commits import Committed

@@ -11,7 +11,7 @@ from mdm.actors import FixedRate, OnEvent
 from mdm.actors.control.drive import drive_of
 from mdm.errors import ConfigError
 from mdm.logic import similar
-from mdm.runtime.clock import check_seconds
+from mdm.runtime.time.clock import check_seconds
 from mdm.team.communicating.communication import Always
 from mdm.team.transport.ceilings import Ceiling, ceiling_settings
 from mdm.team.transport.keys import check_name

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import mdm
-from mdm.runtime.signals import Signals
+from mdm.runtime.process.signals import Signals
 
 PLAN = json.loads(os.environ["ROBOT"])
 MOMENT, FAULT = PLAN["moment"], PLAN["fault"]

@@ -20,7 +20,7 @@ from mdm import Actor, Error, Runtime, run
 from mdm.messages import State
 from mdm.runtime import Dispatcher, WallClock
 from mdm.runtime.channel import Channel, Subscription, Topics
-from mdm.runtime.virtual import VirtualClock
+from mdm.runtime.time.virtual import VirtualClock
 from mdm.testing import probe, run_virtual
 
 

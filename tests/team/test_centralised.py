@@ -11,7 +11,7 @@ from team_robots import Robot, over_beliefs, over_states, started, three
 
 import mdm
 from mdm import problems
-from mdm.runtime.scheduler import next_tick
+from mdm.runtime.time.scheduler import next_tick
 from mdm.team import centralised
 from mdm.team.placement import Placement
 from mdm.team.team import Team

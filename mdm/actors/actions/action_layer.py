@@ -22,11 +22,11 @@ from mdm.logic import similar
 from mdm.messages import Action, ActionLife, ActionStatus
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.channel import Subscription
-from mdm.runtime.clock import check_seconds
 from mdm.runtime.executors import OWNER, Jobs
 from mdm.runtime.handler import has_not_run
 from mdm.runtime.statistics import FULL
 from mdm.runtime.supervision import LEAVING, describe
+from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

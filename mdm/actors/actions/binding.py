@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from mdm.actors.actions.sequel import Sequel, Then
 from mdm.checks import check_choice, check_flag
 from mdm.errors import ConfigError
-from mdm.runtime.clock import check_seconds
 from mdm.runtime.handler import kind_of
+from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
     from mdm.actors.ensemble import Ensemble

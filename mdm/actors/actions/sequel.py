@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, TypedDict
 
 from mdm.checks import check_choice
 from mdm.errors import ConfigError
-from mdm.runtime.clock import check_seconds
+from mdm.runtime.time.clock import check_seconds
 
 __all__ = ["LONGEST_PAUSE", "Due", "Sequel", "SequelOptions", "Then", "Tries"]
 

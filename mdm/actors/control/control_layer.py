@@ -25,8 +25,8 @@ from mdm.errors import ConfigError, Error, ModelError
 from mdm.messages import Answer, Belief, Control, Fault, Observation, Question, State, Tick
 from mdm.options import check_options
 from mdm.runtime import ActorStatistics, Histogram
-from mdm.runtime.clock import check_seconds
 from mdm.runtime.supervision import text_of
+from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -8,7 +8,7 @@ import msgspec
 
 from mdm.checks import is_number
 from mdm.errors import ConfigError, ModelError
-from mdm.runtime.scheduler import check_rate
+from mdm.runtime.time.scheduler import check_rate
 
 if TYPE_CHECKING:
     from mdm.models import Space

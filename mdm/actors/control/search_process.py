@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from mdm.compile_time import COMPILE_TIME
-from mdm.runtime.frames import HEADER, frame, unframed
+from mdm.runtime.process.frames import HEADER, frame, unframed
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -18,9 +18,9 @@ from mdm.logic import Formula, Network, parse
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdate
 from mdm.runtime import Actor
 from mdm.runtime.channel import Topics
-from mdm.runtime.clock import check_seconds
 from mdm.runtime.handler import check_plain
 from mdm.runtime.supervision import text_of
+from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -118,7 +118,7 @@ def _system(arguments: argparse.Namespace) -> System:
     from mdm.config.functions import nothing  # noqa: PLC0415
     from mdm.errors import ConfigError  # noqa: PLC0415
     from mdm.formats import load_model, load_policy  # noqa: PLC0415
-    from mdm.runtime.scheduler import check_rate  # noqa: PLC0415
+    from mdm.runtime.time.scheduler import check_rate  # noqa: PLC0415
 
     if arguments.file is not None:
         for name in _OPTIONS:

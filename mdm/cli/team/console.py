@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
-from mdm.runtime.rendering import Rendering
-from mdm.runtime.writer import Stream, Writer
+from mdm.runtime.process.rendering import Rendering
+from mdm.runtime.process.writer import Stream, Writer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -16,7 +16,7 @@ from contextlib import nullcontext
 from typing import Any
 
 from mdm.compile_time import COMPILE_TIME
-from mdm.runtime.frames import HEADER, frame, unframed
+from mdm.runtime.process.frames import HEADER, frame, unframed
 from mdm.solvers.online.tables import received
 from mdm.solvers.online.tree_search import Search
 

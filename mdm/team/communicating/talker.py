@@ -15,7 +15,7 @@ from mdm.errors import ConfigError, ModelError
 from mdm.messages import Fault
 from mdm.models.digest import of_parts
 from mdm.runtime import Subscription
-from mdm.runtime.scheduler import next_tick
+from mdm.runtime.time.scheduler import next_tick
 from mdm.team.communicating.episode import Episode, Stops, TalkerStatistics, Word, decode, encode
 from mdm.team.communicating.knowledge import Knowledge, SharedHistory
 from mdm.team.communicating.recollection import Experience

@@ -20,7 +20,7 @@ from mdm.team.transport.router import Router
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from mdm.runtime.clock import Clock
+    from mdm.runtime.time.clock import Clock
     from mdm.team.transport.transport import Priority, Sample, TransportStatistics
 
 __all__ = ["Network", "SimulatedTransport"]

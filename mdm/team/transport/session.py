@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import msgspec
 
 from mdm.errors import Error
-from mdm.runtime.clock import WallClock, check_seconds
-from mdm.runtime.virtual import VirtualEventLoop
+from mdm.runtime.time.clock import WallClock, check_seconds
+from mdm.runtime.time.virtual import VirtualEventLoop
 from mdm.team.transport.bounds import UNREADABLE
 from mdm.team.transport.envelope import LARGEST, Packer, check_size, is_step
 from mdm.team.transport.keys import check_expression, check_name, join

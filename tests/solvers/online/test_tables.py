@@ -14,7 +14,7 @@ from mdm.loading import spared
 from mdm.models import MDP, FactoredMDP, TwoSliceNetwork
 from mdm.models.dynamics import Rows
 from mdm.problems import tag, tiger
-from mdm.runtime.frames import HEADER, frame, unframed
+from mdm.runtime.process.frames import HEADER, frame, unframed
 from mdm.solvers import TreeSearch
 from mdm.solvers.online.tables import received, search_tables
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mdm.problems import tiger
-from mdm.runtime.frames import HEADER, frame, unframed
+from mdm.runtime.process.frames import HEADER, frame, unframed
 from mdm.solvers import TreeSearch
 
 PROGRAM = [sys.executable, "-c", "from mdm.solvers.online.worker import main; main()"]

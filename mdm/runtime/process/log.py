@@ -1,6 +1,7 @@
 """The log: a subscriber that renders faults, modes, the lives of actors and, where they are asked for, decisions.
 
 Messages come first and log lines after, on a thread of their own: what reads the log, or does not, delays nothing.
+Where no log is written, an action that fails is printed all the same, once.
 """
 
 from __future__ import annotations
@@ -8,18 +9,54 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal
 
 from mdm.errors import Error
-from mdm.runtime.virtual import VirtualClock
-from mdm.runtime.writer import StandardError, Writer
+from mdm.runtime.process.writer import StandardError, Writer
+from mdm.runtime.time.virtual import VirtualClock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from mdm.messages import Decision, Fault, Mode, StateChange
-    from mdm.runtime.rendering import Rendering
+    from mdm.runtime.process.rendering import Rendering
     from mdm.runtime.runtime import Runtime
     from mdm.runtime.statistics import LogStatistics
 
-__all__ = ["Log"]
+__all__ = ["FirstFailures", "Log"]
+
+
+class FirstFailures:
+    """Prints on standard error, of each action, its first failure; what waits for a reader delays nothing."""
+
+    def __init__(self) -> None:
+        self._writer: Writer | None = None
+        self._told: set[tuple[str, str]] = set()
+        self._virtual = False
+
+    def open(self, runtime: Runtime) -> None:
+        """Listen to a runtime."""
+        self._virtual = isinstance(runtime.clock, VirtualClock)
+        runtime.faults.subscribe(self._take)
+
+    def close(self) -> None:
+        """Write out what waits, within a bound."""
+        if self._writer is not None:
+            self._writer.close()
+
+    def _take(self, fault: Fault) -> None:
+        action = fault.source, fault.detail.partition("' ")[0]
+        if fault.kind != "action" or action in self._told:
+            return
+        self._told.add(action)
+        if self._writer is None:
+            self._writer = Writer()
+            if not self._virtual:
+                self._writer.open()
+        ensemble = fault.source.removesuffix("/action")
+        self._writer.put(self._print, f"mdm: ensemble {ensemble!r}: {fault.detail}")
+
+    def _print(self, line: str) -> None:
+        writer = self._writer
+        assert writer is not None
+        StandardError(lambda: writer.given_up).write(f"{line} (told once, since the runtime has no log)")
 
 
 class Log:
@@ -82,7 +119,7 @@ class Log:
         """Return a logger that writes lines on standard error."""
         import structlog  # noqa: PLC0415 - 40 ms that a silent runtime need not spend
 
-        from mdm.runtime.rendering import Rendering  # noqa: PLC0415 - the same
+        from mdm.runtime.process.rendering import Rendering  # noqa: PLC0415 - the same
 
         if target not in {"console", "json"}:
             raise _no_log(target)

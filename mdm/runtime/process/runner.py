@@ -11,11 +11,11 @@ import anyio
 
 from mdm.errors import Error
 from mdm.runtime.actor import Actor
-from mdm.runtime.clock import check_seconds
+from mdm.runtime.process.signals import Signals
 from mdm.runtime.runtime import Runtime, end_all
-from mdm.runtime.signals import Signals
 from mdm.runtime.supervision import LEAVING, ActorFailure
-from mdm.runtime.virtual import DeadlockError, VirtualEventLoop
+from mdm.runtime.time.clock import check_seconds
+from mdm.runtime.time.virtual import DeadlockError, VirtualEventLoop
 from mdm.runtime.work import hide
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from mdm.messages import StateChange
 
 __all__ = ["run"]
+
 
 T = TypeVar("T")
 

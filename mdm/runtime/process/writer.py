@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["StandardError", "Stream", "Writer"]
 
+
 _BOUND = 4096
 _LOOK = 0.05
 _PIPE = getattr(select, "PIPE_BUF", 512)

@@ -7,6 +7,7 @@ from typing import Any
 
 __all__ = ["HEADER", "frame", "unframed"]
 
+
 HEADER = 8
 """Bytes of the length."""
 

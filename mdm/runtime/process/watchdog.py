@@ -13,9 +13,9 @@ from time import monotonic_ns
 from typing import TYPE_CHECKING
 
 from mdm.errors import Error
-from mdm.runtime.clock import check_seconds
-from mdm.runtime.emergency import check_emergency
+from mdm.runtime.process.emergency import check_emergency
 from mdm.runtime.statistics import Latencies, LoopStatistics
+from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
     import asyncio
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
 __all__ = ["Watchdog", "check_watch"]
+
 
 _SHORTEST = 0.01
 _PAUSE = 0.05

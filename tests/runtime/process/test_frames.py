@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mdm.runtime.frames import HEADER, frame, unframed
+from mdm.runtime.process.frames import HEADER, frame, unframed
 
 
 @pytest.mark.parametrize("content", [None, (3, "é", 0.5), np.arange(5.0), b"x" * 100_000])

@@ -15,7 +15,7 @@ import pytest
 from programs import python
 
 from mdm import Error, Runtime, run
-from mdm.runtime import signals
+from mdm.runtime.process import signals
 
 ROBOT = """
 import asyncio, signal, sys, threading, time

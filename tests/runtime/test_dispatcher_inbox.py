@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from hypothesis import given, strategies as st
 
-from mdm.runtime.inbox import Inbox
+from mdm.runtime.dispatcher import Inbox
 
 
 class Lane:

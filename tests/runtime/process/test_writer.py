@@ -15,7 +15,7 @@ from programs import python
 
 from mdm import Actor, Runtime, run
 from mdm.messages import Fault
-from mdm.runtime.writer import Stream, Writer
+from mdm.runtime.process.writer import Stream, Writer
 
 ROBOT = """
 import json, os, sys

@@ -1,14 +1,19 @@
 """Clocks: where all time and all timers come from.
 
 A clock tells integer nanoseconds and calls back at a given one. `WallClock` is real time; the virtual one lives in
-`mdm.runtime.virtual`. On CPython 3.11 the event loop's own timers are late by up to a millisecond and more, because
-its selector rounds a timeout up to whole milliseconds; on Linux the wall clock therefore waits on a ``timerfd``.
+`mdm.runtime.time.virtual`. On CPython 3.11 the event loop's own timers are late by up to a millisecond and more, since
+its selector rounds a timeout up to whole milliseconds; on Linux the wall clock therefore waits on a ``timerfd``, which
+an event loop can wait for as for a file and which is exact to microseconds. The standard library has it from Python
+3.13 on; before that it is reached through the C library. See timerfd_create(2).
 """
 
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import heapq
+import os
+import sys
 import time
 from abc import ABC, abstractmethod
 from collections import deque
@@ -18,13 +23,88 @@ from typing import TYPE_CHECKING
 
 from mdm.checks import is_number
 from mdm.errors import ConfigError
-from mdm.runtime import timerfd
-from mdm.runtime.reader import steady
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["Clock", "Timer", "WallClock", "check_seconds"]
+__all__ = [
+    "Clock",
+    "Timer",
+    "WallClock",
+    "acknowledge",
+    "available",
+    "check_seconds",
+    "close",
+    "create",
+    "set_time",
+    "steady",
+]
+
+
+def steady(offset: int) -> Callable[[], int]:
+    """Return a function that tells the steady time, and so many nanoseconds more."""
+    read = monotonic_ns
+    return lambda: read() + offset
+
+
+_ABSOLUTE = 1
+
+
+class _TimeSpec(ctypes.Structure):
+    _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
+
+
+class _TimerSpec(ctypes.Structure):
+    _fields_ = (("interval", _TimeSpec), ("value", _TimeSpec))
+
+
+def _library() -> ctypes.CDLL | None:
+    if sys.platform != "linux":
+        return None
+    library = ctypes.CDLL(None, use_errno=True)
+    if not hasattr(library, "timerfd_create"):
+        return None
+    library.timerfd_settime.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.POINTER(_TimerSpec), ctypes.c_void_p)
+    return library
+
+
+_LIBRARY = _library()
+available = _LIBRARY is not None
+
+
+def create() -> int:
+    """Return the descriptor of a new, non-blocking timer on the steady clock.
+
+    Raises:
+        OSError: If the process has no descriptors left, or the platform has no such timers.
+    """
+    descriptor = -1 if _LIBRARY is None else _LIBRARY.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
+    if descriptor < 0:
+        raise OSError(ctypes.get_errno(), "timerfd_create failed")
+    return int(descriptor)
+
+
+def set_time(descriptor: int, when: int) -> None:
+    """Fire once when the steady clock shows ``when`` nanoseconds (at once if that has passed)."""
+    seconds, nanoseconds = divmod(max(when, 1), 1_000_000_000)
+    spec = _TimerSpec(_TimeSpec(0, 0), _TimeSpec(seconds, nanoseconds))
+    if _LIBRARY is None or _LIBRARY.timerfd_settime(descriptor, _ABSOLUTE, ctypes.byref(spec), None) < 0:
+        raise OSError(ctypes.get_errno(), "timerfd_settime failed")
+
+
+def acknowledge(descriptor: int) -> bool:
+    """Return whether the timer has fired since it was last asked."""
+    try:
+        os.read(descriptor, 8)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def close(descriptor: int) -> None:
+    """Give the descriptor back."""
+    os.close(descriptor)
+
 
 _SWEEP = 1024
 
@@ -210,12 +290,12 @@ class WallClock(Clock):
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
         """Serve timers on this event loop, through a ``timerfd`` where the platform has one."""
         super().open(loop)
-        if timerfd.available:
-            self._descriptor = timerfd.create()
+        if available:
+            self._descriptor = create()
             try:
                 loop.add_reader(self._descriptor, self._timerfd_fired)
             except NotImplementedError:
-                timerfd.close(self._descriptor)
+                close(self._descriptor)
                 self._descriptor = None
         self._arm_next()
 
@@ -224,7 +304,7 @@ class WallClock(Clock):
         if self._descriptor is not None:
             if self._loop is not None and not self._loop.is_closed():
                 self._loop.remove_reader(self._descriptor)
-            timerfd.close(self._descriptor)
+            close(self._descriptor)
             self._descriptor = None
         if self._handle is not None:
             self._handle.cancel()
@@ -236,7 +316,7 @@ class WallClock(Clock):
         if self._descriptor is not None:
             self._woken_for = steady - self._lead
             self._learning = self._spin and self._woken_for > monotonic_ns()
-            timerfd.set_time(self._descriptor, self._woken_for)
+            set_time(self._descriptor, self._woken_for)
         elif self._loop is not None:
             if self._handle is not None:
                 self._handle.cancel()
@@ -244,7 +324,7 @@ class WallClock(Clock):
             self._handle = self._loop.call_later(max(delay, 0.0), self._fire_due)
 
     def _timerfd_fired(self) -> None:
-        if self._descriptor is None or not timerfd.acknowledge(self._descriptor):
+        if self._descriptor is None or not acknowledge(self._descriptor):
             return
         now = monotonic_ns()
         if self._learning:

@@ -12,7 +12,7 @@ from mdm.messages import Tick
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mdm.runtime.clock import Clock, Timer
+    from mdm.runtime.time.clock import Clock, Timer
 
 __all__ = ["Ticker", "check_rate"]
 

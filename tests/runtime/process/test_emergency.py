@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from mdm import Error, Runtime, run
-from mdm.runtime.emergency import Emergency
+from mdm.runtime.process.emergency import Emergency
 from mdm.testing import probe, run_virtual
 
 

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from mdm.runtime import timerfd
+from mdm.runtime.time import clock as timerfd
 
 pytestmark = pytest.mark.skipif(not timerfd.available, reason="this platform has no timerfd")
 

@@ -6,7 +6,7 @@ from datetime import datetime
 
 import pytest
 
-from mdm.runtime.rendering import Rendering
+from mdm.runtime.process.rendering import Rendering
 
 RECORD = {"event": "decision", "level": "info", "time": 1_700_000_000.25, "epoch": 3, "reward": 1.23456789}
 

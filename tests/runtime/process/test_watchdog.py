@@ -12,7 +12,7 @@ from programs import python
 
 from mdm import Ensemble, Error, FixedRate, Runtime, run
 from mdm.policies import DeterministicPolicy
-from mdm.runtime.watchdog import Watchdog
+from mdm.runtime.process.watchdog import Watchdog
 from mdm.testing import probe, run_virtual
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Emergency", "check_emergency"]
 
+
 _PATIENCE = 0.5
 
 

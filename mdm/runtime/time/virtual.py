@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
 
 from mdm.errors import Error
-from mdm.runtime.clock import Clock
+from mdm.runtime.time.clock import Clock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from _typeshed import FileDescriptorLike
 
 __all__ = ["DeadlockError", "VirtualClock", "VirtualEventLoop"]
+
 
 T = TypeVar("T")
 Arguments = TypeVarTuple("Arguments")

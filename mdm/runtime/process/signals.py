@@ -12,12 +12,13 @@ from itertools import count
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from mdm.runtime.virtual import VirtualEventLoop
+from mdm.runtime.time.virtual import VirtualEventLoop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 __all__ = ["Signals"]
+
 
 _NUMBERS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _MOMENT = 0.25

@@ -11,7 +11,7 @@ import sys
 from collections import deque
 
 from mdm import Ensemble, bind
-from mdm.actors.modes import Try
+from mdm.actors.safety.modes import Try
 from mdm.policies import DeterministicPolicy
 from mdm.testing import run_virtual
 

@@ -1,19 +1,18 @@
 """The layers as actors: predicate manager, state, observation, control and action layer, and the ensemble."""
 
+from mdm.actors.abstraction.factors import ObservationFactor, StateFactor
+from mdm.actors.abstraction.observation_layer import ObservationLayer
+from mdm.actors.abstraction.state_layer import StateLayer
 from mdm.actors.actions.action_layer import ActionLayer, ActionStatistics
 from mdm.actors.actions.binding import Binding, bind
+from mdm.actors.actions.subprocesses import run_subprocess
 from mdm.actors.control.control_layer import ControlLayer, ControlStatistics
 from mdm.actors.control.drive import Drive, FixedRate, OnEvent
 from mdm.actors.control.planner import Planner, PlannerStatistics
 from mdm.actors.ensemble import Ensemble, EnsembleStatistics
-from mdm.actors.observation_factor import ObservationFactor
-from mdm.actors.observation_layer import ObservationLayer
 from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
-from mdm.actors.predicates.sensor import EventSource, Sensor
-from mdm.actors.state_factor import StateFactor
-from mdm.actors.state_layer import StateLayer
-from mdm.actors.subprocesses import run_subprocess
+from mdm.actors.predicates.sources import EventSource, Sensor
 
 __all__ = [
     "ActionLayer",

@@ -10,19 +10,18 @@ import anyio
 import msgspec
 import numpy as np
 
+from mdm.actors.abstraction.factors import ObservationFactor, StateFactor
+from mdm.actors.abstraction.observation_layer import ObservationLayer
+from mdm.actors.abstraction.state_layer import StateLayer
 from mdm.actors.actions.action_layer import SAFE_TIMEOUT, ActionLayer
 from mdm.actors.control.control_layer import ControlLayer
 from mdm.actors.control.drive import FixedRate
 from mdm.actors.control.source import JointProcess
 from mdm.actors.layer import Layer
-from mdm.actors.liveness import Liveness
-from mdm.actors.observation_factor import ObservationFactor
-from mdm.actors.observation_layer import ObservationLayer
 from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
-from mdm.actors.safety import Safety
-from mdm.actors.state_factor import StateFactor
-from mdm.actors.state_layer import StateLayer
+from mdm.actors.safety.liveness import Liveness
+from mdm.actors.safety.safety import Safety
 from mdm.checks import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State

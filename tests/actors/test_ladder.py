@@ -7,7 +7,7 @@ from ladder import search
 
 from mdm.actors.actions.lives import Gate, Lives
 from mdm.actors.ensemble import Ensemble
-from mdm.actors.modes import Modes, Stage
+from mdm.actors.safety.modes import Modes, Stage
 
 
 def test_nothing_goes_wrong_in_short_sequences():

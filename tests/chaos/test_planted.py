@@ -8,9 +8,9 @@ from chaos.scenario import Scenario
 from mdm import Actor, Ensemble, PredicateManager
 from mdm.actors.actions.action_layer import ActionLayer
 from mdm.actors.actions.lives import Lives
-from mdm.actors.liveness import Liveness
-from mdm.actors.modes import Stage
-from mdm.actors.safety import Safety
+from mdm.actors.safety.liveness import Liveness
+from mdm.actors.safety.modes import Stage
+from mdm.actors.safety.safety import Safety
 from mdm.runtime.executors import Jobs, _Job
 from mdm.runtime.work import Work
 

@@ -18,8 +18,8 @@ from mdm.actors.control.output import Output
 from mdm.actors.control.planner import PATIENCE, Planner
 from mdm.actors.control.source import OwnChannels
 from mdm.actors.layer import Layer
-from mdm.actors.modes import AT_INPUT, AT_KNOWN
 from mdm.actors.options import ControlOptions
+from mdm.actors.safety.modes import AT_INPUT, AT_KNOWN
 from mdm.controller import Controller
 from mdm.errors import ConfigError, Error, ModelError
 from mdm.messages import Answer, Belief, Control, Fault, Observation, Question, State, Tick

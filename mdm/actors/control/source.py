@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import msgspec
 
-from mdm.actors.modes import AT_INPUT, AT_KNOWN, AT_STIMULUS
+from mdm.actors.safety.modes import AT_INPUT, AT_KNOWN, AT_STIMULUS
 from mdm.errors import ModelError
 from mdm.messages import Belief, Control, Observation, State
 

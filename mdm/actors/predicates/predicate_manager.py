@@ -8,11 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mdm.actors.predicates.backlog import Backlog
-from mdm.actors.predicates.batches import Batch, Batches
 from mdm.actors.predicates.declarations import ACTION_END, Declarations
-from mdm.actors.predicates.follower import Follower
-from mdm.actors.predicates.sensor import EventSource, Sensor, truth
+from mdm.actors.predicates.sources import Backlog, Batch, Batches, EventSource, Follower, Sensor, truth
 from mdm.errors import ConfigError, Error
 from mdm.logic import Formula, Network, parse
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdate
@@ -29,7 +26,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mdm.actors.predicates.declarations import Kind
-    from mdm.actors.predicates.sensor import Readings
+    from mdm.actors.predicates.sources import Readings
     from mdm.checks import Number
     from mdm.logic import Change
     from mdm.runtime import Channel, Runtime, Supervision, Timer

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mdm.actors.predicates.backlog import Backlog
+from mdm.actors.predicates.sources import Backlog
 
 
 def test_the_latest_value_of_each_counts():

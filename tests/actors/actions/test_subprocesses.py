@@ -19,7 +19,7 @@ from action_lives import lives_of, robot, told
 from programs import python
 
 from mdm import ConfigError, Error, Runtime, bind, run, run_subprocess
-from mdm.actors.subprocesses import _has_members
+from mdm.actors.actions.subprocesses import _has_members
 
 READY = "echo ready >&3"
 # The trap is that of the shell alone, which waits, when this is ready, for what SIGTERM ends.

@@ -1,16 +1,16 @@
 """Safety: carries out what the modes of an ensemble order, and tells of it.
 
-It notices what the layers report, asks the state machine of `mdm.actors.modes`, and obeys: the latch, the safe action,
-the way back. All of it happens in the very call that notices a cause.
+It notices what the layers report, asks the state machine of `mdm.actors.safety.modes`, and obeys: the latch, the safe
+action, the way back. All of it happens in the very call that notices a cause.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, get_args
 
-from mdm.actors.modes import Modes, Order, Stage, Try
 from mdm.actors.options import FailureReaction, LostTeammate, Reaction
-from mdm.actors.waiting import Waiting
+from mdm.actors.safety.liveness import Waiting
+from mdm.actors.safety.modes import Modes, Order, Stage, Try
 from mdm.checks import check_choice
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Mode, PredicateUpdate
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mdm.messages import Cause
 
 __all__ = ["Safety"]
+
 
 _FAILED = "on_failed_action"
 _REACTIONS = (_FAILED, "on_lost_input", "on_unknown")

@@ -13,8 +13,8 @@ from mdm.messages import PredicateUpdate, State
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from mdm.actors.abstraction.factors import StateFactor
     from mdm.actors.predicates.predicate_manager import PredicateManager
-    from mdm.actors.state_factor import StateFactor
     from mdm.models import Space
 
 __all__ = ["StateLayer"]

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["run_subprocess"]
 
+
 _FIRST_PAUSE, _LAST_PAUSE = 0.001, 0.1
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mdm import Error, PredicateManager
-from mdm.actors.predicates.sensor import truth
+from mdm.actors.predicates.sources import truth
 from mdm.testing import run_virtual
 
 

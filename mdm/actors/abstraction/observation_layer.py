@@ -14,11 +14,12 @@ from mdm.messages import EventUpdate, Observation
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from mdm.actors.observation_factor import ObservationFactor
+    from mdm.actors.abstraction.factors import ObservationFactor
     from mdm.actors.predicates.predicate_manager import PredicateManager
     from mdm.models import Space
 
 __all__ = ["ObservationLayer"]
+
 
 _FEW = 8
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import settings, strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from mdm.actors.modes import AT_INPUT, AT_STIMULUS, WAYS_BACK, Modes, Order, Stage, Try
+from mdm.actors.safety.modes import AT_INPUT, AT_STIMULUS, WAYS_BACK, Modes, Order, Stage, Try
 
 CAUSES = ("impossible_observation", "deadline", "stale_input", "action", "mine")
 

@@ -1,7 +1,7 @@
 """Liveness: an ensemble that decides has a live action, or waits for something that it names, or is idle and says so.
 
 Nothing of it is on the way from an input to an action: an ensemble is looked at when an action that takes time has
-ended, behind all that this brings about.
+ended, behind all that this brings about. One that should decide and does not know its state says what it waits for.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from mdm.actors.actions.sequel import Due, Sequel, Tries
 from mdm.checks import is_number
 from mdm.errors import ConfigError
-from mdm.messages import Fault, Idle
+from mdm.messages import Fault, Idle, PredicateUpdate, State
 from mdm.runtime.channel import Subscription
 
 if TYPE_CHECKING:
@@ -24,7 +24,85 @@ if TYPE_CHECKING:
     from mdm.messages import ActionStatus
     from mdm.runtime import Timer
 
-__all__ = ["IDLE_AFTER", "Liveness"]
+__all__ = ["IDLE_AFTER", "Liveness", "Waiting"]
+
+
+_PATIENCE = 1.0
+
+
+class Waiting:
+    """Reports what an ensemble waits for, a second after it began to wait, and again when that changes.
+
+    It listens while the ensemble waits, and not otherwise, so that a decision costs nothing for it.
+
+    Args:
+        ensemble: Whose.
+
+    Attributes:
+        names: What it waits for now; empty where it waits for nothing.
+    """
+
+    def __init__(self, ensemble: Ensemble) -> None:
+        self.names: tuple[str, ...] = ()
+        self._ensemble = ensemble
+        self._subscriptions: list[Subscription[State] | Subscription[PredicateUpdate]] = []
+        self._timer: Timer | None = None
+        self._told: tuple[str, ...] = ()
+        self._waits = False
+
+    def unknown(self) -> tuple[str, ...]:
+        """Return the unknown predicates that keep the state unknown; empty where no state layer tells it."""
+        layer = self._ensemble.state
+        return () if layer is None else layer.unknown()
+
+    def begin(self) -> None:
+        """Take it that the ensemble waits for its state."""
+        if self._waits:
+            return
+        ensemble = self._ensemble
+        self._waits = True
+        self.names = self._wanted()
+        self._told = ()
+        self._timer = ensemble.call_later(_PATIENCE, self._tell)
+        self._subscriptions = [ensemble.channel("state", State, retain=True).subscribe(self._on_state, ensemble)]
+        if ensemble.state is not None:
+            updates = ensemble.state.predicates.updates
+            self._subscriptions.append(updates.subscribe(self._on_update, ensemble, topics=ensemble.state.inputs()))
+
+    def end(self) -> None:
+        """Take it that it waits no more."""
+        self._waits = False
+        self.names = ()
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        for subscription in self._subscriptions:
+            subscription.cancel()
+        self._subscriptions.clear()
+
+    def _wanted(self) -> tuple[str, ...]:
+        if self._ensemble.state is None:
+            return (f"a state on {self._ensemble.path}/state",)
+        return self.unknown()  # nothing, where all is known by now and the state is about to come
+
+    def _on_state(self, state: State) -> None:
+        if state.index is not None:
+            self.end()
+
+    def _on_update(self, _: PredicateUpdate) -> None:
+        self.names = self._wanted()
+        if self._timer is None:
+            self._tell()
+
+    def _tell(self) -> None:
+        self._timer = None
+        self.names = self._wanted()
+        if self._waits and self.names and self.names != self._told:
+            self._told = self.names
+            *most, last = self.names
+            names = f"{', '.join(most)} and {last} are" if most else f"{last} is"
+            self._ensemble.report("waiting", f"cannot decide while {names} unknown")
+
 
 IDLE_AFTER = 10.0
 """Seconds of idleness after which it is told as a fault, where an action that takes time has ended."""

@@ -24,7 +24,6 @@ from mdm.beliefs.tracker import checked_support
 from mdm.checks import check_choice
 from mdm.errors import ConfigError, ModelError
 from mdm.loading import model_of, policy_of, spared
-from mdm.models import POMDP, FactoredMDP, FactoredPOMDP
 from mdm.models.compilation import sparing
 from mdm.models.digest import digest, of_parts
 from mdm.models.factored.flattening import RewardRow, RewardRows
@@ -190,7 +189,7 @@ class Controller:
 
         So is one that decides at a fixed rate. Beliefs by events then count no unseen steps; see `POMDP.step_by_step`.
         """
-        if not isinstance(self.model, POMDP) or not self.model.event_observations:
+        if self.model is None or not self.model.event_observations:
             return
         self.model = self.model.step_by_step()
         self._configuration = None
@@ -583,7 +582,7 @@ def reward_rows(
     """Return R as a row of S numbers for each action; of a model that stays factored none of them is made."""
     if given is None and model is None:
         return None
-    if given is None and isinstance(model, FactoredMDP | FactoredPOMDP) and model.stays_factored:
+    if given is None and model is not None and model.network is not None and model.stays_factored:
         return RewardRows(model.network)
     rewards = model.rewards if given is None and model is not None else given
     try:
@@ -605,9 +604,9 @@ def reward_rows(
     return list(np.ascontiguousarray(array.T))
 
 
-def with_false_negatives(model: MDP | None, symbol: Symbol) -> POMDP:
+def with_false_negatives(model: MDP | None, symbol: Symbol) -> MDP:
     """Return a model in which a symbol of observation is a false negative."""
-    if not isinstance(model, POMDP):
+    if model is None or model.pomdp is None:
         raise ConfigError(
             "false negatives need a POMDP to track the belief, but there is none",
             key="false_negative",

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mdm.beliefs.compact import LINE, CompactFilter
 from mdm.beliefs.compressed import CompressedFilter, GroupedFilter, held_numbers
 from mdm.beliefs.dense import FoldedFilter, LikelyFilter
@@ -18,8 +16,7 @@ from mdm.beliefs.network import NetworkFilter
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
 from mdm.models.compilation import can_compile, may_compile
 from mdm.models.dynamics import Dynamics
-from mdm.models.factored.model import FactoredPOMDP
-from mdm.models.matrices import held_bytes, is_compressed
+from mdm.models.matrices import num_entries
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -135,7 +132,7 @@ def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:
         model: The POMDP.
         fast: Whether to use numba; by default if it is installed.
     """
-    if isinstance(model, FactoredPOMDP) and model.stays_factored:
+    if model.network is not None and model.stays_factored:
         return NetworkFilter(model.network)
     size = len(model.state_space)
     if fast is None:
@@ -172,12 +169,10 @@ def compiles(model: POMDP) -> bool:
 
 
 def _held(model: POMDP) -> int:
-    """Return the bytes of the matrices of T and O."""
-    if isinstance(model, FactoredPOMDP):
-        return model.matrix_size.transitions + model.matrix_size.observations
-    actions = range(len(model.action_space))
-    told = [] if model.event_observations else [model.observation_matrix(action) for action in actions]
-    return held_bytes([*map(model.transition_matrix, actions), *told])
+    """Return the bytes of T and O; the events of a flat model are not counted."""
+    size = model.matrix_size
+    events = model.network is None and model.event_observations
+    return size.transitions + (0 if events else size.observations)
 
 
 def most_folded(model: POMDP) -> int:
@@ -189,5 +184,4 @@ def most_folded(model: POMDP) -> int:
 def _filled(model: POMDP) -> float:
     """Return the density of T."""
     matrices = [model.transition_matrix(a) for a in range(len(model.action_space))]
-    entries = sum(matrix.nnz if is_compressed(matrix) else int(np.count_nonzero(matrix)) for matrix in matrices)
-    return entries / (len(matrices) * len(model.state_space) ** 2)
+    return sum(map(num_entries, matrices)) / (len(matrices) * len(model.state_space) ** 2)

@@ -15,7 +15,7 @@ from mdm.beliefs.dense import folded
 from mdm.beliefs.filter import WholeFilter
 from mdm.models.compilation import direct
 from mdm.models.dynamics import Dynamics, dense
-from mdm.models.matrices import csr, is_compressed
+from mdm.models.matrices import csr, num_entries
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -58,7 +58,7 @@ class CompactFilter(WholeFilter):
         every = [*predictions, *(move for each in moves for move in each)]
         matrices = {id(matrix): matrix for matrix, _ in every}
         likelihoods = {id(likelihood): likelihood for _, likelihood in every}
-        is_dense = sum(map(_entries, matrices.values())) >= _SPARSE * len(matrices) * size**2
+        is_dense = sum(map(num_entries, matrices.values())) >= _SPARSE * len(matrices) * size**2
         width = -(-size // LINE) * LINE
         blocks = [_padded(dense(each), width) if is_dense else _pairs(each, width) for each in matrices.values()]
         rows = dict(zip(likelihoods, range(_FIRST, _FIRST + len(likelihoods)), strict=True))
@@ -139,10 +139,6 @@ def _moves(dynamics: Dynamics, model: POMDP) -> list[list[tuple[Matrix, Vector]]
     ones = np.ones(dynamics.num_states)
     actions, observations = range(dynamics.num_actions), range(dynamics.num_observations)
     return [[(folded(model, a, o), ones) for o in observations] for a in actions]
-
-
-def _entries(matrix: Matrix) -> int:
-    return matrix.nnz if is_compressed(matrix) else int(np.count_nonzero(matrix))
 
 
 def _aligned(height: int, width: int) -> Vector:

@@ -7,20 +7,16 @@ it was given. It is within a factor of two of what is then allocated.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from mdm.beliefs.choice import DENSE, FOLDED, PAIRS, SMALL, compiles, most_folded
 from mdm.beliefs.compact import LINE
 from mdm.errors import ConfigError
-from mdm.models.factored.model import FactoredMDP, FactoredPOMDP
-from mdm.models.factored.size import MatrixSize
-from mdm.models.matrices import held_bytes, is_compressed
-from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:
+    from mdm.models.matrices import MatrixSize
     from mdm.models.mdp import MDP
+    from mdm.models.pomdp import POMDP
 
 __all__ = ["check_memory", "footprint"]
 
@@ -42,13 +38,13 @@ def footprint(model: MDP, *, beliefs: bool, matrices: bool = False) -> int:
         beliefs: Whether beliefs over it are tracked.
         matrices: Whether its matrices are needed, also where it could stay factored.
     """
-    size, made = _matrices(model)
     if model.stays_factored and not matrices:
         return 0
+    size = model.matrix_size
     used = size.rewards
-    if beliefs and isinstance(model, POMDP):
-        used += _filter(model, size)
-    return used if made else round(max(_MAKING * size.total, size.total + used))
+    if beliefs and model.pomdp is not None:
+        used += _filter(model.pomdp, size)
+    return used if model.is_flattened else round(max(_MAKING * size.total, size.total + used))
 
 
 def check_memory(model: MDP, limit: float | None, *, beliefs: bool, matrices: str | None = None) -> None:
@@ -69,10 +65,10 @@ def check_memory(model: MDP, limit: float | None, *, beliefs: bool, matrices: st
     most = _free() if limit is None else limit * _MEGABYTE
     if most is None or needed <= most:
         return
-    size, _ = _matrices(model)
+    size = model.matrix_size
     counts = [f"{len(model.state_space)} states", f"{len(model.action_space)} actions"]
     parts = [f"T {_text(size.transitions)}", f"R {_text(size.rewards)}"]
-    if isinstance(model, POMDP):
+    if model.observation_space is not None:
         counts.append(f"{len(model.observation_space)} observations")
         parts.insert(1, f"O {_text(size.observations)}")
     allowed = f"the machine has {_text(most)} free" if limit is None else f"at most {_text(most)} are allowed (memory)"
@@ -87,33 +83,13 @@ def _help(model: MDP, limit: float | None, matrices: str | None) -> str:
     more = "raise memory" if limit is not None else "use a machine with more"
     if matrices is not None:
         return f"{matrices} needs the matrices: use a policy of alpha vectors or a plan alone, or {more}"
-    if not isinstance(model, FactoredMDP | FactoredPOMDP):
+    if model.network is None:
         return f"give it as factors, in a .npz, .pgmx or .pomdpx file, whose matrices nobody makes, or {more}"
     if model.false_negative is not None:
         return f"its false negative needs the matrices: leave it out, or {more}"
     if limit is None:
         return "with the option memory it stays factored, and no matrices are made"
     return f"its events may leave steps without an observation, which needs the matrices: let them sum to 1, or {more}"
-
-
-def _matrices(model: MDP) -> tuple[MatrixSize, bool]:
-    """Return the size of a model's matrices, and whether they are made already."""
-    if isinstance(model, FactoredMDP | FactoredPOMDP):
-        return model.matrix_size, model.is_flattened
-    actions = range(len(model.action_space))
-    transitions = [model.transition_matrix(action) for action in actions]
-    kinds = {id(matrix): matrix for matrix in transitions}.values()
-    told, seen = 0, 0
-    if isinstance(model, POMDP):
-        if model.events is None:
-            matrices = [model.observation_matrix(action) for action in actions]
-            told, seen = held_bytes(matrices), _entries(matrices[0])
-        else:
-            told = held_bytes(list(kinds)) * len(model.observation_space)
-            seen = _entries(transitions[0]) * len(model.observation_space)
-    entries = sum(map(_entries, kinds)) // len(kinds)
-    rewards = len(model.state_space) * len(model.action_space) * _NUMBER
-    return MatrixSize(held_bytes(transitions), told, rewards, len(kinds), entries, seen), True
 
 
 def _filter(model: POMDP, size: MatrixSize) -> int:
@@ -136,10 +112,6 @@ def _filter(model: POMDP, size: MatrixSize) -> int:
         return 2 * compact * _NUMBER
     whole = states * observations * _NUMBER  # a matrix of O; those that are dense are not held twice
     return size.kinds * states**2 * _NUMBER + (0 if size.observations % whole == 0 else size.kinds * whole)
-
-
-def _entries(matrix: Any) -> int:
-    return int(matrix.nnz if is_compressed(matrix) else np.count_nonzero(matrix))
 
 
 def _free() -> float | None:

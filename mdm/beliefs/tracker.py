@@ -18,7 +18,6 @@ from mdm.beliefs.choice import chosen_filter
 from mdm.beliefs.filter import Support
 from mdm.errors import ModelError
 from mdm.models.factored.flattening import first_states
-from mdm.models.factored.model import FactoredPOMDP
 from mdm.models.matrices import Vector, distribution
 
 if TYPE_CHECKING:
@@ -56,7 +55,7 @@ class BeliefTracker:
     """
 
     def __init__(self, model: POMDP, *, by_support: bool = False) -> None:
-        if not hasattr(model, "observation_space"):
+        if getattr(model, "observation_space", None) is None:
             raise ModelError(
                 f"a belief is tracked by a POMDP, not by {model!r}: load its file, or give it observations"
             )
@@ -266,7 +265,7 @@ class BeliefTracker:
 
 def _first(model: POMDP) -> Support:
     """Return the support of the initial belief."""
-    if isinstance(model, FactoredPOMDP) and model.stays_factored:
+    if model.network is not None and model.stays_factored:
         return Support(*first_states(model.network))
     initial = model.initial_belief
     (states,) = initial.nonzero()

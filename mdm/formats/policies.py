@@ -13,7 +13,6 @@ from mdm.formats.archive import npz, policy as policy_archive
 from mdm.formats.recognition import JOINT, PLANES, beginning, format_of, holds_policy
 from mdm.formats.source import Source, suffixes
 from mdm.formats.target import check_place
-from mdm.models import POMDP
 from mdm.policies import (
     AlphaVectors,
     DeterministicPolicy,
@@ -227,8 +226,8 @@ def _read(source: Source, form: _Form, model: MDP | None, kind: PolicyKind | Non
         case "sarsop" | "zmdp" | "joint":
             policy = format_of(_BY_FORM[form]).read(path, model)
         case "graph":
-            num_observations = len(model.observation_space) if isinstance(model, POMDP) else None
-            sizes = {"num_actions": num_actions, "num_observations": num_observations}
+            space = None if model is None else model.observation_space
+            sizes = {"num_actions": num_actions, "num_observations": None if space is None else len(space)}
             policy = format_of("cassandra.policy_graph").read(path, **sizes)
         case "alpha" | "value function":
             policy = format_of(_BY_FORM[form]).read(path, num_actions=num_actions)

@@ -10,7 +10,7 @@ Decision Processes*, 1994, section 11.3, has the values). It is for solving alon
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
@@ -117,6 +117,14 @@ def discounts_in_time(model: MDP, durations: Durations) -> Vector:
         what = short if discounts.max() else "each action is so long that nothing counts after it"
         raise ModelError(f"at a discount of {model.discount:g} a second {what}: give the durations in seconds")
     return discounts
+
+
+@overload
+def in_time(model: POMDP, durations: Durations) -> POMDP: ...
+
+
+@overload
+def in_time(model: MDP, durations: Durations) -> MDP: ...
 
 
 def in_time(model: MDP, durations: Durations) -> MDP:

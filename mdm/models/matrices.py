@@ -6,7 +6,7 @@ scipy is slow to import, so it is imported with the first CSR matrix.
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,7 @@ __all__ = [
     "TOLERANCE",
     "Checked",
     "Matrix",
+    "MatrixSize",
     "RowError",
     "Vector",
     "csr",
@@ -32,6 +33,7 @@ __all__ = [
     "held_bytes",
     "is_compressed",
     "is_large_and_sparse",
+    "num_entries",
     "numbers",
     "read_only",
     "stochastic_matrices",
@@ -234,6 +236,36 @@ def distribution(given: npt.ArrayLike, *, what: str, size: int) -> Vector:
         vector /= total
     vector.flags.writeable = False
     return vector
+
+
+class MatrixSize(NamedTuple):
+    """The bytes of a model's matrices.
+
+    Attributes:
+        transitions: Those of T.
+        observations: Those of O; 0 of an MDP.
+        rewards: Those of R(s, a).
+        kinds: How many different matrices there are of T; actions of equal effect share one.
+        entries: How many entries such a matrix has that are not zero.
+        seen: How many a matrix of O has; of events, of an action.
+    """
+
+    transitions: int
+    observations: int
+    rewards: int
+    kinds: int
+    entries: int
+    seen: int
+
+    @property
+    def total(self) -> int:
+        """All of them."""
+        return self.transitions + self.observations + self.rewards
+
+
+def num_entries(matrix: Matrix) -> int:
+    """Return how many entries of a matrix are not zero."""
+    return int(matrix.nnz if is_compressed(matrix) else np.count_nonzero(matrix))
 
 
 def held_bytes(matrices: Iterable[Matrix]) -> int:

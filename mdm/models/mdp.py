@@ -10,7 +10,17 @@ import numpy as np
 
 from mdm.checks import is_number
 from mdm.errors import ModelError
-from mdm.models.matrices import Matrix, Vector, distribution, is_compressed, read_only, stochastic_matrices
+from mdm.models.matrices import (
+    Matrix,
+    MatrixSize,
+    Vector,
+    distribution,
+    held_bytes,
+    is_compressed,
+    num_entries,
+    read_only,
+    stochastic_matrices,
+)
 from mdm.models.rewards import OutcomeRewards, RewardArray, check_finite, expected_rewards, reward_numbers
 from mdm.models.space import Space, Symbol
 
@@ -19,6 +29,9 @@ if TYPE_CHECKING:
     from typing import Self
 
     import numpy.typing as npt
+
+    from mdm.models.factored.two_slice import TwoSliceNetwork
+    from mdm.models.pomdp import POMDP
 
 __all__ = ["MDP", "Keeper"]
 
@@ -60,6 +73,14 @@ class MDP:
     """
 
     kind: Literal["MDP", "POMDP"] = "MDP"
+    observation_space: Space | None = None
+    """The observations; None in an MDP."""
+    sparse: bool | None = None
+    """Whether the matrices of a factored model are CSR or dense, where that is forced; else None."""
+    network: TwoSliceNetwork | None = None
+    """The network of a factored model; None for one that is its matrices."""
+    observed: tuple[int, ...] = ()
+    """The indices of the state factors that the observations include; see `MixedPOMDP`."""
     _keeper: Keeper | None = None
     is_sparing: bool = False
     """Whether memory counts for more than microseconds; see `sparingly`."""
@@ -138,6 +159,16 @@ class MDP:
     def initial_belief(self) -> Vector:
         """The distribution of the first state: S numbers, read-only."""
         return self._initial_belief
+
+    @property
+    def pomdp(self) -> POMDP | None:
+        """The model itself, if its state is known only by observations; None for an MDP."""
+        return None
+
+    @property
+    def event_observations(self) -> bool:
+        """Whether observations are those of events, P(o | s, a, s'); an MDP has none."""
+        return False
 
     @property
     def num_agents(self) -> int:
@@ -226,6 +257,42 @@ class MDP:
 
     def flatten(self) -> MDP:
         """Return the model as matrices; a flat model returns itself."""
+        return self
+
+    @property
+    def matrix_size(self) -> MatrixSize:
+        """How large its matrices are, or would be; they are not made for it."""
+        actions = range(len(self.action_space))
+        transitions = [self.transition_matrix(action) for action in actions]
+        kinds = {id(matrix): matrix for matrix in transitions}.values()
+        observations, seen = self._observations_size(transitions)
+        return MatrixSize(
+            held_bytes(transitions),
+            observations,
+            len(self.state_space) * len(actions) * 8,
+            len(kinds),
+            sum(map(num_entries, kinds)) // len(kinds),
+            seen,
+        )
+
+    def _observations_size(self, transitions: Sequence[Matrix]) -> tuple[int, int]:  # noqa: ARG002 - a POMDP's
+        """Return the bytes of O, and its entries for an action."""
+        return 0, 0
+
+    @property
+    def is_flattened(self) -> bool:
+        """Whether its matrices have been made; those of a flat model are what it is."""
+        return True
+
+    def step_by_step(self) -> Self:
+        """Return the same model for an agent that is told of each time step; an MDP is itself.
+
+        See `POMDP.step_by_step`.
+        """
+        return self
+
+    def revealed(self) -> MDP:
+        """Return the model whose observations include what is fully observed (`POMDP.revealed`); an MDP is itself."""
         return self
 
     def marginalize(self, factor: str) -> MDP:

@@ -15,7 +15,16 @@ from mdm.models.events import (
     TransitionEvents,
     event_observations as checked_events,
 )
-from mdm.models.matrices import Matrix, Vector, csr, is_compressed, numbers, stochastic_matrices
+from mdm.models.matrices import (
+    Matrix,
+    Vector,
+    csr,
+    held_bytes,
+    is_compressed,
+    num_entries,
+    numbers,
+    stochastic_matrices,
+)
 from mdm.models.mdp import MDP, as_space, matrix_row
 
 if TYPE_CHECKING:
@@ -67,6 +76,7 @@ class POMDP(MDP):
     """
 
     kind: Literal["MDP", "POMDP"] = "POMDP"
+    observation_space: Space
     _false_negative: int | None = None
     _tells_all: bool = False
     _discounts_waits: bool = False
@@ -113,6 +123,11 @@ class POMDP(MDP):
                 f"O is over {count} observations, but {len(self.observation_space)} names of observations are given"
             )
         self._set_rewards(rewards, outcome_rewards)
+
+    @property
+    def pomdp(self) -> POMDP:
+        """The model itself."""
+        return self
 
     @property
     def events(self) -> EventObservations | None:
@@ -318,6 +333,24 @@ class POMDP(MDP):
             ModelError: If factors are fully observed, and observations are events or one is a false negative.
         """
         return self
+
+    @property
+    def seen_in(self) -> npt.NDArray[np.intp]:
+        """For each state the joint index of the state factors that the observations include; 0 where there are none."""
+        return np.zeros(len(self.state_space), dtype=np.intp)
+
+    @property
+    def layout(self) -> npt.NDArray[np.intp]:
+        """The index of each state: an X x Y array, observed x hidden."""
+        return np.arange(len(self.state_space))[None, :]
+
+    def _observations_size(self, transitions: Sequence[Matrix]) -> tuple[int, int]:
+        if self.events is None:
+            matrices = [self.observation_matrix(action) for action in range(len(self.action_space))]
+            return held_bytes(matrices), num_entries(matrices[0])
+        count = len(self.observation_space)
+        kinds = list({id(matrix): matrix for matrix in transitions}.values())
+        return held_bytes(kinds) * count, num_entries(transitions[0]) * count
 
     def belief_at_start(self, state: int) -> Vector:  # noqa: ARG002 - for mixed observability
         """Return the belief before the first action of an episode that begins in a state."""

@@ -14,7 +14,6 @@ import numpy as np
 from mdm.beliefs import Support
 from mdm.beliefs.batch import product
 from mdm.errors import ModelError
-from mdm.models import POMDP
 from mdm.models.compilation import can_compile, is_sparing
 from mdm.models.matrices import numbers
 from mdm.policies.batch import BeliefBatch
@@ -139,7 +138,7 @@ class AlphaVectors(BeliefPolicy):
 
     def batch(self, model: MDP) -> Batch | None:
         """Return its decisions for a batch of episodes."""
-        return BeliefBatch(self, model) if isinstance(model, POMDP) else None
+        return None if model.pomdp is None else BeliefBatch(self, model.pomdp)
 
     def for_first_states(self, count: int) -> AlphaVectors:
         """Return its vectors for the first so many states."""

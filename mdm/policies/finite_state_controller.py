@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, SupportsIndex
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models import POMDP
 from mdm.models.matrices import numbers
 from mdm.policies.plan import Plan
 from mdm.policies.policy import listed, other_sizes, whole
@@ -93,7 +92,7 @@ class FiniteStateController(Plan):
 
     def mismatch(self, model: MDP) -> str | None:
         """Return why it does not fit a model, as a sentence; None if it fits."""
-        if not isinstance(model, POMDP):
+        if model.observation_space is None:
             return "the policy needs observations, but the model has none"
         ours, theirs = (
             (self.num_actions, self.num_observations),

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models import POMDP
 from mdm.policies.finite_state_controller import FiniteStateController
 from mdm.policies.plan import Plan
 from mdm.policies.policy import other_sizes
@@ -136,7 +135,7 @@ class JointController(Plan):
 
     def mismatch(self, model: MDP) -> str | None:
         """Return why it does not fit a model, as a sentence; None if it fits."""
-        if not isinstance(model, POMDP):
+        if model.observation_space is None:
             return "the policy needs observations, but the model has none"
         if self.num_agents != model.num_agents:
             return f"the policy is for {self.num_agents} agents, but the model has {model.num_agents}"

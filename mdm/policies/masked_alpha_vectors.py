@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models import POMDP
 from mdm.models.matrices import csr
 from mdm.policies.batch import BeliefBatch
 from mdm.policies.policy import BeliefPolicy, listed, whole
@@ -110,7 +109,7 @@ class MaskedAlphaVectors(BeliefPolicy):
 
     def batch(self, model: MDP) -> Batch | None:
         """Return its decisions for a batch of episodes."""
-        return BeliefBatch(self, model) if isinstance(model, POMDP) else None
+        return None if model.pomdp is None else BeliefBatch(self, model.pomdp)
 
     def packed(self) -> Packed:
         """Return its sizes and arrays."""

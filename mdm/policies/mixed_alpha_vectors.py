@@ -15,7 +15,6 @@ import numpy as np
 from mdm.beliefs import Support
 from mdm.beliefs.batch import grouped
 from mdm.errors import ModelError
-from mdm.models import POMDP
 from mdm.policies.alpha_vectors import AlphaVectors
 from mdm.policies.batch import BeliefBatch
 from mdm.policies.policy import BeliefPolicy, listed, whole
@@ -150,7 +149,7 @@ class MixedAlphaVectors(BeliefPolicy):
 
     def batch(self, model: MDP) -> Batch | None:
         """Return its decisions for a batch of episodes."""
-        return BeliefBatch(self, model) if isinstance(model, POMDP) else None
+        return None if model.pomdp is None else BeliefBatch(self, model.pomdp)
 
     def packed(self) -> Packed:
         """Return its sizes and arrays."""

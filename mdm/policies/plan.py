@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models import POMDP
 from mdm.models.matrices import distribution
 from mdm.policies.batch import ENDED
 from mdm.policies.policy import Kind
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from mdm.models import MDP
+    from mdm.models import MDP, POMDP
     from mdm.models.matrices import Vector
     from mdm.policies.batch import Batch, Indices
     from mdm.policies.finite_state_controller import FiniteStateController
@@ -54,7 +53,7 @@ class Plan(Kind):
 
     def batch(self, model: MDP) -> Batch | None:
         """Return its decisions for a batch of episodes."""
-        return PlanBatch(self.controllers, model) if isinstance(model, POMDP) else None
+        return None if model.pomdp is None else PlanBatch(self.controllers, model.pomdp)
 
 
 class Walk:

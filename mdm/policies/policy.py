@@ -8,14 +8,13 @@ import numpy as np
 
 from mdm.beliefs import BeliefTracker, Information, KnownState
 from mdm.errors import ConfigError, ModelError
-from mdm.models import POMDP
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
-    from mdm.models import MDP
+    from mdm.models import MDP, POMDP
     from mdm.models.matrices import Vector
     from mdm.policies.batch import Batch
 
@@ -286,8 +285,8 @@ def observable(model: MDP | None) -> POMDP:
     Raises:
         ConfigError: If it is not a POMDP.
     """
-    if isinstance(model, POMDP):
-        return model
+    if model is not None and model.pomdp is not None:
+        return model.pomdp
     why = "there is none" if model is None else "the one given has no observations"
     raise ConfigError(f"a policy over beliefs needs a POMDP to track the belief, but {why}", key="model")
 

@@ -21,7 +21,6 @@ import numpy as np
 from mdm.checks import check_seed, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
-from mdm.models import POMDP
 from mdm.models.durations import discounts_in_time
 from mdm.models.matrices import Vector
 from mdm.policies import mismatch
@@ -161,7 +160,7 @@ def _check(model: MDP, policy: Any, episodes: int | None, steps: int | None) -> 
         raise ConfigError(f"an evaluation needs at least 1 episode, not {episodes}")
     if steps is not None and not (is_whole(steps) and steps >= 1):
         raise ConfigError(f"an episode needs at least 1 step, not {steps}")
-    if getattr(policy, "input", "state") != "state" and not isinstance(model, POMDP):
+    if getattr(policy, "input", "state") != "state" and model.pomdp is None:
         raise ConfigError("the policy needs observations, but the model is an MDP, which has none")
     wrong = mismatch(policy, model)
     if wrong is not None:

@@ -16,7 +16,6 @@ import numpy as np
 from mdm.checks import is_number, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
-from mdm.models import POMDP
 from mdm.models.matrices import Vector  # noqa: TC001 - field types are evaluated
 from mdm.simulation.batch import Evaluation
 from mdm.simulation.sampler import Sampler
@@ -25,6 +24,7 @@ from mdm.team import Knowledge
 
 if TYPE_CHECKING:
     from mdm.loading import GivenModel, GivenPolicy
+    from mdm.models import MDP, POMDP
     from mdm.options import ControllerOptions
     from mdm.team import CommunicationPolicy, SharedHistory
 
@@ -98,10 +98,9 @@ def evaluate_communication(
         result.mean, result.interval  # the return, and its 95 % confidence interval
         result.messages_per_step  # the messages of both agents together
     """
-    model = model_of(model)
-    policy = policy_of(policy, model)
-    _check(model, episodes, steps, delay, loss, period)
-    assert isinstance(model, POMDP)
+    given_model = model_of(model)
+    policy = policy_of(policy, given_model)
+    model = _checked(given_model, episodes, steps, delay, loss, period)
     count = options.get("horizon") or (steps_for(model.discount) if steps is None else steps)
     given = options.pop("seed", None)
     if given is not None and hasattr(policy, "seed"):
@@ -127,8 +126,9 @@ def evaluate_communication(
     )
 
 
-def _check(model: object, episodes: int, steps: int | None, delay: int, loss: float, period: float) -> None:
-    if not isinstance(model, POMDP) or model.false_negative is not None:
+def _checked(model: MDP, episodes: int, steps: int | None, delay: int, loss: float, period: float) -> POMDP:
+    """Return the model of a team that communicates, where all else fits, too."""
+    if model.pomdp is None or model.false_negative is not None:
         raise ConfigError("a communicating team shares observations: it needs a POMDP, without false negatives")
     for name, number, least in (("episodes", episodes, 1), ("steps", steps, 1), ("delay", delay, 0)):
         if number is not None and (not is_whole(number) or number < least):
@@ -137,6 +137,7 @@ def _check(model: object, episodes: int, steps: int | None, delay: int, loss: fl
         raise ConfigError(f"a loss is a probability, not {loss!r}", key="loss")
     if not is_number(period) or not period > 0:
         raise ConfigError(f"a period is a positive number of seconds, not {period!r}", key="period")
+    return model.pomdp
 
 
 class _Team:

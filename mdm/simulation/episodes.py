@@ -10,7 +10,6 @@ import numpy as np
 from mdm.beliefs import Support
 from mdm.controller import Controller
 from mdm.errors import ConfigError
-from mdm.models import POMDP
 from mdm.models.dynamics import Dynamics
 from mdm.policies.batch import ENDED
 from mdm.simulation.sampler import BatchSampler, Sampler, ended_states
@@ -187,9 +186,9 @@ class EpisodeRunner:
         if sees:
             step = controller.start(state)
         else:
-            assert isinstance(model, POMDP)
+            assert model.pomdp is not None
             knows = controller.symbols.num_states is not None  # not so for a plan without values
-            step = controller.start(model.belief_at_start(state) if knows else None)
+            step = controller.start(model.pomdp.belief_at_start(state) if knows else None)
         decided = True
         while not self._ended[state] and waited < _LONGEST:
             yield EpisodeStep(state, self._known(), step.action, seen, decided)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models import MDP, POMDP, Durations
+from mdm.models import MDP, Durations
 from mdm.models.dynamics import Dynamics, Indices, Rows, stacked
 from mdm.models.matrices import ROUNDING
 
@@ -78,8 +78,8 @@ class Sampler:
         Returns:
             The index; None for no observation, whose probability events may leave open.
         """
-        model = self._model
-        assert isinstance(model, POMDP)
+        model = self._model.pomdp
+        assert model is not None
         key = (action, before, state) if model.event_observations else (action, state)
         row = self._observations.get(key)
         if row is None:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from mdm.actors import Ensemble, FixedRate
 from mdm.errors import ConfigError
 from mdm.messages import Action, Belief, Fault, Observation, State
-from mdm.models import POMDP, MixedPOMDP
 from mdm.runtime import Actor
 from mdm.simulation.sampler import Lengths, Sampler
 
@@ -91,7 +90,7 @@ class World(Actor):
         given = ensemble.controller.model if model is None else model
         if given is None:
             raise ConfigError(f"a world for ensemble {ensemble.name!r} needs a model, but the ensemble has none")
-        if ensemble.controller.takes != "state" and not isinstance(given, POMDP):
+        if ensemble.controller.takes != "state" and given.pomdp is None:
             raise ConfigError(f"ensemble {ensemble.name!r} needs observations, but the model of its world has none")
         if len(given.action_space) != ensemble.controller.policy.num_actions:
             raise ConfigError(
@@ -104,8 +103,8 @@ class World(Actor):
         self.steps = ensemble.controller.horizon if steps is None else steps
         # A plan without values has no use for a belief.
         self._belief_at_start: Callable[[int], Vector] | None = None
-        if isinstance(given, MixedPOMDP) and ensemble.controller.symbols.num_states is not None:
-            self._belief_at_start = given.belief_at_start
+        if given.observed and given.pomdp is not None and ensemble.controller.symbols.num_states is not None:
+            self._belief_at_start = given.pomdp.belief_at_start
         self._false_negative = None if ensemble.controller.takes == "state" else given.false_negative
         self._waits = not isinstance(ensemble.control.drive, FixedRate)
         self._period = 0.0 if not self._waits else 1.0 if period is None else period
@@ -191,7 +190,7 @@ class World(Actor):
         """Move on when an action is over; where nothing is observed of that, it goes on."""
         before, self.state = self.state, self._sampler.next_state(self.state, action)
         observation: int | None = 0
-        if isinstance(self.model, POMDP):
+        if self.model.pomdp is not None:
             observation = self._sampler.observation(action, before, self.state)
         if observation is not None and observation != self._false_negative:
             self._show(observation, changed=self.state != before)
@@ -212,7 +211,7 @@ class World(Actor):
         """Advance until something is observed; return the observation or None, and the number of time steps."""
         for steps in range(1, _LONGEST):
             before, self.state = self.state, self._sampler.next_state(self.state, action)
-            if not isinstance(self.model, POMDP):
+            if self.model.pomdp is None:
                 return 0, steps
             observation = self._sampler.observation(action, before, self.state)
             if observation == self._false_negative:
@@ -257,7 +256,7 @@ class World(Actor):
 
     def _show_observation(self, index: int) -> None:
         layer = self.ensemble.observation
-        assert isinstance(self.model, POMDP)
+        assert self.model.observation_space is not None
         values = self.model.observation_space.unravel(index)
         if layer is not None and len(layer.factors) == len(values):
             events = [factor.events[value] for factor, value in zip(layer.factors, values, strict=True)]

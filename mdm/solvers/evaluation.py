@@ -51,17 +51,15 @@ def exact_values(
     """
     if getattr(policy, "input", None) == "state":
         return None if not hasattr(policy, "weights") else state_values(model, policy, steps=steps, durations=durations)
-    if not isinstance(model, POMDP) or not hasattr(policy, "joined"):
+    if model.pomdp is None or not hasattr(policy, "joined"):
         return None
     controller: FiniteStateController | None = policy.joined()
     if controller is None or controller.num_nodes * len(model.state_space) > _SIZE:
         return None
     if durations is None:
-        values = controller_values(model, controller, steps=steps)
+        values = controller_values(model.pomdp, controller, steps=steps)
     else:
-        timed = in_time(model, durations)
-        assert isinstance(timed, POMDP)
-        values = controller_values(timed, controller, steps=steps)[:, :-1]
+        values = controller_values(in_time(model.pomdp, durations), controller, steps=steps)[:, :-1]
     start = controller.start if controller.values is None else controller.start_node(model.initial_belief)
     from_start: Vector = values[start]
     return from_start

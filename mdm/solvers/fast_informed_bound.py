@@ -17,6 +17,7 @@ from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors
 from mdm.solvers.bounds import InformedBound, known_states
 from mdm.solvers.limits import Limits
+from mdm.solvers.solution import makes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,6 +34,7 @@ _SETTLED = 1e-3
 """With a discount of 1, backups end when they change vectors by less than this share of the gap."""
 
 
+@makes(AlphaVectors)
 def fast_informed_bound(model: POMDP, *, limits: Limits | None = None) -> Solution:
     """Return an upper bound of a POMDP's value function as `AlphaVectors`, one per action.
 

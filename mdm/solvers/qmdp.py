@@ -18,6 +18,7 @@ from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors
 from mdm.solvers.bounds import known_states
 from mdm.solvers.limits import Limits
+from mdm.solvers.solution import makes
 
 if TYPE_CHECKING:
     from mdm.models import MDP
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["qmdp"]
 
 
+@makes(AlphaVectors)
 def qmdp(model: MDP, *, limits: Limits | None = None) -> Solution:
     """Return the values of a POMDP's actions in known states, as `AlphaVectors`, one per action.
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import msgspec
 
-__all__ = ["Progress", "Reason", "Solution"]
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["Progress", "Reason", "Solution", "makes"]
+
+_Solver = TypeVar("_Solver", bound="Callable[..., Solution]")
 
 Reason = Literal["gap", "time", "iterations", "memory", "interrupted", "converged", "exact"]
 
@@ -78,3 +83,19 @@ class Solution(msgspec.Struct, frozen=True):
     def iterations(self) -> int:
         """How many sweeps, trials or rounds it took."""
         return self.history[-1].iterations
+
+
+def makes(policy: type, *, to_horizon: type | None = None, mixed: type | None = None) -> Callable[[_Solver], _Solver]:
+    """Declare the class of a solver's policies.
+
+    Args:
+        policy: The class.
+        to_horizon: That of plans to a horizon, if it is another.
+        mixed: That for models whose observations include factors of the state, if it is another.
+    """
+
+    def declare(solver: _Solver) -> _Solver:
+        vars(solver)["policies"] = (policy, to_horizon or policy, mixed or policy)
+        return solver
+
+    return declare

@@ -11,7 +11,7 @@ import msgspec
 from mdm.checks import check_flag, check_seed, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of
-from mdm.models import POMDP, in_time
+from mdm.models import in_time
 from mdm.solvers.limits import Limits
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mdm.models import MDP, Durations
     from mdm.solvers.solution import Progress, Solution
 
-__all__ = ["SOLVERS", "default_solver", "options_of", "solve"]
+__all__ = ["SOLVERS", "default_solver", "options_of", "policy_class", "solve"]
 
 SOLVERS: dict[str, tuple[str, str, str]] = {
     "value-iteration": ("mdp.value_iteration", "value_iteration", "MDP"),
@@ -40,7 +40,7 @@ SOLVERS: dict[str, tuple[str, str, str]] = {
 def default_solver(model: MDP, options: Iterable[str] = ()) -> str:
     """Return the default solver for a model, one that takes the given options if there is any."""
     first, other = "modified-policy-iteration", "value-iteration"
-    if isinstance(model, POMDP):
+    if model.pomdp is not None:
         first, other = "sarsop", "perseus"
     given = set(options)
     return other if not given <= set(options_of(first)) and given <= set(options_of(other)) else first
@@ -50,6 +50,22 @@ def options_of(solver: str) -> list[str]:
     """Return the names of the options that a solver takes beside its limits."""
     _, *parameters = inspect.signature(_function(solver)).parameters
     return [name for name in parameters if name != "limits"]
+
+
+def policy_class(solver: str, model: MDP, *, horizon: int | None, durations: Durations | None) -> type:
+    """Return the class of the policies that a solver makes of a model, before it makes one.
+
+    Args:
+        solver: One of `SOLVERS`.
+        model: The model.
+        horizon: That of the plan, if it has one.
+        durations: How long actions take; what is solved is then the model in time (`mdm.models.in_time`).
+    """
+    kinds: tuple[type, type, type] = vars(_function(solver))["policies"]
+    policy, to_horizon, mixed = kinds
+    if horizon is not None:
+        return to_horizon
+    return mixed if model.observed and durations is None else policy
 
 
 def solve(

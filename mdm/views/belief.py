@@ -10,7 +10,6 @@ import numpy as np
 
 from mdm.beliefs import Support
 from mdm.errors import Error, ModelError
-from mdm.models import POMDP
 from mdm.simulation.episodes import EpisodeRunner
 from mdm.views.canvas import pyplot
 from mdm.views.grid import action_colours
@@ -134,7 +133,6 @@ def belief_figure(model: MDP, policy: Any, steps: int, seed: int) -> Any:
             break
     if not moments:
         raise Error("the episode is empty: no reward can be reached from its first state")
-    assert isinstance(model, POMDP)
     beliefs = np.array([_dense(moment.belief, model) for moment in moments]).T
     true = np.array([moment.state for moment in moments])
     peak = beliefs.max(axis=1)
@@ -151,7 +149,8 @@ def belief_figure(model: MDP, policy: Any, steps: int, seed: int) -> Any:
     axes.legend(loc="lower right", bbox_to_anchor=(1, 1.01), frameon=False, fontsize=8)
     axes.set_yticks(range(len(kept)), [state_name(model.state_space, int(state)) for state in kept], fontsize=8)
     if len(moments) <= _NAMED:
-        acts, sights = model.action_space.names, model.observation_space.names
+        acts = model.action_space.names
+        sights = () if model.observation_space is None else model.observation_space.names
         labels = [
             f"{'' if moment.seen is None else sights[moment.seen]} → {acts[moment.action]}".lstrip(" ")
             for moment in moments

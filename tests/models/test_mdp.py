@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy import sparse
 
+from mdm import problems
 from mdm.errors import ModelError, ModelWarning
-from mdm.models import MDP
+from mdm.models import MDP, POMDP
 
 IDENTITY = [np.eye(2), np.eye(2)]
 REWARDS = [[0.0, 1.0], [2.0, 3.0]]
@@ -85,3 +86,34 @@ def test_another_discount_leaves_the_model_as_it_was():
     assert (model.with_discount(0.5).discount, model.discount) == (0.5, 0.9)
     with pytest.raises(ModelError, match="discount"):
         model.with_discount(2)
+
+
+def test_a_model_says_itself_what_it_has():
+    mdp, pomdp, factored = MDP(IDENTITY, REWARDS, discount=0.9), problems.tiger(), problems.tag()
+    mixed = factored.revealed()
+    assert [model.pomdp for model in (mdp, pomdp, mixed)] == [None, pomdp, mixed]
+    assert [model.network is None for model in (mdp, pomdp, factored)] == [True, True, False]
+    assert [model.observed for model in (mdp, pomdp, factored, mixed)] == [(), (), (), (0,)]
+    assert (mdp.observation_space, mdp.event_observations, mdp.revealed(), mdp.step_by_step()) == (
+        None,
+        False,
+        mdp,
+        mdp,
+    )
+    # What is not observed of a state has one group and one row of the layout.
+    assert (pomdp.seen_in.tolist(), pomdp.layout.tolist()) == ([0, 0], [[0, 1]])
+    rows, columns = mixed.layout.shape
+    assert (rows * columns, len(set(mixed.seen_in))) == (len(mixed.state_space), rows)
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_the_size_of_matrices_is_that_of_what_they_hold(sparse):
+    random = np.random.default_rng(4)
+    seen = random.dirichlet(np.ones(3), size=(2, 6))
+    moved = random.dirichlet(np.ones(6), size=(2, 6))
+    size = POMDP(moved, seen, np.zeros((6, 2)), discount=0.9, sparse=sparse).matrix_size
+    numbers = 8 * (moved.size + seen.size)
+    assert size.rewards == 8 * 12
+    assert (size.kinds, size.entries, size.seen) == (2, 36, 18)
+    assert size.transitions + size.observations == numbers + (numbers // 2 + 4 * 4 * 7 if sparse else 0)
+    assert MDP(moved, np.zeros((6, 2)), discount=0.9, sparse=sparse).matrix_size.observations == 0

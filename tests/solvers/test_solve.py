@@ -6,10 +6,12 @@ import pytest
 from places import ROOT
 
 import mdm
-from mdm.problems import tiger
+from mdm.problems import dec_tiger, rock_sample, tiger
 from mdm.solvers import SOLVERS
+from mdm.solvers.solve import options_of, policy_class
 
 CHAIN = mdm.models.MDP([[[0.0, 1.0], [0.0, 1.0]]], [[1.0], [0.0]], discount=0.5)
+SEEN = rock_sample(2, 1).revealed()
 
 
 def test_a_path_is_loaded():
@@ -77,3 +79,19 @@ def test_every_solver_is_there():
     for name in SOLVERS:
         with pytest.raises(mdm.ConfigError, match=f"{name} takes no 'nonsense'|{name} solves"):
             mdm.solve(tiger(), name, nonsense=1)
+
+
+@pytest.mark.parametrize("horizon", [None, 2])
+@pytest.mark.parametrize("name", SOLVERS)
+def test_the_class_of_the_policy_is_known_before_it_is_made(name, horizon):
+    *_, kind = SOLVERS[name]
+    options = {} if horizon is None else {"horizon": horizon}
+    if not set(options) <= set(options_of(name)) or (name == "jesp" and horizon is None):
+        return
+    for model in [CHAIN] if kind == "MDP" else [dec_tiger(discount=0.9)] if name == "jesp" else [tiger(), SEEN]:
+        made = mdm.solve(model, name, iterations=2, **options).policy
+        assert type(made) is policy_class(name, model, horizon=horizon, durations=None)
+    if horizon is None and kind == "POMDP":
+        timed = mdm.models.Durations([[1.0] * len(SEEN.action_space)] * len(SEEN.state_space))
+        made = mdm.solve(SEEN, name, iterations=1, durations=timed).policy
+        assert type(made) is policy_class(name, SEEN, horizon=None, durations=timed)

@@ -77,19 +77,16 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _changes(model: MDP, written: MDP) -> list[str]:
     """Return the differences between a model and what was written of it."""
-    from mdm.models import POMDP, FactoredMDP, FactoredPOMDP  # noqa: PLC0415
-
     found = []
     pairs = [
         ("agents", model.num_agents, written.num_agents),
         ("state factors", len(model.state_space.factors), len(written.state_space.factors)),
     ]
-    if isinstance(model, POMDP) and isinstance(written, POMDP):
+    if model.observation_space is not None and written.observation_space is not None:
         before, after = model.observation_space.factors, written.observation_space.factors
         pairs.append(("observation factors", len(before), len(after)))
     found += [f"{before} {what} became {after}" for what, before, after in pairs if before != after]
-    factored = FactoredMDP | FactoredPOMDP
-    if isinstance(model, factored) and not isinstance(written, factored):
+    if model.network is not None and written.network is None:
         found.append("the network of the factored model became matrices")
     if model.outcome_rewards is not None and written.outcome_rewards is None:
         found.append("rewards of single outcomes became their expectation R(s, a)")
@@ -103,8 +100,6 @@ def _difference(model: MDP, written: MDP) -> float:
     """Return the largest difference between two models' numbers; rewards are relative to the largest reward."""
     import numpy as np  # noqa: PLC0415
 
-    from mdm.models import POMDP  # noqa: PLC0415
-
     scale = max(1.0, float(np.abs(model.rewards).max()))
     worst = [
         float(np.abs(model.rewards - written.rewards).max()) / scale,
@@ -112,13 +107,13 @@ def _difference(model: MDP, written: MDP) -> float:
     ]
     for action in range(len(model.action_space)):
         worst.append(_distance(model.transition_matrix(action), written.transition_matrix(action)))
-        if not isinstance(model, POMDP) or not isinstance(written, POMDP):
+        if (before := model.pomdp) is None or (after := written.pomdp) is None:
             continue
-        if model.event_observations:
-            each = range(len(model.observation_space))
-            worst += [_distance(model.joint_matrix(action, o), written.joint_matrix(action, o)) for o in each]
+        if before.event_observations:
+            each = range(len(before.observation_space))
+            worst += [_distance(before.joint_matrix(action, o), after.joint_matrix(action, o)) for o in each]
         else:
-            worst.append(_distance(model.observation_matrix(action), written.observation_matrix(action)))
+            worst.append(_distance(before.observation_matrix(action), after.observation_matrix(action)))
     return max(worst)
 
 

@@ -16,7 +16,7 @@ from mdm.formats.archive.npz import is_archive, kind
 from mdm.formats.models import MODEL_SUFFIXES
 from mdm.formats.recognition import SETS, beginning, holds_policy
 from mdm.formats.source import Source, suffixes
-from mdm.models import MDP, POMDP, Durations, FactoredMDP, FactoredPOMDP
+from mdm.models import MDP, Durations
 
 __all__ = ["Document", "describe_model", "describe_policy", "is_policy", "load"]
 
@@ -106,9 +106,8 @@ def describe_policy(policy: Any) -> dict[str, Any]:
 
 def describe_model(model: MDP) -> dict[str, Any]:
     """Return a model's sizes and names."""
-    observations = model.observation_space if isinstance(model, POMDP) else None
-    factored = isinstance(model, FactoredMDP | FactoredPOMDP)
-    seen = model.network.fully_observed if isinstance(model, FactoredPOMDP) else ()
+    observations, network = model.observation_space, model.network
+    seen = () if observations is None or network is None else network.fully_observed
     return {
         "kind": model.kind,
         "agents": model.num_agents,
@@ -120,14 +119,14 @@ def describe_model(model: MDP) -> dict[str, Any]:
         "state_factors": [{"name": factor.name, "size": len(factor)} for factor in model.state_space.factors],
         "state_names": [list(factor.names) for factor in model.state_space.factors],
         "fully_observed": [f.name for f, s in zip(model.state_space.factors, seen, strict=False) if s],
-        "event_observations": isinstance(model, POMDP) and model.event_observations,
+        "event_observations": model.event_observations,
         "false_negative": None
         if observations is None or model.false_negative is None
         else observations.names[model.false_negative],
         "discount": model.discount,
-        "factored": factored,
+        "factored": network is not None,
         # A factored model would have to be flattened to know this.
-        "sparse": None if factored else model.is_sparse,
+        "sparse": None if network is not None else model.is_sparse,
         "action_names": [list(factor.names) for factor in model.action_space.factors],
         "observation_names": [] if observations is None else [list(factor.names) for factor in observations.factors],
     }

@@ -72,7 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _names(model: MDP, names: dict[str, list[list[str]]]) -> Iterator[str]:
     """Yield the names of a model's states, actions and observations, a line for each factor or agent."""
     spaces = {"state_names": model.state_space, "action_names": model.action_space}
-    spaces["observation_names"] = getattr(model, "observation_space", model.action_space)
+    if model.observation_space is not None:
+        spaces["observation_names"] = model.observation_space
     for key, each in names.items():
         title = key.replace("_", " ")
         for factor, own in zip(spaces[key].factors if each else (), each, strict=True):

@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("a parameter is too large a number") from None
     save_model(model, target)
     sizes = [(len(model.state_space), "states"), (len(model.action_space), "actions")]
-    if hasattr(model, "observation_space"):
+    if model.observation_space is not None:
         sizes.append((len(model.observation_space), "observations"))
     print(f"{target}: a model ({model.kind}) of {', '.join(f'{count} {what}' for count, what in sizes)}")
     return 0

@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     if is_policy(arguments.file):
         raise Error(f"{arguments.file} holds a policy: use mdm info")
     model = load_model(arguments.file)
-    if part == "O" and getattr(model, "event_observations", False) and arguments.before is None:
+    if part == "O" and model.event_observations and arguments.before is None:
         raise UsageError("the observations of this model are events: name the previous state with --from")
     if part == "network":
         return _network(model, arguments)
@@ -89,7 +89,6 @@ def _check_usage(arguments: argparse.Namespace, part: str) -> None:
 def _row(model: MDP, part: str, symbols: Sequence[str], before: str | None) -> tuple[str, Iterable[str], list[float]]:
     """Return a row's title, the names of its entries, and the entries."""
     from mdm.errors import Error  # noqa: PLC0415
-    from mdm.models import POMDP  # noqa: PLC0415
 
     states, actions = model.state_space, model.action_space
     if part == "start":
@@ -100,11 +99,11 @@ def _row(model: MDP, part: str, symbols: Sequence[str], before: str | None) -> t
         return title, states.names, _list(model.transition(*symbols))
     if part == "R":
         return _rewards(model, action, symbols)
-    if not isinstance(model, POMDP):
+    if (pomdp := model.pomdp) is None:
         raise Error("the model is an MDP: it has no observations")
     came = "" if before is None else f" from {_name(states, before)!r}"
     title = f"O: after {action!r}{came} has led to {_name(states, symbols[1])!r}"
-    return title, model.observation_space.names, _list(model.observation(*symbols, state=before))
+    return title, pomdp.observation_space.names, _list(pomdp.observation(*symbols, state=before))
 
 
 def _rewards(model: MDP, action: str, symbols: Sequence[str]) -> tuple[str, Iterable[str], list[float]]:
@@ -131,7 +130,6 @@ def _list(values: Vector) -> list[float]:
 
 def _network(model: MDP, arguments: argparse.Namespace) -> int:
     from mdm.cli.report import as_json  # noqa: PLC0415
-    from mdm.models import FactoredMDP, FactoredPOMDP  # noqa: PLC0415
     from mdm.models.factored.factoring import as_network  # noqa: PLC0415
 
     network = as_network(model)
@@ -143,7 +141,7 @@ def _network(model: MDP, arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(as_json([{"variable": name, "values": size, "depends_on": on} for name, size, on in lines]))
         return 0
-    if not isinstance(model, FactoredMDP | FactoredPOMDP):
+    if model.network is None:
         print("(the model is not factored: its variables have all possible parents)")
     for name, size, on in lines:
         values = f" ({size} values)" if size else ""

@@ -9,8 +9,6 @@ import numpy as np
 from mdm.config import load_system, look_over
 from mdm.errors import FormatError, ModelError
 from mdm.formats import load_durations, load_model, load_policy
-from mdm.models import POMDP
-from mdm.models.factored.mixed import MixedPOMDP
 from mdm.policies import mismatch
 
 if TYPE_CHECKING:
@@ -69,12 +67,12 @@ def load_durations_for(model: MDP, path: str | None) -> Durations | None:
 
 def revealed(model: MDP) -> MDP:
     """Return a model whose observations include its fully observed state factors."""
-    return model.revealed() if isinstance(model, POMDP) and not model.event_observations else model
+    return model if model.event_observations else model.revealed()
 
 
 def visibility(model: MDP) -> str | None:
     """Return a sentence that names the fully observed state factors; None if there are none."""
-    if not isinstance(model, MixedPOMDP):
+    if not model.observed:
         return None
     names = [model.state_space.factors[place].name for place in model.observed]
     return f"the agent sees {', '.join(names)} at the start and at every step, as the model declares"
@@ -82,10 +80,10 @@ def visibility(model: MDP) -> str | None:
 
 def hidden_times(model: MDP, durations: Durations | None) -> str | None:
     """Return a sentence about durations that differ among states which the agent cannot tell apart; None if none do."""
-    if durations is None or not isinstance(model, POMDP):
+    if durations is None or model.pomdp is None:
         return None
     discounts = durations.discounts(model)
-    groups = model.seen_in if isinstance(model, MixedPOMDP) else np.zeros(len(discounts), dtype=np.intp)
+    groups = model.pomdp.seen_in
     if all(np.ptp(discounts[groups == group], axis=0).max() < _ALIKE for group in np.unique(groups)):
         return None
     return (

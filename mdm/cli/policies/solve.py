@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.formats import check_policy_file, save_policy  # noqa: PLC0415
     from mdm.formats.target import check_place, write_text  # noqa: PLC0415
     from mdm.policies import mismatch  # noqa: PLC0415
-    from mdm.solvers.solve import default_solver  # noqa: PLC0415
+    from mdm.solvers.solve import default_solver, policy_class  # noqa: PLC0415
 
     if arguments.durations is not None and (arguments.horizon is not None or arguments.solver == "jesp"):
         raise UsageError("--durations is for time without an end: it goes with neither --horizon nor jesp")
@@ -112,7 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
     solver = arguments.solver or default_solver(world, given)
     _check_options(given, solver)
     if arguments.output is not None:
-        check_policy_file(_kind(solver, world, arguments), arguments.output)
+        check_policy_file(policy_class(solver, world, horizon=arguments.horizon, durations=durations), arguments.output)
     for note in filter(None, (visibility(world), hidden_times(world, durations))):
         print(f"mdm solve: {note}", file=sys.stderr)
     solution = _solve(world, solver, {**given, "durations": durations}, arguments)
@@ -174,28 +174,6 @@ def _check_options(given: dict[str, Any], solver: str) -> None:
     for name in given:
         if name not in options_of(solver):
             raise UsageError(f"{solver} has no option --{name.replace('_', '-')}")
-
-
-def _kind(solver: str, model: MDP, arguments: argparse.Namespace) -> type:
-    """Return the class of a solver's policies."""
-    from mdm.models.factored.mixed import MixedPOMDP  # noqa: PLC0415
-    from mdm.policies import (  # noqa: PLC0415
-        AlphaVectors,
-        FiniteStateController,
-        JointController,
-        MixedAlphaVectors,
-        QTable,
-        StagedPolicy,
-    )
-
-    if solver == "jesp":
-        return JointController
-    if solver == "perseus" and arguments.horizon is not None:
-        return FiniteStateController
-    if model.kind == "MDP":
-        return QTable if arguments.horizon is None else StagedPolicy
-    mixed = solver == "sarsop" and isinstance(model, MixedPOMDP) and arguments.durations is None
-    return MixedAlphaVectors if mixed else AlphaVectors
 
 
 def _facts(solution: Solution, arguments: argparse.Namespace) -> dict[str, Any]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from mdm.cli.files.document import describe_policy
 from mdm.cli.policies.progress import counting
-from mdm.models.factored.mixed import MixedPOMDP
 from mdm.simulation import Evaluation, evaluate
 from mdm.solvers import exact_values
 
@@ -147,11 +146,11 @@ def claimed_value(model: MDP, policy: Any) -> float | None:
 
 def _first_beliefs(model: MDP, start: Vector) -> list[tuple[float, Vector]]:
     """Return the possible beliefs after observing the initial state, with their probabilities."""
-    if not isinstance(model, MixedPOMDP):
+    if not model.observed or (pomdp := model.pomdp) is None:
         return [(1.0, start)]
     states = np.flatnonzero(start)
-    _, first = np.unique(model.seen_in[states], return_index=True)
-    beliefs = [model.belief_at_start(int(state)) for state in states[first]]
+    _, first = np.unique(pomdp.seen_in[states], return_index=True)
+    beliefs = [pomdp.belief_at_start(int(state)) for state in states[first]]
     return [(float(start[belief > 0].sum()), belief) for belief in beliefs]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from mdm.errors import ModelWarning
 from mdm.formats.archive.store import Store, StoreError, user_folder
-from mdm.models import MDP, POMDP, FactoredMDP, FactoredPOMDP
+from mdm.models import MDP, POMDP
 from mdm.models.digest import digest, of_parts
 from mdm.models.dynamics import Rows, distinct, stacked
 from mdm.models.events import DenseEvents, TransitionEvents
@@ -54,7 +54,6 @@ def mapped(model: MDP, make: Callable[[], _Flat]) -> _Flat:
         model: The factored model.
         make: Makes the matrices; called once at most.
     """
-    assert isinstance(model, FactoredMDP | FactoredPOMDP)
     if model.matrix_size.total < _LEAST:
         return make()
     own: list[_Flat] = []
@@ -79,7 +78,7 @@ def mapped(model: MDP, make: Callable[[], _Flat]) -> _Flat:
     return cast("_Flat", known)
 
 
-def _key(model: FactoredMDP | FactoredPOMDP) -> str:
+def _key(model: MDP) -> str:
     """Return the digest of all that the matrices follow from."""
     return of_parts([__version__, _FORM, np.__version__, type(model).__name__, model.sparse, digest(model)])
 
@@ -89,14 +88,14 @@ def _packed(model: MDP) -> dict[str, npt.NDArray[Any]]:
     actions = range(len(model.action_space))
     arrays = {"R": model.rewards}
     _pack("T", [model.transition_matrix(action) for action in actions], arrays)
-    if not isinstance(model, POMDP):
+    if (pomdp := model.pomdp) is None:
         return arrays
-    if model.events is None:
-        _pack("O", [model.observation_matrix(action) for action in actions], arrays)
-    elif isinstance(model.events, DenseEvents):
-        arrays["E"] = np.stack(model.events.events)
-    elif isinstance(model.events, TransitionEvents):
-        _pack_events(model.events.events, arrays)
+    if pomdp.events is None:
+        _pack("O", [pomdp.observation_matrix(action) for action in actions], arrays)
+    elif isinstance(pomdp.events, DenseEvents):
+        arrays["E"] = np.stack(pomdp.events.events)
+    elif isinstance(pomdp.events, TransitionEvents):
+        _pack_events(pomdp.events.events, arrays)
     return arrays
 
 
@@ -129,7 +128,7 @@ def _pack_events(events: Sequence[Matrix], arrays: dict[str, npt.NDArray[Any]]) 
     }
 
 
-def _model(model: FactoredMDP | FactoredPOMDP, arrays: Mapping[str, npt.NDArray[Any]]) -> MDP:
+def _model(model: MDP, arrays: Mapping[str, npt.NDArray[Any]]) -> MDP:
     """Return the flat model of which these are the arrays."""
     size = len(model.state_space)
     transitions, moved = _matrices("T", arrays, size, size)
@@ -142,7 +141,7 @@ def _model(model: FactoredMDP | FactoredPOMDP, arrays: Mapping[str, npt.NDArray[
         "outcome_rewards": model.outcome_rewards,
     }
     rewards = Checked([read_only(arrays["R"].view())])
-    if not isinstance(model, FactoredPOMDP):
+    if model.observation_space is None:
         flat = MDP(transitions, rewards, **common)
     else:
         names = {"actions": model.action_space, "states": model.state_space}

@@ -71,20 +71,20 @@ def write(model: MDP, path: str | Path) -> None:
         FormatError: If the file cannot be written.
     """
     header = _Header(model.discount, names_of(model.state_space), names_of(model.action_space))
-    if isinstance(model, POMDP):
+    if model.observation_space is not None:
         header.observations = names_of(model.observation_space)
         header.false_negative = model.false_negative
     arrays: dict[str, Any] = {}
-    if isinstance(model, FactoredMDP | FactoredPOMDP):
+    if model.network is not None:
         header.network = pack_network(model.network, arrays)
     else:
         actions = range(len(model.action_space))
         arrays |= {"initial": model.initial_belief, "rewards": model.rewards}
         header.transitions = _pack("T", [model.transition_matrix(a) for a in actions], arrays)
-        if isinstance(model, POMDP):
-            events = model.events
+        if (pomdp := model.pomdp) is not None:
+            events = pomdp.events
             if events is None:
-                header.observed = _pack("O", [model.observation_matrix(a) for a in actions], arrays)
+                header.observed = _pack("O", [pomdp.observation_matrix(a) for a in actions], arrays)
             elif isinstance(events, DenseEvents):
                 header.events = _pack("E", events.events, arrays)
             elif isinstance(events, TransitionEvents):
@@ -169,13 +169,14 @@ def _converted(model: MDP, sparse: bool) -> MDP | POMDP:
         "outcome_rewards": model.outcome_rewards,
         "sparse": sparse,
     }
-    if not isinstance(model, POMDP):
+    pomdp = model.pomdp
+    if pomdp is None:
         return MDP(transitions, model.rewards, **common)
-    common |= {"observation_names": model.observation_space, "event_observations": model.event_observations}
+    common |= {"observation_names": pomdp.observation_space, "event_observations": pomdp.event_observations}
     seen: list[Any] = (
-        [[model.event_matrix(action, o) for o in range(len(model.observation_space))] for action in actions]
-        if model.event_observations
-        else [model.observation_matrix(action) for action in actions]
+        [[pomdp.event_matrix(action, o) for o in range(len(pomdp.observation_space))] for action in actions]
+        if pomdp.event_observations
+        else [pomdp.observation_matrix(action) for action in actions]
     )
     return POMDP(transitions, seen, model.rewards, **common)
 

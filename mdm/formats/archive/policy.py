@@ -15,7 +15,6 @@ from mdm.errors import FormatError, ModelError
 from mdm.formats.archive import npz
 from mdm.formats.archive.npz import Names, names_of, space_of
 from mdm.formats.source import LARGEST
-from mdm.models import POMDP
 from mdm.policies import PACKABLE, mismatch
 
 if TYPE_CHECKING:
@@ -84,7 +83,7 @@ def write(policy: Policy, path: str | Path, model: MDP | None = None) -> None:
     header = _Header(kind, packed[0])
     if model is not None:
         header.states, header.actions = names_of(model.state_space), names_of(model.action_space)
-        header.observations = names_of(model.observation_space) if isinstance(model, POMDP) else None
+        header.observations = None if model.observation_space is None else names_of(model.observation_space)
     npz.write(Path(path), header, packed[1])
 
 
@@ -102,7 +101,7 @@ def _name_mismatch(header: _Header, model: MDP) -> str | None:
         ("state", header.states, model.state_space),
         ("action", header.actions, model.action_space),
     ]
-    if isinstance(model, POMDP):
+    if model.observation_space is not None:
         pairs.append(("observation", header.observations, model.observation_space))
     for what, kept, space in pairs:
         if kept is None:

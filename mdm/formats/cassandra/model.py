@@ -61,13 +61,13 @@ def write(model: MDP, path: str | Path) -> None:
         ModelError: If the observations are events, or the model has observations and the file is a ``.mdp``.
         FormatError: If the file cannot be written.
     """
-    if isinstance(model, POMDP) and suffixes(path) == ".mdp":
+    if model.pomdp is not None and suffixes(path) == ".mdp":
         raise ModelError("an .mdp file cannot hold this POMDP's observations: write .pomdp")
     writer = StatementWriter(model, colon=" ")
     actions = Symbols.of(writer.joined(model.action_space), "a")
     lines = [f"discount: {model.discount!r}", "values: reward", f"states: {writer.states.declared}"]
     lines.append(f"actions: {actions.declared}")
-    if isinstance(model, POMDP):
+    if model.observation_space is not None:
         observations = Symbols.of(writer.joined(model.observation_space), "o")
         lines += [f"observations: {observations.declared}", f"start: {writer.start()}"]
         lines += writer.statements(actions.words, observations.words)
@@ -392,7 +392,7 @@ class StatementWriter:
     """
 
     def __init__(self, model: MDP, *, colon: str) -> None:
-        if isinstance(model, POMDP) and model.event_observations:
+        if model.event_observations:
             raise ModelError(
                 "this format cannot hold observations of events, P(o | s, a, s'): write .pgmx, or an archive (.npz)"
             )
@@ -433,8 +433,8 @@ class StatementWriter:
         """
         model = self._model
         yield from self._matrices("T", model.transition_matrix, actions, self.states.words)
-        if observations is not None and isinstance(model, POMDP):
-            yield from self._matrices("O", model.observation_matrix, actions, observations)
+        if observations is not None and model.pomdp is not None:
+            yield from self._matrices("O", model.pomdp.observation_matrix, actions, observations)
         rewards = list(self._rewards(actions, observations))
         # pomdp-solve needs a reward, be it 0.
         yield from rewards or [f"R: {' : '.join('*' * (3 if observations is None else 4))}{self._colon}0.0"]

@@ -57,7 +57,7 @@ def write(model: MDP, path: str | Path) -> None:
             events.
         FormatError: If the file cannot be written.
     """
-    if not isinstance(model, POMDP):
+    if model.observation_space is None:
         raise ModelError("a .dpomdp file needs observations, and an MDP has none: write .mdp")
     agents = [factor.name for factor in model.action_space.factors]
     if len(model.observation_space.factors) != len(agents):

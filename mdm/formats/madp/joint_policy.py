@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from mdm.errors import ModelError
 from mdm.formats.source import Source
 from mdm.formats.target import write_text
-from mdm.models import POMDP
 from mdm.policies import FiniteStateController, JointController
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ def read(path: str | Path, model: MDP | None) -> JointController:
         FormatError: If the model is missing, or the file is malformed, with the line and what was expected.
     """
     source = Source(path)
-    if not isinstance(model, POMDP):
+    if model is None or model.observation_space is None:
         source.fail("a joint policy refers to actions and observations by name: give its POMDP (--model)")
     trees: list[list[tuple[int, tuple[str, ...], str]]] = []
     for number, text in enumerate(source.text.split("\n"), 1):
@@ -70,7 +69,7 @@ def write(policy: JointController, path: str | Path, model: MDP | None) -> None:
     Raises:
         ModelError: If the model does not fit or has no observations, or a controller is not a tree.
     """
-    if not isinstance(model, POMDP):
+    if model is None or model.observation_space is None:
         raise ModelError("a joint policy refers to actions and observations by name: give its POMDP (--model)")
     wrong = policy.mismatch(model)
     if wrong is not None:

@@ -12,9 +12,9 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.models.events import DenseEvents, EventObservations, TransitionEvents
 from mdm.models.factored import flattening
-from mdm.models.factored.size import MatrixSize, matrix_size
+from mdm.models.factored.size import matrix_size
 from mdm.models.factored.two_slice import Node
-from mdm.models.matrices import Checked, Matrix, Vector, distribution, is_compressed, stochastic_matrices
+from mdm.models.matrices import Checked, Matrix, MatrixSize, Vector, distribution, is_compressed, stochastic_matrices
 from mdm.models.mdp import MDP, checked_discount
 from mdm.models.pomdp import POMDP
 
@@ -41,6 +41,8 @@ _Flat = TypeVar("_Flat", bound=MDP)
 class _Factored(MDP):
     """The base of factored models: a network, and the quantities of its matrices."""
 
+    network: TwoSliceNetwork
+
     @property
     def _flat(self) -> MDP:
         raise NotImplementedError
@@ -56,7 +58,6 @@ class _Factored(MDP):
         self.discount = checked_discount(discount)
         self.outcome_rewards = _outcomes(network)
         self.sparse = sparse
-        """Whether its matrices are CSR or dense, where that is forced; else None."""
 
     @cached_property
     def initial_belief(self) -> Vector:

@@ -9,12 +9,12 @@ walks are the same in every process. Cost: some numpy calls per variable, whatev
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mdm.models.factored.two_slice import Node
-from mdm.models.matrices import is_large_and_sparse
+from mdm.models.matrices import MatrixSize, is_large_and_sparse
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,36 +23,11 @@ if TYPE_CHECKING:
 
     from mdm.models.factored.two_slice import Potential, Role, TwoSliceNetwork
 
-__all__ = ["MatrixSize", "matrix_size"]
+__all__ = ["matrix_size"]
 
 _WALKS = 4096
 _NUMBER = 8
 """Bytes of a number."""
-
-
-class MatrixSize(NamedTuple):
-    """The bytes of a model's matrices.
-
-    Attributes:
-        transitions: Those of T.
-        observations: Those of O; 0 of an MDP.
-        rewards: Those of R(s, a).
-        kinds: How many different matrices there are of T; actions of equal effect share one.
-        entries: How many entries such a matrix has that are not zero.
-        seen: How many a matrix of O has; of events, of an action.
-    """
-
-    transitions: int
-    observations: int
-    rewards: int
-    kinds: int
-    entries: int
-    seen: int
-
-    @property
-    def total(self) -> int:
-        """All of them."""
-        return self.transitions + self.observations + self.rewards
 
 
 def matrix_size(network: TwoSliceNetwork, *, sparse: bool | None = None) -> MatrixSize:

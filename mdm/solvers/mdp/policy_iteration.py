@@ -23,6 +23,7 @@ from mdm.policies import QTable
 from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.rounds import bounded, sweeping
 from mdm.solvers.mdp.undiscounted import first_policy, resting
+from mdm.solvers.solution import makes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -47,6 +48,7 @@ _EACH = 15
 """One of so many sweeps finds the best actions. The number is odd, so that these go forward and backward in turn."""
 
 
+@makes(QTable)
 def policy_iteration(model: MDP, *, limits: Limits | None = None) -> Solution:
     """Return the optimal values of a model's states, as a `QTable`; those of a POMDP's known states.
 
@@ -61,6 +63,7 @@ def policy_iteration(model: MDP, *, limits: Limits | None = None) -> Solution:
         return improve_policies(Dynamics(model), model.initial_belief, run, "policy-iteration")
 
 
+@makes(QTable)
 def modified_policy_iteration(model: MDP, *, limits: Limits | None = None) -> Solution:
     """Return the optimal values of a model's states, as a `QTable`; those of a POMDP's known states.
 

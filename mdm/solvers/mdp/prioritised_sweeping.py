@@ -18,9 +18,11 @@ import numpy as np
 
 from mdm.models.dynamics import Dynamics, stacked
 from mdm.models.matrices import csr
+from mdm.policies import QTable
 from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.policy_iteration import improve_policies
 from mdm.solvers.mdp.rounds import Round, bounded, kernels, sweeps_of
+from mdm.solvers.solution import makes
 
 if TYPE_CHECKING:
     from mdm.models import MDP
@@ -34,6 +36,7 @@ _SETTLED = 0.01
 """A round ends when priorities are below this share of the largest at its start."""
 
 
+@makes(QTable)
 def prioritised_sweeping(model: MDP, *, limits: Limits | None = None) -> Solution:
     """Return the optimal values of a model's states, as a `QTable`; those of a POMDP's known states.
 

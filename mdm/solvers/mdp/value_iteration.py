@@ -20,10 +20,11 @@ import numpy as np
 
 from mdm.errors import ConfigError
 from mdm.models.dynamics import Dynamics
-from mdm.policies import StagedPolicy
+from mdm.policies import QTable, StagedPolicy
 from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.policy_iteration import improve_policies
 from mdm.solvers.mdp.rounds import bounded, sweeping
+from mdm.solvers.solution import makes
 
 if TYPE_CHECKING:
     from mdm.models import MDP
@@ -35,6 +36,7 @@ __all__ = ["value_iteration"]
 _NAME = "value-iteration"
 
 
+@makes(QTable, to_horizon=StagedPolicy)
 def value_iteration(model: MDP, *, limits: Limits | None = None, horizon: int | None = None) -> Solution:
     """Return the optimal values of a model's states, as a `QTable`; those of a POMDP's known states.
 

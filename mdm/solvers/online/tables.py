@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import ModelError
-from mdm.models import POMDP
 from mdm.models.dynamics import Dynamics, Rows
 from mdm.solvers.bounds import blind_values, known_state_values
 
@@ -72,7 +71,7 @@ _LEFT_OUT = Rows(np.zeros(0, np.int64), np.zeros(0, np.uint64), np.zeros(0, np.u
 def sent(tables: SearchTables, model: MDP) -> SentTables:
     """Return the tables of a model without what another process can map from a file as well."""
     tables = tables._replace(transitions=_LEFT_OUT, rewards=np.zeros((0, 0)))
-    if not isinstance(model, POMDP) or tables.by_transition or model.false_negative is not None:
+    if model.pomdp is None or tables.by_transition or model.false_negative is not None:
         return SentTables(tables, model)  # what is observed is made for the search
     return SentTables(tables._replace(observations=_LEFT_OUT), model)
 
@@ -100,10 +99,10 @@ def search_tables(model: MDP, *, upper: Real | None, lower: tuple[Real, Sequence
     if model.discount >= 1:
         raise ModelError("a tree search needs a discount below 1: give the model one with with_discount(...)")
     dynamics = Dynamics(model)
-    if isinstance(model, POMDP):
-        observations, num_observations = dynamics.observations, dynamics.num_observations
-    else:
+    if model.pomdp is None:
         observations, num_observations = _next_states(dynamics), dynamics.num_states
+    else:
+        observations, num_observations = dynamics.observations, dynamics.num_observations
     if model.false_negative is not None:
         missed = observations.columns == model.false_negative
         columns = np.where(missed, np.uint32(num_observations), observations.columns)

@@ -23,7 +23,6 @@ import numpy as np
 
 from mdm.beliefs import BeliefTracker, Information, KnownState
 from mdm.errors import ConfigError, ModelError
-from mdm.models import POMDP
 from mdm.models.matrices import distribution
 from mdm.policies.policy import Kind, observable
 from mdm.solvers.online.tables import SearchTables, SentTables, search_tables, sent
@@ -217,7 +216,7 @@ class TreeSearch(Kind):
         for name, limit in limits.items():
             if limit is not None and not limit > 0:
                 raise ConfigError(f"{name} is a number above 0, not {limit}", key=name)
-        self.input = "belief" if isinstance(model, POMDP) else "state"
+        self.input = "state" if model.pomdp is None else "belief"
         self.num_states = len(model.state_space)
         self.num_actions = len(model.action_space)
         self.seconds = seconds

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ConfigError
-from mdm.models.factored.mixed import MixedPOMDP
 from mdm.models.matrices import distribution
 
 if TYPE_CHECKING:
@@ -38,9 +37,8 @@ def starts(model: POMDP) -> Vector:
     It is one, but where factors of the state are observed from the start.
     """
     belief = model.initial_belief
-    if not isinstance(model, MixedPOMDP):
-        return belief[None]
-    return np.stack([np.where(model.seen_in == seen, belief, 0.0) for seen in np.unique(model.seen_in[belief > 0])])
+    groups = model.seen_in
+    return np.stack([np.where(groups == seen, belief, 0.0) for seen in np.unique(groups[belief > 0])])
 
 
 def sampled(

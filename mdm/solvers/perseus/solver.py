@@ -25,7 +25,7 @@ import numpy as np
 
 from mdm.errors import ConfigError, ModelError
 from mdm.models.dynamics import Dynamics
-from mdm.policies import AlphaVectors
+from mdm.policies import AlphaVectors, FiniteStateController
 from mdm.solvers.bounds import blind_values
 from mdm.solvers.joint_dynamics import JointDynamics
 from mdm.solvers.limits import Limits
@@ -33,6 +33,7 @@ from mdm.solvers.perseus.backup import Constrained, Vectors, best, improve, need
 from mdm.solvers.perseus.certificate import certified, upper_bound
 from mdm.solvers.perseus.plan import plan
 from mdm.solvers.perseus.points import sampled, starts
+from mdm.solvers.solution import makes
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -58,6 +59,7 @@ class _ValueFunction(Protocol):
         ...
 
 
+@makes(AlphaVectors, to_horizon=FiniteStateController)
 def perseus(
     model: POMDP,
     *,

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.models.dynamics import Dynamics, Indices, Rows, dense, stacked
-from mdm.models.factored.mixed import MixedPOMDP
 from mdm.models.matrices import csr
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ def layout_of(model: POMDP, dynamics: Dynamics, detections: JointDynamics | None
         dynamics: Its dynamics.
         detections: What leads to detections, where observations are events or may be missed.
     """
-    blocks = model.layout if isinstance(model, MixedPOMDP) else np.arange(dynamics.num_states)[None, :]
+    blocks = model.layout
     order: Indices = blocks.ravel()
     rewards = dynamics.rewards.T
     if detections is not None:

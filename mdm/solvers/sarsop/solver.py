@@ -25,7 +25,6 @@ from mdm.errors import ModelError, ModelWarning
 from mdm.models import POMDP
 from mdm.models.compilation import can_compile, may_compile, plain
 from mdm.models.dynamics import Dynamics
-from mdm.models.factored.mixed import MixedPOMDP
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 from mdm.solvers.bounds import blind_values, informed_values
 from mdm.solvers.joint_dynamics import JointDynamics
@@ -60,6 +59,7 @@ from mdm.solvers.sarsop.pruning import (
     prune_points,
     prune_vectors,
 )
+from mdm.solvers.solution import makes
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -105,6 +105,7 @@ _FEWER = 5e-3, 5e-4, 5e-5, 0.0
 """What a belief may lose for a vector less, as shares of the gap: each is tried where the one before is of no use."""
 
 
+@makes(AlphaVectors, mixed=MixedAlphaVectors)
 def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -> Solution:
     """Solve a POMDP.
 
@@ -482,6 +483,6 @@ class _Search:
         """Return vectors as a policy."""
         values, actions = vectors.values, vectors.actions.tolist()
         num_actions = len(self._model.action_space)
-        if isinstance(self._model, MixedPOMDP):
+        if self._model.observed:
             return MixedAlphaVectors(values, actions, vectors.blocks.tolist(), num_actions, states=self._model.layout)
         return AlphaVectors(values, actions, num_actions)

@@ -17,6 +17,7 @@ from mdm.formats import save_durations
 from mdm.models import MDP, Durations
 from mdm.policies import AlphaVectors
 from mdm.solvers import SOLVERS, Limits, exact_values
+from mdm.solvers.solution import makes
 
 LAMP = MODELS / "lamp.pomdpx"
 CHAIN = MODELS / "chain.mdp"
@@ -39,7 +40,7 @@ def slow(monkeypatch):
                 AlphaVectors([[lower, lower]], [0], 3), "slow", lower, 20.0, iterations=rounds, size=1
             )
 
-    module.solver = solver
+    module.solver = makes(AlphaVectors)(solver)
     monkeypatch.setitem(sys.modules, "mdm.solvers.slow", module)
     monkeypatch.setitem(SOLVERS, "slow", ("slow", "solver", "POMDP"))
     return calls

@@ -8,7 +8,7 @@ import msgspec
 
 from mdm.runtime import Subscription
 from mdm.team import centralised
-from mdm.team.agreement.hold import BARS, HOLD, STARTS, STOP
+from mdm.team.agreement.proposals import BARS, HOLD, STARTS, STOP
 from mdm.team.centralised import CentralisedStatistics, Decided, encode
 from mdm.team.copy import BEGIN
 from mdm.team.layer import TeamLayer

@@ -9,7 +9,7 @@ import msgspec
 
 from mdm.messages import Action, Fault
 from mdm.team import centralised
-from mdm.team.agreement.hold import BARS, HOLD, STARTS, STOP
+from mdm.team.agreement.proposals import BARS, HOLD, STARTS, STOP
 from mdm.team.centralised import CentralisedStatistics, Decided, Said, controlling, encode
 from mdm.team.commands import PENDING
 from mdm.team.layer import TeamLayer

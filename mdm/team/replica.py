@@ -15,8 +15,8 @@ from mdm.errors import ConfigError, Error
 from mdm.runtime import ActorStatistics, Subscription
 from mdm.runtime.supervision import describe
 from mdm.team.agreement import Agreement, decode, encode
-from mdm.team.agreement.entries import Applied, Command, Component, Entries, Snapshot
-from mdm.team.agreement.hold import HOLD
+from mdm.team.agreement.messages import Applied, Command, Component, Entries, Snapshot, is_possible
+from mdm.team.agreement.proposals import HOLD
 from mdm.team.copy import BEGIN
 from mdm.team.layer import TeamLayer
 from mdm.team.transport.keys import join
@@ -24,7 +24,7 @@ from mdm.team.transport.keys import join
 if TYPE_CHECKING:
     from mdm.actors import Ensemble
     from mdm.runtime import Timer
-    from mdm.team.agreement import Commit, Role, Send
+    from mdm.team.agreement import Commit, Send, Standing
     from mdm.team.link import Link
     from mdm.team.placement import Placement
     from mdm.team.team import Team
@@ -60,7 +60,7 @@ class ReplicaStatistics(ActorStatistics, frozen=True):
         malformed: Messages and parts that were none.
     """
 
-    role: Role | Literal["refused"]
+    role: Standing | Literal["refused"]
     term: int
     leader: str | None
     step: int
@@ -111,7 +111,7 @@ class Replica(TeamLayer):
         self._applied = 0
         self._unsaid = 0
         self._withheld = False
-        self._role: Role = "joining"
+        self._role: Standing = "joining"
         self._term = 0
         self._behind = False
         self._asked = False
@@ -171,7 +171,7 @@ class Replica(TeamLayer):
     @property
     def knows(self) -> object:
         """The last step."""
-        position = self.agreement.history.position
+        position = self.agreement.log.position
         return [position.term.number, position.term.leader, position.term.incarnation, position.step]
 
     def _send(self, sends: list[Send]) -> None:
@@ -228,7 +228,7 @@ class Replica(TeamLayer):
             return
         now = self._now()
         agreement = self.agreement
-        if message.term != agreement.term and not agreement.believes(message, now):
+        if message.term != agreement.term and not is_possible(message, agreement.order, now):
             self._drop(sample, "is of a term that cannot be")
             return
         if isinstance(message, _BEHIND) and not self._behind:
@@ -266,12 +266,12 @@ class Replica(TeamLayer):
             reports, agreement.reports = agreement.reports, []
             for kind, text in reports:
                 if kind == "majority":
-                    gone = [agent for agent in agreement.members_now if agent not in self.link.live]
+                    gone = [agent for agent in agreement.state.members if agent not in self.link.live]
                     self.tell_loss(gone, "lost_majority", text, lambda: self._role == "waiting")
                 else:
                     self.report(kind, text)
         self._role = agreement.role
-        if self._behind and agreement.fetching is None:
+        if self._behind and agreement.state.fetching is None:
             self._behind = False
             self.process.catch_up(now, over=True)
         self._set_timer(now)
@@ -292,7 +292,7 @@ class Replica(TeamLayer):
                 self.tell_void(asked.token, reason)
 
     def _set_timer(self, now: int) -> None:
-        times, timer = self.agreement.timers, self._timer
+        times, timer = self.agreement.state.timers, self._timer
         if not times:
             return
         when = min(times.values())
@@ -431,7 +431,7 @@ class Replica(TeamLayer):
             leader=agreement.leader,
             step=agreement.step,
             digest=self.copy.digest(),
-            members=agreement.members_now,
+            members=agreement.state.members,
             commits=self._applied,
             unsaid=self._unsaid,
             late=agreement.late,

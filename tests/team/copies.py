@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from zlib import crc32
 
-from mdm.team.agreement.entries import START, Component, Position, encode
+from mdm.team.agreement.log import START, Position
+from mdm.team.agreement.messages import Component, encode
 
 
 class Violation(AssertionError):
@@ -73,7 +74,7 @@ class Oracle:
         self.previous[position] = before
         if commit.term > machine.term:
             raise Violation(f"{copy.agent} applies a step of {commit.term} in {machine.term}")
-        if machine.begun and commit.term < machine.term and not self.on_history(machine.term, position):
+        if machine.state.begun and commit.term < machine.term and not self.on_history(machine.term, position):
             raise Violation(f"{copy.agent} applies a step of {commit.term} in {machine.term}")
         if self.majority and commit.term.leader == copy.agent and position not in self.holders:
             if len(self.holders.get(before, ())) < self.majority:
@@ -134,15 +135,15 @@ class Oracle:
         for kind, text in machine.reports:
             if kind == "digest":
                 raise Violation(text)
-        if machine.begun and machine.ballot is not None and machine.term not in self.bases:
+        if machine.state.role == "leading" and machine.term not in self.bases:
             self.begins(machine)
 
     def begins(self, machine):
-        at = machine.history.position
+        at = machine.log.position
         while at.term == machine.term:
             at = self.previous[at]
         self.bases[machine.term] = at
-        if self.majority and len(machine.ballot.joined) < self.majority:
+        if self.majority and len(machine.state.ballot.joined) < self.majority:
             raise Violation(f"{machine.agent} begins {machine.term} without a majority")
         if self.majority and not self.forgetful:
             for position, term in self.settled:
@@ -175,7 +176,7 @@ class Witness:
         for agent, body in commit.inputs.items():
             if not self.event_driven and body != component(agent, commit.term, commit.step):
                 raise Violation(f"step {commit.term}:{commit.step} has {body}, which was not for it")
-        older = self.machine.term if self.machine.begun and commit.term < self.machine.term else None
+        older = self.machine.term if self.machine.state.begun and commit.term < self.machine.term else None
         self.applied.append((commit, encoded, copy.value, older))
 
     def restores(self, copy):

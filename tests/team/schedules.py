@@ -15,7 +15,8 @@ from random import Random
 from team.copies import Copy, Oracle, Violation
 
 from mdm.team.agreement import Agreement
-from mdm.team.agreement.entries import START, decode, encode
+from mdm.team.agreement.log import START
+from mdm.team.agreement.messages import decode, encode
 
 MILLISECOND = 1_000_000
 
@@ -106,7 +107,7 @@ class Schedule:
             raise Violation(f"{node.name} goes back from {node.term} to {machine.term}")
         self.oracle.looks(machine)
         self.oracle.acts(machine)
-        if machine.ballot is not None and machine.step > node.step and machine.begun and self.oracle.majority:
+        if machine.state.role == "leading" and machine.step > node.step and self.oracle.majority:
             self.count_alone(node)
         node.term, node.step = machine.term, machine.step
         due = machine.next_time
@@ -169,7 +170,7 @@ class Schedule:
     def look(self, node):
         if node.machine is not None and not node.paused:
             live = {name: self.nodes[name].life for name in self.names if self.connected(node.name, name)}
-            if live != node.machine.live:
+            if live != node.machine.state.live:
                 self.took(node, node.machine.members(live, node.clock(self.now)))
 
     def change(self, *, joins=False):
@@ -310,7 +311,7 @@ class Schedule:
 
     def check(self, side, machines, steps):
         roles = [machine.role for machine in machines.values()]
-        places = {(machine.term, machine.history.position, machine.replica.digest()) for machine in machines.values()}
+        places = {(machine.term, machine.log.position, machine.replica.digest()) for machine in machines.values()}
         moved = {machine.step > steps[name] for name, machine in machines.items()}
         if self.oracle.majority and len(side) < self.oracle.majority:
             if {*roles} != {"waiting"} or moved != {False}:

@@ -9,12 +9,14 @@ on itself alone, so that it is worked out once and looked up afterwards.
 
 from __future__ import annotations
 
+import copy
 import gc
 import sys
 import time
 from typing import NamedTuple
 
 import msgspec
+from team import invariants
 from team.copies import Copy, Violation, Witness, component
 from team.spaces import SPACES
 
@@ -44,36 +46,34 @@ class State(NamedTuple):
 def clone(machine):
     """Return an agent like this one, with nothing in common that changes."""
     made = object.__new__(type(machine))
-    held = made.__dict__
-    held.update(machine.__dict__)
-    for name in ("live", "present", "components", "commands", "applied", "doubts", "timers"):
-        held[name] = dict(held[name])
-    held["reports"], held["_out"] = [], []
-    for name in ("history", "proposals", "hold", "replica", "ballot"):
-        if held[name] is not None:
-            inner = object.__new__(type(held[name]))
-            inner.__dict__.update(held[name].__dict__)
-            held[name] = inner
-    made.history.commits = list(made.history.commits)
+    made.__dict__.update(machine.__dict__)
+    made.reports, made._out = [], []
+    for name in ("state", "log", "proposals", "hold", "replica"):
+        setattr(made, name, copy.copy(getattr(machine, name)))
+    for name in ("live", "components", "commands", "applied", "doubts", "timers"):
+        setattr(made.state, name, dict(getattr(made.state, name)))
+    made.log.commits = list(made.log.commits)
     made.proposals.components = made.proposals.components.copy()
     made.proposals.commands = made.proposals.commands.copy()
     made.proposals.void = []
-    if made.ballot is not None:
-        made.ballot.joined = dict(made.ballot.joined)
+    if made.state.ballot is not None:
+        made.state.ballot = copy.copy(made.state.ballot)
+        made.state.ballot.joined = dict(made.state.ballot.joined)
     return made
 
 
 def describe(machine):
     """Return everything that decides what an agent does next, as bytes."""
-    ballot, history, proposals, hold = machine.ballot, machine.history, machine.proposals, machine.hold
+    state, log, proposals, hold = machine.state, machine.log, machine.proposals, machine.hold
+    ballot = state.ballot
     return msgspec.msgpack.encode([
-        machine.agent, machine.incarnation, machine.term, machine.begun, machine.heard, machine.live,
-        machine.released, machine.enough, machine.sound, machine.fetching, machine.members_now, machine.overdue,
+        machine.agent, machine.incarnation, state.term, state.begun, state.highest, state.live,
+        state.released, state.quorate, state.sound, state.fetching, state.members, state.overdue,
         ballot and [ballot.invited, sorted(ballot.joined.items()), ballot.patient],
-        history.lineage, history.side, history.commits,
+        log.lineage, log.side, log.commits,
         list(proposals.components), list(proposals.commands), proposals.offered, proposals.commanded,
-        sorted(machine.components.items()), list(machine.commands.items()), sorted(machine.applied.items()),
-        sorted(machine.doubts.items()), sorted(machine.timers), machine.replica.position, machine.replica.value,
+        sorted(state.components.items()), list(state.commands.items()), sorted(state.applied.items()),
+        sorted(state.doubts.items()), sorted(state.timers), machine.replica.position, machine.replica.value,
         hold.still, hold.waits, hold.last, hold.at, hold.kept, machine.replica.running, machine.replica.started,
     ])  # fmt: skip
 
@@ -135,7 +135,7 @@ class Search:
     def work_out(self, machine, what, *args):
         witness = self.witness
         witness.applied, witness.machine = [], machine
-        begun, term = machine.begun, machine.term
+        begun, term = machine.state.begun, machine.term
         if what == "receive":
             sender, life, body = self.messages.things[args[0]]
             sends = machine.receive(sender, life, decode(body), 0)
@@ -147,19 +147,21 @@ class Search:
             sends = machine.propose(None, 0, *args)
         else:
             machine.fire(what, 0)
-            sends = machine._sent()
+            sends = machine._flush()
         if machine.term < term:
             raise Violation(f"{machine.agent} goes back from {term} to {machine.term}")
+        if self.kind is Agreement:  # a fault that is planted is to be found by what it does
+            invariants.check(machine)
         if any(kind == "digest" for kind, _ in machine.reports):
             raise Violation(machine.reports[-1][1])
         began = None
-        if machine.begun and machine.ballot is not None and (not begun or machine.term != term):
-            at = machine.history.position
+        if machine.state.role == "leading" and (not begun or machine.term != term):
+            at = machine.log.position
             first = next((commit for commit, *_ in witness.applied if commit.term == machine.term), None)
             if first is not None:
                 at = Position(first.previous, first.step - 1)
             began = self.bases((machine.term, at))
-            if len(machine.ballot.joined) < self.majority:
+            if len(machine.state.ballot.joined) < self.majority:
                 raise Violation(f"{machine.agent} begins {machine.term} without a majority")
         applied = tuple(self.entry(machine, *each) for each in witness.applied)
         commands = tuple((one.command, one.token, one.term) for one, *_ in witness.applied if one.command is not None)
@@ -176,7 +178,7 @@ class Search:
     def entry(self, machine, commit, body, value, older):
         """Return the number of a step that was applied, the newer term it was applied in, and if its leader did."""
         here, before = Position(commit.term, commit.step), Position(commit.previous, commit.step - 1)
-        leads = commit.term == machine.term and machine.ballot is not None
+        leads = commit.term == machine.term and machine.state.ballot is not None
         return self.entries((here, before, body, value)), older, leads
 
     # -- All of them ---------------------------------------------------------------------------------------------
@@ -327,7 +329,7 @@ class Search:
         """Return whom an agent sees."""
         found = self.seen.get(number)
         if found is None:
-            found = self.seen[number] = tuple(self.machines.things[number].live.items())
+            found = self.seen[number] = tuple(self.machines.things[number].state.live.items())
         return found
 
     def following(self, state):
@@ -358,11 +360,11 @@ class Search:
             view = self.view(state, index)
             if view != self.sees(number):
                 yield self.after(state, index, "members", view)
-            if machine.begun and machine.step < self.space.steps and not machine.proposals.components:
+            if machine.state.begun and machine.step < self.space.steps and not machine.proposals.components:
                 yield self.after(state, index, "propose")
             for command in ("start", "stop") if commands else ():
                 yield self.after(self.spent(state, COMMANDS), index, "command", command, str(len(state.asked) + 1))
-            for timer in machine.timers:
+            for timer in machine.state.timers:
                 if timer in {"retry", "invite"}:
                     if not any(state.line[index * count : (index + 1) * count]):
                         yield self.after(state, index, timer)
@@ -430,8 +432,8 @@ class Search:
         state = self.calmed(state)
         machines = [self.machines.things[number] for number in state.agents if number >= 0]
         if len(machines) >= self.majority:
-            ends = {(each.begun, each.term, each.history.position, each.replica.value) for each in machines}
-            if len(ends) != 1 or not machines[0].begun:
+            ends = {(each.state.begun, each.term, each.log.position, each.replica.value) for each in machines}
+            if len(ends) != 1 or not machines[0].state.begun:
                 raise Violation(f"the agents do not become equal: {sorted(map(str, ends))}")
 
     def calmed(self, state):
@@ -452,9 +454,9 @@ class Search:
             for index, number in enumerate(state.agents):
                 if number < 0:
                     continue
-                for timer in sorted(self.machines.things[number].timers):
+                for timer in sorted(self.machines.things[number].state.timers):
                     allowed = {"patience": 3, "call": 6 + index}.get(timer, 0) <= around
-                    if allowed and timer in self.machines.things[state.agents[index]].timers:
+                    if allowed and timer in self.machines.things[state.agents[index]].state.timers:
                         state = self.after(state, index, timer) or state
         return state
 

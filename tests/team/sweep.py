@@ -25,6 +25,7 @@ Fewer states are visited than there are. Each of these leaves out states for whi
 
 from __future__ import annotations
 
+import copy
 import gc
 import sys
 import time
@@ -57,7 +58,7 @@ from team.search import Numbers, Search, State, describe
 from team.spaces import SPACES
 
 from mdm.team.agreement import Agreement
-from mdm.team.agreement.entries import Ended, Entries, Fetch, Joined, Snapshot, Stale, decode
+from mdm.team.agreement.messages import Ended, Entries, Fetch, Joined, Snapshot, Stale, decode
 
 FAULTS = ("partitions", "losses", "duplicates", "impatience")
 """Faults of which a state has one left, or none; crashes and restarts are seen from the state itself."""
@@ -121,25 +122,26 @@ class Sweep(Search):
         """
         if not self.reduced:
             return super().number(machine)
-        held, ballot = dict(machine.__dict__), machine.ballot
-        if ballot is None or not machine.begun:
-            machine.members_now, machine.overdue = (), False
-            machine.applied = machine.components = machine.commands = {}
+        held = dict(machine.__dict__)
+        state = machine.state = copy.copy(machine.state)
+        if state.role != "leading":
+            state.members, state.overdue = (), False
+            state.applied = state.components = state.commands = {}
         else:
-            machine.applied = {agent: step for agent, step in machine.applied.items() if step >= machine.step - 1}
-            joined = dict.fromkeys(ballot.joined)
-            machine.ballot = SimpleNamespace(invited=ballot.invited, joined=joined, patient=False)
-        if not machine.begun and not machine.event_driven:
+            state.applied = {agent: step for agent, step in state.applied.items() if step >= machine.step - 1}
+            joined = dict.fromkeys(state.ballot.joined)
+            state.ballot = SimpleNamespace(invited=state.ballot.invited, joined=joined, patient=False)
+        if not state.begun and not machine.event_driven:
             commands = machine.proposals.commands
             machine.proposals = SimpleNamespace(components=(), commands=commands, offered=None, commanded=None)
-        machine.timers = [timer for timer in machine.timers if timer not in AGAIN_SAID]
+        state.timers = [timer for timer in state.timers if timer not in AGAIN_SAID]
         described = describe(machine)
         machine.__dict__.update(held)
         return self.machines(described, machine)
 
     def event(self, number, what, *args):
         if what in AGAIN_SAID:
-            self.machines.things[number].timers.setdefault(what, 0)
+            self.machines.things[number].state.timers.setdefault(what, 0)
         return super().event(number, what, *args)
 
     # -- What compiled code asks for -----------------------------------------------------------------------------
@@ -160,10 +162,10 @@ class Sweep(Search):
         tables = self.tables
         for number in range(self.described, len(things)):
             machine = things[number]
-            may = [machine.begun and machine.step < self.space.steps and not machine.proposals.components]
-            may += [timer in machine.timers for timer in EVENTS[1:]]
+            may = [machine.state.begun and machine.step < self.space.steps and not machine.proposals.components]
+            may += [timer in machine.state.timers for timer in EVENTS[1:]]
             if self.reduced:
-                may[RETRY], may[INVITE] = True, machine.ballot is not None
+                may[RETRY], may[INVITE] = True, machine.state.ballot is not None
             again = machine.incarnation > count
             tables.life[number + 1] = AGAIN if again else FIRST
             tables.may[number + 1] = sum(1 << bit for bit, possible in enumerate(may) if possible)
@@ -262,8 +264,8 @@ class Sweep(Search):
 
     def heeds(self, machine):
         """Return what decides which messages an agent drops for ever."""
-        joined = None if machine.ballot is None else tuple(sorted(machine.ballot.joined))
-        return machine.term, joined, tuple(machine.live.items())
+        joined = None if machine.state.ballot is None else tuple(sorted(machine.state.ballot.joined))
+        return machine.term, joined, tuple(machine.state.live.items())
 
     def dead(self, hearing, number, sender_life):
         """Return whether a message is dropped by its receiver from now on, whatever happens.

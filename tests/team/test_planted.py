@@ -6,10 +6,9 @@ import pytest
 from team.schedules import violation
 
 from mdm.team.agreement import Agreement
-from mdm.team.agreement.ballot import Ballot
-from mdm.team.agreement.entries import Commit, Term
-from mdm.team.agreement.hold import Hold
-from mdm.team.agreement.proposals import Proposals
+from mdm.team.agreement.log import Commit, Term
+from mdm.team.agreement.proposals import Hold, Proposals
+from mdm.team.agreement.state import Ballot
 
 
 class WithoutFence(Agreement):
@@ -17,26 +16,27 @@ class WithoutFence(Agreement):
 
     def receive(self, sender, incarnation, message, now):
         if isinstance(message, Commit) and message.term < self.term:
-            self._on_commit(sender, message, now)
-            return self._sent()
+            if self.state.ballot is None and self.state.sound:
+                self._receive_commit(message, now)
+            return self._flush()
         return super().receive(sender, incarnation, message, now)
 
 
 class OutOfOrder(Agreement):
     """Applies a commit without those before it."""
 
-    def _on_commit(self, sender, commit, now):
-        if self.begun and commit.step > self.step and commit.digest:
-            self._take(commit)
+    def _receive_commit(self, commit, now):
+        if self.state.begun and commit.step > self.step and commit.digest:
+            self._apply(commit)
         else:
-            super()._on_commit(sender, commit, now)
+            super()._receive_commit(commit, now)
 
 
 class LateCounts(Agreement):
     """Counts a late component under the present step."""
 
-    def _hears(self, sender, step, now):
-        return super()._hears(sender, step, now) or self._is_led(sender)
+    def _counts(self, sender, step, now):
+        return super()._counts(sender, step, now) or (self.state.role == "leading" and sender in self._ballot.joined)
 
 
 class Unasked(Ballot):
@@ -59,18 +59,20 @@ class WithoutSource(Ballot):
 class WithoutLog(Agreement):
     """Joins with nothing of what was applied before."""
 
-    def _on_begin(self, sender, begin, now):
-        if not self.begun and begin.position != self.history.position:
-            self.history.replace((begin.position,), 0)
-            self._place()
-        super()._on_begin(sender, begin, now)
+    def _receive_begin(self, begin, now):
+        if begin.position != self.log.position:
+            self.log.replace((begin.position,), 0)
+            self._take_part()
+            self._acknowledge(now)
+        else:
+            super()._receive_begin(begin, now)
 
 
 class WithoutMajority(Agreement):
     """Commits a step though no majority is known to have applied the last."""
 
     def _is_ready(self):
-        self.applied.update(dict.fromkeys(self.agents, self.step))
+        self.state.applied.update(dict.fromkeys(self.agents, self.step))
         return super()._is_ready()
 
 
@@ -127,9 +129,9 @@ class Unheld(Hold):
 
 
 COMMANDS = {
-    "commands without age": {"standing.Proposals": Ageless},
-    "a stop that beats nothing": {"standing.Proposals": Equal},
-    "no hold": {"standing.Hold": Unheld},
+    "commands without age": {"agreement.Proposals": Ageless},
+    "a stop that beats nothing": {"agreement.Proposals": Equal},
+    "no hold": {"agreement.Hold": Unheld},
 }
 
 
@@ -144,5 +146,5 @@ def test_a_planted_fault_of_commands_is_found(fault, monkeypatch):
 def test_a_planted_fault_is_found(fault, monkeypatch):
     machine, ballot = PLANTED[fault]
     if ballot is not None:
-        monkeypatch.setattr("mdm.team.agreement.terms.Ballot", ballot)
+        monkeypatch.setattr("mdm.team.agreement.agreement.Ballot", ballot)
     assert any(violation(seed, machine=machine)[1] for seed in range(400))

@@ -67,6 +67,6 @@ CAUGHT = {
 def test_a_planted_fault_is_found(fault, monkeypatch):
     machine, ballot = PLANTED[fault]
     if ballot is not None:
-        monkeypatch.setattr("mdm.team.agreement.terms.Ballot", ballot)
+        monkeypatch.setattr("mdm.team.agreement.agreement.Ballot", ballot)
     with pytest.raises(Violation):
         Sweep(CAUGHT[fault], machine).run(settle_every=100, limit=1_000_000)

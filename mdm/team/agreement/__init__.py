@@ -9,8 +9,8 @@ is elected, since whoever is seen first in the order of the team leads; nothing 
 the step that it commits at once, so that this one step may be known to it alone when it is lost.
 """
 
-from mdm.team.agreement.entries import Commit, Message, Position, Send, Term, decode, encode
-from mdm.team.agreement.machine import Agreement
-from mdm.team.agreement.standing import Replica, Role
+from mdm.team.agreement.agreement import Agreement, Replica, Standing
+from mdm.team.agreement.log import Commit, Position, Term
+from mdm.team.agreement.messages import Message, Send, decode, encode
 
-__all__ = ["Agreement", "Commit", "Message", "Position", "Replica", "Role", "Send", "Term", "decode", "encode"]
+__all__ = ["Agreement", "Commit", "Message", "Position", "Replica", "Send", "Standing", "Term", "decode", "encode"]

@@ -4,24 +4,23 @@ import pytest
 
 from mdm.errors import Error
 from mdm.team.agreement import decode, encode
-from mdm.team.agreement.entries import (
-    START,
+from mdm.team.agreement.log import START, Commit, Position, Term
+from mdm.team.agreement.messages import (
     Applied,
     Begin,
     Call,
     Command,
-    Commit,
     Component,
     Ended,
     Entries,
     Fetch,
     Joined,
-    Position,
     Snapshot,
     Stale,
-    Term,
+    is_possible,
 )
 
+AGENTS = ("a", "b", "c")
 TERM = Term(3, "a", 17)
 COMMIT = Commit(TERM, 5, TERM, {"a": b"left", "b": b""}, ("c",), None, "", "4711")
 
@@ -76,3 +75,30 @@ def test_terms_are_ordered_by_number_leader_and_life():
 def test_numbers_and_sizes_that_nobody_says_are_refused(body):
     with pytest.raises(Error, match="this is no message of an agreement"):
         decode(body)
+
+
+def test_terms_are_believed_that_there_was_time_for():
+    hour = 3_600_000
+    assert is_possible(Stale(Term(hour, "b", 2)), AGENTS, 0)
+    assert not is_possible(Stale(Term(hour + 1, "b", 2)), AGENTS, 0)
+    assert is_possible(Stale(Term(hour + 1, "b", 2)), AGENTS, 1_000_000)
+    assert not is_possible(Stale(Term(1, "nobody", 2)), AGENTS, 0)
+    assert is_possible(Stale(START.term), AGENTS, 0)
+
+
+def test_steps_are_believed_that_there_was_time_for_and_no_later_term_than_the_message_s():
+    term, most = Term(3, "b", 2), 3_600_000_000
+    for step, early in ((most, True), (most + 1, False), (2**62 - 1, False)):
+        at = Position(term, step)
+        for message in (
+            Applied(term, step),
+            Component(term, step, None),
+            Begin(term, at, "", ()),
+            Fetch(term, at, None),
+            Joined(term, (START, at), 1, "", sound=True),
+            Snapshot(term, (START, at), 1, "", b""),
+            Entries(term, (Commit(term, step, term, {}, (), None, "", ""),)),
+        ):
+            assert is_possible(message, AGENTS, 0) == early
+    assert not is_possible(Begin(term, Position(Term(4, "b", 2), 1), "", ()), AGENTS, 0)
+    assert not is_possible(Joined(term, (Position(Term(4, "b", 2), 1),), 1, "", sound=True), AGENTS, 0)

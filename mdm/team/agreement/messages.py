@@ -1,4 +1,4 @@
-"""What agents say to each other to agree on joint steps: terms, commits, and the messages around them.
+"""The messages by which agents agree on joint steps.
 
 All are written as msgpack arrays that begin with the name of their kind, in a few microseconds.
 """
@@ -10,88 +10,33 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import msgspec
 
 from mdm.errors import Error
-from mdm.team.transport.bounds import UNREADABLE, Life, Name, Number, Order, Text
+from mdm.team.agreement.log import START, Commit, Lineage, Members, Position, Term
+from mdm.team.transport.bounds import UNREADABLE, Life, Name, Number, Order, Text, can_be
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Container
 
 __all__ = [
-    "START",
     "Applied",
     "Begin",
     "Call",
     "Command",
-    "Commit",
     "Component",
     "Ended",
     "Entries",
     "Fetch",
     "Joined",
     "Message",
-    "Position",
     "Send",
     "Snapshot",
     "Stale",
-    "Term",
     "decode",
     "encode",
-    "positions",
+    "is_possible",
 ]
 
-
-class Term(msgspec.Struct, frozen=True, order=True, array_like=True, gc=False):
-    """A time in which one agent leads; a later one is greater. No two calls of any agents make the same.
-
-    Args:
-        number: Grows with each change of membership.
-        leader: The agent that called it.
-        incarnation: Which life of that agent.
-    """
-
-    number: Number
-    leader: Name
-    incarnation: Life
-
-
-class Position(msgspec.Struct, frozen=True, order=True, array_like=True, gc=False):
-    """A place in a history: the last step that was applied, and the term that committed it."""
-
-    term: Term
-    step: Number
-
-
-Lineage: TypeAlias = Annotated[tuple[Position, ...], msgspec.Meta(min_length=1, max_length=64)]
-Members: TypeAlias = Annotated[tuple[Name, ...], msgspec.Meta(max_length=256)]
-"""The last steps of the terms in a history; its own last step is the last of them."""
-
-START = Position(Term(0, "", 0), 0)
-"""Where every history begins: nothing was applied."""
-
-
-class Commit(msgspec.Struct, frozen=True, array_like=True, tag="commit", gc=False):
-    """A joint step, which every copy applies in its turn.
-
-    Args:
-        term: Who committed it, and when.
-        step: Counted from 1, over all terms.
-        previous: The term of the step before: together with ``step`` it says which history this goes on.
-        inputs: The components by agent, in the order of the team; an agent that saw nothing has none.
-        missing: Agents of which it is not known what they saw.
-        command: ``"start"``, ``"stop"``, ``"reset"``…: such a step has neither inputs nor missing agents.
-        by: Who gave the command.
-        digest: Of the leader's copy after the step before.
-        token: What the command is known by.
-    """
-
-    term: Term
-    step: Number
-    previous: Term
-    inputs: Annotated[dict[Name, bytes], msgspec.Meta(max_length=256)]
-    missing: Members
-    command: Order | None
-    by: Name
-    digest: Text
-    token: Name = ""
+_STEP = 1000
+"""Nanoseconds that a step takes at least."""
 
 
 class Call(msgspec.Struct, frozen=True, array_like=True, tag="call", gc=False):
@@ -220,7 +165,24 @@ def decode(body: bytes) -> Message:
         raise Error(f"this is no message of an agreement: {error}") from None
 
 
-def positions(message: Message) -> tuple[Position, ...]:
+def is_possible(message: Message, agents: Container[str], now: int) -> bool:
+    """Return whether the terms and steps of a message can be such.
+
+    Args:
+        message: What another machine sent.
+        agents: The agents of the team.
+        now: The receiver's time in nanoseconds since 1970.
+    """
+    term = message.term
+    if not (term.leader in agents or term == START.term) or not can_be(term.number, now):
+        return False
+    step = getattr(message, "step", None)
+    if step is not None:
+        return can_be(step, now, _STEP)
+    return all(at.term.number <= term.number and can_be(at.step, now, _STEP) for at in _positions(message))
+
+
+def _positions(message: Message) -> tuple[Position, ...]:
     """Return the places in histories that a message tells of, besides a step of its own."""
     match message:
         case Begin() | Fetch():

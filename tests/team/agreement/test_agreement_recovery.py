@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 from team.lockstep import DEADLINE, PATIENCE, RETRY, Lockstep
 
-from mdm.team.agreement.entries import Entries, Fetch, Position, Snapshot
+from mdm.team.agreement.log import Position
+from mdm.team.agreement.messages import Entries, Fetch, Snapshot
 
 
 def full(team, times=1, **options):
@@ -41,7 +42,7 @@ def test_a_command_of_an_earlier_life_in_the_log_is_not_that_of_the_present_one(
     team.deliver()
     assert team["b"].hold.still
     assert not team["a"].hold.still
-    assert [commit.command for commit in team["b"].history.commits] == ["stop", "start", "hold"]
+    assert [commit.command for commit in team["b"].log.commits] == ["stop", "start", "hold"]
     assert team.equal
 
 
@@ -102,7 +103,7 @@ def test_a_snapshot_of_an_older_term_is_dropped():
     full(team, 2)
     assert team.steps == [7, 7]
     sender, life, _target, message = held[0]
-    team["c"].live["a"] = life
+    team["c"].state.live["a"] = life
     team.took("c", team["c"].receive(sender, life, message, team.now))
     assert team["c"].step == 7
 
@@ -112,7 +113,7 @@ def test_an_older_snapshot_of_the_same_term_undoes_nothing():
     full(team, 2)
     old = team["a"]._snapshot()
     full(team, 2)
-    team["c"].fetching = "a"
+    team["c"].state.fetching = "a"
     team.took("c", team["c"].receive("a", 1, old, team.now))
     assert team["c"].step == 4
 
@@ -129,7 +130,7 @@ def test_a_snapshot_that_the_leader_did_not_send_keeps_nobody_from_further_steps
     body = true.body.replace(b"True", b"None") + b" " if forged == "body" else true.body
     team.watched = False
     team.oracle.applies = team.oracle.restores = team.oracle.hears = lambda *_: None  # it knows of true steps alone
-    team["c"].fetching = "a"
+    team["c"].state.fetching = "a"
     team.took("c", team["c"].receive("a", 1, Snapshot(true.term, lineage, true.side, digest, body), team.now))
     for number in range(8):
         for name in team.machines:
@@ -168,7 +169,7 @@ def test_a_follower_fetches_from_others_when_the_leader_does_not_answer():
     full(team, 1, **deaf)
     assert team.steps == [1, 1, 0]
     team["c"]._fetch("a", team.now)
-    team.took("c", team["c"]._sent())
+    team.took("c", team["c"]._flush())
     team.wait(2 * RETRY, **deaf)
     assert team.steps == [1, 1, 1]
 
@@ -200,7 +201,7 @@ def test_a_leader_that_differs_from_most_takes_theirs(count):
     full(team)
     team.wait(PATIENCE)
     assert [report for report in team["a"].reports if report[0] == "digest"]
-    assert team.oracle.values[team["b"].history.position] == team["b"].replica.value
+    assert team.oracle.values[team["b"].log.position] == team["b"].replica.value
     assert team.equal
     assert team["a"].step == team["b"].step == 2
     assert team["a"].replica.value == sound
@@ -241,7 +242,7 @@ class Forgiving(dict):
 def test_who_lost_its_leader_while_it_caught_up_does_not_follow_it():
     team = Lockstep(3)
     full(team)
-    team["c"]._stop()
+    team["c"].state.suspend()
     team["c"]._fetch("a", team.now)
     team.took("c", team["c"].members({"b": 2, "c": 3}, team.now))
     team.took("c", team["c"].receive("b", 2, Entries(team["c"].term, ()), team.now))

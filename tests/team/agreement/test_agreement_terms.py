@@ -3,7 +3,7 @@ from __future__ import annotations
 from team.lockstep import PATIENCE, RETRY, Lockstep
 
 from mdm.team.agreement import Term
-from mdm.team.agreement.entries import Begin, Call, Joined, Snapshot
+from mdm.team.agreement.messages import Begin, Call, Joined, Snapshot
 
 
 def full(team, times=1):
@@ -17,7 +17,7 @@ def test_the_first_of_the_live_agents_leads():
     assert team.roles == ["leading", "following", "following"]
     assert {machine.term for machine in team.machines.values()} == {Term(1, "a", 1)}
     assert [machine.leader for machine in team.machines.values()] == ["a"] * 3
-    assert [machine.members_now for machine in team.machines.values()] == [("a", "b", "c")] * 3
+    assert [machine.state.members for machine in team.machines.values()] == [("a", "b", "c")] * 3
 
 
 def test_the_next_one_leads_when_the_leader_crashes_and_what_was_applied_stays():
@@ -29,7 +29,7 @@ def test_the_next_one_leads_when_the_leader_crashes_and_what_was_applied_stays()
     assert team.roles == ["leading", "following"]
     assert team["b"].term == Term(2, "b", 2)
     assert team.steps == [3, 3]
-    assert team["c"].history.commits[-1].missing == ("a",)
+    assert team["c"].log.commits[-1].missing == ("a",)
 
 
 def test_a_step_that_one_survivor_applied_is_not_lost_with_its_leader():
@@ -171,7 +171,7 @@ def test_a_term_does_not_wait_for_ever_for_a_live_agent_that_is_silent():
     team.wait(2 * RETRY)
     assert team.roles == ["leading", "following", "following"]
     assert team["c"].term == term
-    assert team["b"].members_now == ("a", "b", "c")
+    assert team["b"].state.members == ("a", "b", "c")
 
 
 def test_views_that_differ_settle_on_one_leader():

@@ -4,11 +4,11 @@ import pytest
 from team.lockstep import DEADLINE, RETRY, Lockstep
 
 from mdm.team.agreement import Commit
-from mdm.team.agreement.entries import Applied, Component
+from mdm.team.agreement.messages import Applied, Component
 
 
 def last(team, name="a"):
-    return team[name].history.commits[-1]
+    return team[name].log.commits[-1]
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
@@ -48,7 +48,7 @@ def test_a_late_component_counts_for_no_step():
     team.took("c", late)
     team.deliver()
     assert team["a"].late == 1
-    assert not team["a"].components
+    assert not team["a"].state.components
     team.step(a=b"4", b=b"5", c=b"6")
     assert last(team).inputs == {"a": b"4", "b": b"5", "c": b"6"}
 
@@ -67,7 +67,7 @@ def test_events_while_a_step_is_under_way_go_into_the_next_together():
     for name in ("a", "b", "c", "b"):
         team.propose(name, name.encode())
     team.deliver()
-    made = [commit.inputs for commit in team["c"].history.commits]
+    made = [commit.inputs for commit in team["c"].log.commits]
     assert made == [{"a": b"a"}, {"b": b"b", "c": b"c"}, {"b": b"b"}]
 
 
@@ -110,7 +110,7 @@ def test_commands_are_steps_of_their_own_and_one_at_a_time(event_driven):
     team.propose("a", b"heard")
     team.propose("c", b"felt")
     team.deliver()
-    made = [(commit.command, commit.by, set(commit.inputs)) for commit in team["b"].history.commits]
+    made = [(commit.command, commit.by, set(commit.inputs)) for commit in team["b"].log.commits]
     assert sorted(made[:3], key=str) != made[:3] or len(made) >= 3
     assert {(command, by) for command, by, _ in made if command} == {("stop", "b"), ("stop", "c")}
     assert {agent for _, _, inputs in made for agent in inputs} == {"a", "b", "c"}
@@ -126,7 +126,7 @@ def test_of_a_start_and_a_stop_that_are_asked_for_at_once_the_stop_counts(first)
     for command, agent in agents.items():
         team.propose(agent, None, command)
     team.deliver()
-    assert team["a"].history.commits[-1].command == "stop"
+    assert team["a"].log.commits[-1].command == "stop"
     assert not any(team[agent].replica.running for agent in "abc")
     assert team["a"].hold.still
     assert team.equal
@@ -161,7 +161,7 @@ def test_a_follower_that_sees_a_gap_asks_for_it_at_once():
     team.deliver(losing=lambda sender, target, message: isinstance(message, Commit) and target == "c")
     assert team.steps == [1, 1, 0]
     team.wait(DEADLINE // 2, losing=lambda sender, target, message: target == "c")
-    team["a"].timers.pop("retry", None)
+    team["a"].state.timers.pop("retry", None)
     team.step(a=b"2", b=b"2")
     now = team.now
     team.wait(DEADLINE)

@@ -1,9 +1,15 @@
 from __future__ import annotations
 
-import pytest
+import re
 
-from mdm.team.agreement.ballot import Ballot
-from mdm.team.agreement.entries import START, Joined, Position, Term
+import pytest
+from team.copies import Violation
+from team.invariants import INVARIANTS, check
+from team.lockstep import Lockstep
+
+from mdm.team.agreement.log import START, Position, Term
+from mdm.team.agreement.messages import Joined
+from mdm.team.agreement.state import Ballot, State
 
 FIRST, SECOND = Term(1, "a", 1), Term(2, "b", 1)
 
@@ -64,3 +70,37 @@ def test_a_leader_that_doubts_its_copy_takes_another():
     doubtful = joined(Position(FIRST, 4), sound=False)
     assert ballot(a=doubtful, b=joined(here)).source("a", by_side=False) == "b"
     assert ballot(a=doubtful).source("a", by_side=False) == "a"
+
+
+def spoilt(name, **fields):
+    """An agent of a team in which another leads, or this one, some fields of whose state are others."""
+    agent = Lockstep(3)[name]
+    for field, value in fields.items():
+        setattr(agent.state, field, value)
+    return agent
+
+
+SPOILT = {
+    1: ("b", {"ballot": Ballot({})}),
+    2: ("a", {"live": {"a": 1}}),
+    3: ("b", {"live": {"b": 2, "c": 3}}),
+    4: ("b", {"sound": False}),
+    5: ("a", {"fetching": "b", "timers": {"retry": 1}}),
+    6: ("b", {"fetching": "a", "timers": {}}),
+    7: ("b", {"timers": {"close": 1}}),
+    8: ("a", {"applied": {"a": 0, "b": 1}}),
+    9: ("b", {"highest": 0}),
+}
+
+
+def test_what_is_said_of_a_state_is_what_is_checked():
+    numbers = [int(number) for number in re.findall(r"^ +([0-9]+)\. ", State.__doc__, re.MULTILINE)]
+    assert numbers == list(INVARIANTS) == list(SPOILT)
+
+
+@pytest.mark.parametrize("number", SPOILT)
+def test_a_state_that_breaks_an_invariant_is_found(number):
+    name, fields = SPOILT[number]
+    check(spoilt(name))
+    with pytest.raises(Violation, match=f"{name} breaks invariant {number}: "):
+        check(spoilt(name, **fields))

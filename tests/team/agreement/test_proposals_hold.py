@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from team.lockstep import Lockstep
 
-from mdm.team.agreement.entries import Commit, Position, Term
-from mdm.team.agreement.hold import Hold
+from mdm.team.agreement.log import Commit, Position, Term
+from mdm.team.agreement.proposals import Hold
 
 FIRST, SECOND = Term(1, "a", 1), Term(2, "b", 1)
 
@@ -64,7 +64,7 @@ def test_who_was_stopped_alone_has_a_hold_made_and_the_others_go_on():
     team.deliver()
     team.heal()
     team.deliver()
-    assert [commit.command for commit in team["a"].history.commits] == ["start", "hold"]
+    assert [commit.command for commit in team["a"].log.commits] == ["start", "hold"]
     assert [team[agent].hold.still for agent in "abc"] == [False, False, True]
     team.propose("b", None, "start")
     team.deliver()

@@ -4,19 +4,14 @@ import pytest
 from team.lockstep import PATIENCE, RETRY, Lockstep
 
 from mdm.team.agreement import Term
-from mdm.team.agreement.entries import (
-    START,
+from mdm.team.agreement.log import START, Position
+from mdm.team.agreement.messages import (
     Applied,
     Begin,
     Command,
-    Commit,
     Component,
     Ended,
-    Entries,
-    Fetch,
     Joined,
-    Position,
-    Snapshot,
     Stale,
 )
 
@@ -28,7 +23,7 @@ def test_messages_of_who_is_not_seen_are_dropped():
         late = team["a"].late
         assert team["a"].receive(sender, life, component, 0) == []
         assert team["a"].late == late + 1
-    assert not team["a"].components
+    assert not team["a"].state.components
 
 
 def test_messages_of_an_older_term_are_refused_with_the_present_one():
@@ -42,7 +37,7 @@ def test_messages_of_an_older_term_are_refused_with_the_present_one():
         assert send.message == Stale(Term(2, "a", 1))
         assert send.to == "b"
     assert team["a"].receive("b", 2, Stale(old), 0) == []
-    assert not team["a"].components
+    assert not team["a"].state.components
 
 
 def test_steps_and_ends_of_others_than_the_leader_are_dropped():
@@ -68,35 +63,6 @@ def test_a_name_of_nobody_in_a_term_does_no_harm():
     assert team["a"].term == term
 
 
-def test_terms_are_believed_that_there_was_time_for():
-    agreement = Lockstep(3)["a"]
-    hour = 3_600_000
-    assert agreement.believes(Stale(Term(hour, "b", 2)), 0)
-    assert not agreement.believes(Stale(Term(hour + 1, "b", 2)), 0)
-    assert agreement.believes(Stale(Term(hour + 1, "b", 2)), 1_000_000)
-    assert not agreement.believes(Stale(Term(1, "nobody", 2)), 0)
-    assert agreement.believes(Stale(START.term), 0)
-
-
-def test_steps_are_believed_that_there_was_time_for_and_no_later_term_than_the_message_s():
-    agreement = Lockstep(3)["a"]
-    term, most = Term(3, "b", 2), 3_600_000_000
-    for step, early in ((most, True), (most + 1, False), (2**62 - 1, False)):
-        at = Position(term, step)
-        for message in (
-            Applied(term, step),
-            Component(term, step, None),
-            Begin(term, at, "", ()),
-            Fetch(term, at, None),
-            Joined(term, (START, at), 1, "", sound=True),
-            Snapshot(term, (START, at), 1, "", b""),
-            Entries(term, (Commit(term, step, term, {}, (), None, "", ""),)),
-        ):
-            assert agreement.believes(message, 0) == early
-    assert not agreement.believes(Begin(term, Position(Term(4, "b", 2), 1), "", ()), 0)
-    assert not agreement.believes(Joined(term, (Position(Term(4, "b", 2), 1),), 1, "", sound=True), 0)
-
-
 @pytest.mark.parametrize("said", [Applied, Component, Command])
 def test_who_says_that_it_is_ahead_of_its_leader_holds_no_step_up(said):
     team = Lockstep(3)
@@ -116,7 +82,7 @@ def test_who_joins_with_steps_that_it_does_not_have_holds_no_term_up():
     leader = team["a"]
     leader._call(team.now)
     lie = Joined(leader.term, (START, Position(Term(1, "b", 1), 2**40)), 3, "4711", True)
-    team.took("a", leader._sent() + leader.receive("b", team["b"].incarnation, lie, team.now))
+    team.took("a", leader._flush() + leader.receive("b", team["b"].incarnation, lie, team.now))
     team.wait(2 * PATIENCE)
     assert team.roles == ["leading", "following", "following"]
 
@@ -139,7 +105,7 @@ def test_a_thousand_steps_leave_nothing_behind():
         team.step(**dict.fromkeys(team.names, b"%d" % number))
     for machine in team.machines.values():
         assert machine.step == 1000
-        assert len(machine.history.commits) < 20
-        assert not machine.components
+        assert len(machine.log.commits) < 20
+        assert not machine.state.components
         assert not machine.proposals.components
-        assert len(machine.history.lineage) == 2
+        assert len(machine.log.lineage) == 2

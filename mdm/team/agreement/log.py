@@ -1,23 +1,78 @@
-"""The history of an agent's copy: which steps it has applied, and the last of them for those who missed some."""
+"""The log: the joint steps that an agent has applied, and the last of them for agents that missed some."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
-from mdm.team.agreement.entries import START, Position
+import msgspec
+
+from mdm.team.transport.bounds import Life, Name, Number, Order, Text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mdm.team.agreement.entries import Commit
-
-__all__ = ["History", "contains"]
+__all__ = ["START", "Commit", "Lineage", "Log", "Members", "Position", "Term", "contains"]
 
 TERMS = 16
-"""Terms of which a lineage keeps the last step. Who left before the oldest of them takes a snapshot."""
+"""Terms of which a lineage keeps the last step. An agent that left before the oldest of them takes a snapshot."""
 
 
-class History:
+class Term(msgspec.Struct, frozen=True, order=True, array_like=True, gc=False):
+    """A time in which one agent leads; a later one is greater. No two calls of any agents make the same.
+
+    Args:
+        number: Grows with each change of membership.
+        leader: The agent that called it.
+        incarnation: Which life of that agent.
+    """
+
+    number: Number
+    leader: Name
+    incarnation: Life
+
+
+class Position(msgspec.Struct, frozen=True, order=True, array_like=True, gc=False):
+    """A place in a history: the last step that was applied, and the term that committed it."""
+
+    term: Term
+    step: Number
+
+
+Lineage: TypeAlias = Annotated[tuple[Position, ...], msgspec.Meta(min_length=1, max_length=64)]
+Members: TypeAlias = Annotated[tuple[Name, ...], msgspec.Meta(max_length=256)]
+"""The last steps of the terms in a history; its own last step is the last of them."""
+
+START = Position(Term(0, "", 0), 0)
+"""Where every history begins: nothing was applied."""
+
+
+class Commit(msgspec.Struct, frozen=True, array_like=True, tag="commit", gc=False):
+    """A joint step, which every copy applies in its turn.
+
+    Args:
+        term: Who committed it, and when.
+        step: Counted from 1, over all terms.
+        previous: The term of the step before: together with ``step`` it says which history this goes on.
+        inputs: The components by agent, in the order of the team; an agent that saw nothing has none.
+        missing: Agents of which it is not known what they saw.
+        command: ``"start"``, ``"stop"``, ``"reset"``…: such a step has neither inputs nor missing agents.
+        by: Who gave the command.
+        digest: Of the leader's copy after the step before.
+        token: What the command is known by.
+    """
+
+    term: Term
+    step: Number
+    previous: Term
+    inputs: Annotated[dict[Name, bytes], msgspec.Meta(max_length=256)]
+    missing: Members
+    command: Order | None
+    by: Name
+    digest: Text
+    token: Name = ""
+
+
+class Log:
     """The steps that were applied, in order.
 
     A step is known by its term and number: two histories with the same step are the same up to it, since each commit

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
-from mdm.team.agreement.entries import START, Commit, Position, Term
-from mdm.team.agreement.history import TERMS, History, contains
+from mdm.team.agreement.log import START, TERMS, Commit, Log, Position, Term, contains
 
 
 def commit(number, step, previous, missing=(), command=None):
@@ -11,7 +10,7 @@ def commit(number, step, previous, missing=(), command=None):
 
 def history(*numbers, size=256):
     """A history whose steps are of these terms."""
-    made = History(size, 3)
+    made = Log(size, 3)
     for step, (number, previous) in enumerate(zip(numbers, (0, *numbers), strict=False), 1):
         assert made.follows(commit(number, step, previous))
         made.append(commit(number, step, previous))

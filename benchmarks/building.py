@@ -14,7 +14,7 @@ import mdm
 from mdm.maps import Map, Navigation, Places, load_map
 from mdm.maps.model import latch, model
 from mdm.simulation.building import Building
-from mdm.simulation.building.walls import walls
+from mdm.simulation.building.body import walls
 
 if TYPE_CHECKING:
     from collections.abc import Callable

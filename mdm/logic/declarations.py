@@ -7,8 +7,7 @@ from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
 from mdm.errors import Error, FormatError
-from mdm.logic.compiler import CODES, FALSE, UNKNOWN
-from mdm.logic.formula import Formula
+from mdm.logic.formula import CODES, FALSE, UNKNOWN, Formula
 from mdm.logic.parser import parse
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 
 from mdm.errors import Error
-from mdm.logic.compiler import CODES, TRUE
 from mdm.logic.declarations import similar
+from mdm.logic.formula import CODES, TRUE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

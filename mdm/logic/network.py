@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from mdm.errors import Error
-from mdm.logic.compiler import FALSE, TRUE, UNKNOWN, compile_formula, compile_hold, compile_latch
 from mdm.logic.declarations import Declaration, Declarations
+from mdm.logic.formula import FALSE, TRUE, UNKNOWN, compile_formula, compile_hold, compile_latch
 from mdm.logic.inputs import MOST, Change, Given, Inputs, Memory, Plan
 
 if TYPE_CHECKING:

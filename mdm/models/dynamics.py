@@ -21,7 +21,7 @@ from mdm.models.pomdp import POMDP
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from mdm.models.detection import Resolvent
+    from mdm.models.events import Resolvent
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.mdp import MDP
 

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.detection import Resolvent, leading_to_detection
 from mdm.models.events import (
     DenseEvents,
     EventObservations,
+    Resolvent,
     TransitionEvents,
     event_observations as checked_events,
+    leading_to_detection,
 )
 from mdm.models.matrices import (
     Matrix,

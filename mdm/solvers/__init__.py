@@ -1,9 +1,8 @@
 """Solvers: models in, policies out, with bounds that certify them."""
 
 from mdm.solvers.evaluation import controller_values, exact_values, state_values
-from mdm.solvers.limits import Limits
 from mdm.solvers.online import SearchResult, TreeSearch
-from mdm.solvers.solution import Progress, Solution
+from mdm.solvers.solution import Limits, Progress, Solution
 from mdm.solvers.solve import SOLVERS, solve
 
 __all__ = [

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from mdm.models.dynamics import Dynamics, Joint
     from mdm.models.matrices import Vector
-    from mdm.solvers.limits import Limits
+    from mdm.solvers.solution import Limits
 
 __all__ = [
     "InformedBound",

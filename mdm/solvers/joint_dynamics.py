@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.detection import Resolvent, is_rounding
 from mdm.models.dynamics import Dynamics, Indices, Joint
+from mdm.models.events import Resolvent, is_rounding
 from mdm.models.matrices import ROUNDING, csr, is_compressed
 from mdm.solvers.bounds import InformedBound
 

@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.models.detection import check_no_false_negatives
 from mdm.models.dynamics import Dynamics
+from mdm.models.events import check_no_false_negatives
 from mdm.policies import AlphaVectors
 from mdm.solvers.bounds import known_states
-from mdm.solvers.limits import Limits
-from mdm.solvers.solution import makes
+from mdm.solvers.solution import Limits, makes
 
 if TYPE_CHECKING:
     from mdm.models import MDP

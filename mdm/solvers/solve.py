@@ -12,7 +12,7 @@ from mdm.checks import check_flag, check_seed, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of
 from mdm.models import in_time
-from mdm.solvers.limits import Limits
+from mdm.solvers.solution import Limits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -17,8 +17,7 @@ from mdm.errors import ModelError, ModelWarning
 from mdm.formats.markup import escape, quoted
 from mdm.formats.target import write_text
 from mdm.formats.writers import Speller, initial, unused, utilities
-from mdm.models.factored.factoring import as_network
-from mdm.models.factored.links import joined, unlinked
+from mdm.models.factored.factoring import as_network, joined, unlinked
 from mdm.models.factored.two_slice import Node, Potential, Table, tabulated
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""A body: something round that moves on the floor of a building."""
+"""Bodies: something round that moves on the floor of a building, between walls."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from mdm.maps import Pose
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from mdm.maps import Grid
     from mdm.maps.paths import Paths
 
     Cell = tuple[int, int]
 
-__all__ = ["Body"]
+__all__ = ["Body", "walls"]
 
 
 class Body(ABC):
@@ -70,3 +71,22 @@ class Body(ABC):
             seconds: Since the last step.
             bodies: All that are in the building; of two in each other's way the later one gives way first.
         """
+
+
+Point = tuple[float, float]
+
+
+def walls(grid: Grid) -> list[tuple[Point, Point]]:
+    """Return the ends of all walls, in metres. What lies beyond the grid is a wall."""
+    found = []
+    padded = np.pad(grid.free, 1)
+    for upright in (False, True):
+        cells = padded.T if upright else padded
+        borders = cells[1:] != cells[:-1]
+        ends = np.diff(np.pad(borders, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+        for line in np.flatnonzero(borders.any(axis=1)):
+            for begin, end in np.flatnonzero(ends[line]).reshape(-1, 2).tolist():
+                corners = [(float(line) - 0.5, begin - 1.5), (float(line) - 0.5, end - 1.5)]
+                first, last = (corner[::-1] for corner in corners) if upright else corners
+                found.append((grid.frame.centre(*first), grid.frame.centre(*last)))
+    return found

@@ -12,12 +12,11 @@ from mdm.errors import ConfigError, Error, MapError
 from mdm.maps.paths import PATH_MARGIN, Paths, drivable
 from mdm.messages import PoseUpdate
 from mdm.runtime import Actor
+from mdm.simulation.building.body import walls
 from mdm.simulation.building.brakes import GAP, Brakes
-from mdm.simulation.building.bystander import Bystander
 from mdm.simulation.building.guest import Guest, Whereabouts
 from mdm.simulation.building.robot import Robot
-from mdm.simulation.building.visits import Visit, VisitChange, Visits
-from mdm.simulation.building.walls import walls
+from mdm.simulation.building.visits import Bystander, Visit, VisitChange, Visits
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -1,24 +1,39 @@
-"""A refuge: where a robot is out of the way of others."""
+"""Ways out: where a robot is out of the way of others, and how one that hardly has room gets to where it has."""
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.maps.paths import Paths
+from mdm.maps.paths import WALL_GAP, Paths
+from mdm.simulation.building.brakes import GAP
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    Cell = tuple[int, int]
+    from numpy.typing import NDArray
 
-__all__ = ["refuge"]
+    from mdm.maps import Grid
+    from mdm.simulation.building.body import Body
+
+    Cell = tuple[int, int]
+    Point = tuple[float, float]
+
+__all__ = ["refuge", "way_out"]
 
 _REACH = 8.0
 """Metres around a robot where a refuge is looked for."""
 _BESIDE = 0.4
 """Metres between a robot in its refuge and one that passes."""
+_HAIR = 0.003
+"""Metres to spare from others on the way, beside what the brakes leave."""
+_FIELD = 1.5
+"""Metres from the robot within which it is looked for."""
+_FIRST = 2.5
+"""Sides of a cell to which the first step leads at most."""
 
 
 def refuge(paths: Paths, here: Cell, others: Iterable[tuple[Cell, Sequence[Cell], float]]) -> list[Cell] | None:
@@ -64,3 +79,78 @@ def refuge(paths: Paths, here: Cell, others: Iterable[tuple[Cell, Sequence[Cell]
     if not np.isfinite(distances[end]):
         return None
     return around.route(around.distances([end])[0], here)
+
+
+def way_out(
+    here: Point, radius: float, grid: Grid, others: Sequence[Body], ample: Sequence[tuple[NDArray[np.bool_], float]]
+) -> list[Point]:
+    """Return the points of a way from where a robot stands, straight from one to the next; empty where there is none.
+
+    Wherever it leads, the brakes let the robot pass: nothing is touched, and from what is nearer than they let it come,
+    it leads away.
+
+    Args:
+        here: Where the robot stands.
+        radius: The robot's.
+        grid: Where walls are.
+        others: Bodies that may be in its way; where they are now counts.
+        ample: Where it has room, the best first: cells, and the metres that it is to be away from others there.
+    """
+    frame = grid.frame
+    near = [one for one in others if math.dist(here, one.agent.position) < _FIELD + radius + one.radius]
+    fits = grid.clearance_to_edges() >= radius + WALL_GAP
+    away = np.full(frame.shape, math.inf)
+    rows, columns = np.indices(frame.shape)
+    for one in near:
+        row, column = frame.locate(one.pose.x, one.pose.y)
+        apart = np.hypot(rows - row, columns - column) * frame.resolution - radius - one.radius
+        away = np.minimum(away, apart)
+    fits &= away >= GAP + _HAIR
+    row, column = frame.locate(*here)
+    metres = np.hypot(rows - row, columns - column) * frame.resolution
+    fits &= metres < _FIELD
+    begins = np.argwhere(fits & (metres < _FIRST * frame.resolution))
+    begins = begins[metres[tuple(begins.T)].argsort(kind="stable")]
+    first = [(int(r), int(c)) for r, c in begins if _leads(here, frame.centre(int(r), int(c)), radius, near)]
+    for cells, room in ample:
+        found = _search(first, fits, cells & (away > room))
+        if found:
+            return [frame.centre(*cell) for cell in found]
+    return []
+
+
+def _leads(here: Point, there: Point, radius: float, near: Sequence[Body]) -> bool:
+    """Whether a straight step leads past others, or away from them."""
+    (x, y), ahead = here, np.subtract(there, here)
+    length = float(np.hypot(*ahead))
+    for one in near:
+        other = np.subtract(one.agent.position, (x, y))
+        along = float(ahead @ other) / length if length else 0.0
+        if along > 0:
+            nearest = math.dist(np.multiply(ahead, min(1.0, along / length)), other)
+            if nearest < radius + one.radius + GAP + _HAIR:
+                return False
+    return True
+
+
+def _search(first: Sequence[Cell], fits: NDArray[np.bool_], ample: NDArray[np.bool_]) -> list[Cell]:
+    """Return the cells of a way with the fewest steps from one of the first to where there is room."""
+    before: dict[Cell, Cell | None] = dict.fromkeys(first)
+    waiting = deque(first)
+    rows, columns = fits.shape
+    while waiting:
+        cell = waiting.popleft()
+        if ample[cell]:
+            way: list[Cell] = []
+            step: Cell | None = cell
+            while step is not None:
+                way.append(step)
+                step = before[step]
+            return way[::-1]
+        row, column = cell
+        for below in range(max(0, row - 1), min(rows, row + 2)):
+            for beside in range(max(0, column - 1), min(columns, column + 2)):
+                if fits[below, beside] and fits[row, beside] and fits[below, column] and (below, beside) not in before:
+                    before[below, beside] = cell
+                    waiting.append((below, beside))
+    return []

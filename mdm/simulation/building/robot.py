@@ -13,9 +13,8 @@ from mdm.maps.paths import PATH_MARGIN, Paths, sees
 from mdm.simulation.building.body import Body
 from mdm.simulation.building.brakes import GAP, Brakes
 from mdm.simulation.building.drive import Aside, Drive
-from mdm.simulation.building.escape import way_out
 from mdm.simulation.building.guest import Whereabouts
-from mdm.simulation.building.refuge import refuge
+from mdm.simulation.building.refuge import refuge, way_out
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -1,19 +1,24 @@
-"""Visits: people, intruders, fires and the like, which come to places and go again."""
+"""Visits: people, intruders, fires and the like, which come to places and go again; and bystanders, their bodies."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mdm.checks import is_number
 from mdm.errors import ConfigError
 from mdm.messages import Message
+from mdm.simulation.building.body import Body
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Visit", "VisitChange", "Visits"]
+    from mdm.maps.paths import Paths
+
+__all__ = ["Bystander", "Visit", "VisitChange", "Visits"]
+_AWAY = -1e5
+"""Metres east and north of the map, and of each other: where bodies are for which there is no visit."""
 
 
 @dataclass(frozen=True)
@@ -86,3 +91,51 @@ class VisitChange(Message, frozen=True):
     x: float
     y: float
     came: bool
+
+
+class Bystander(Body):
+    """A body in a `Building` that stands where a visit is; afterwards another visit may have it.
+
+    Args:
+        number: Which one, from 0.
+        agent: What stands for it in navground.
+        paths: Where robots may be.
+
+    Attributes:
+        visit: Whose body it is; None where it is nobody's, and away.
+    """
+
+    def __init__(self, number: int, agent: Any, paths: Paths) -> None:
+        super().__init__("nobody", agent, paths)
+        self._number = number
+        self.visit: Visit | None = None
+        self.leave()
+
+    @property
+    def remaining(self) -> float:
+        """The metres to go: none."""
+        return 0.0
+
+    @property
+    def turns(self) -> tuple[tuple[int, int], ...]:
+        """The cells where its way turns: none."""
+        return ()
+
+    def steer(self, seconds: float, bodies: Sequence[Body] = ()) -> None:
+        """Stay."""
+
+    def come(self, visit: Visit) -> None:
+        """Stand where a visit is."""
+        self.visit = visit
+        self.name = visit.kind
+        self._place(visit.x, visit.y)
+
+    def leave(self) -> None:
+        """Be away."""
+        self.visit = None
+        self._place(_AWAY * (1 + self._number), _AWAY)
+
+    def _place(self, x: float, y: float) -> None:
+        from navground.core import Pose2  # noqa: PLC0415 - an extra
+
+        self.agent.pose = Pose2((x, y), 0.0)

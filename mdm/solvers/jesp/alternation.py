@@ -18,14 +18,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import ConfigError
-from mdm.models.detection import check_no_false_negatives
+from mdm.models.events import check_no_false_negatives
 from mdm.policies import JointController
 from mdm.solvers.bounds import staged_values
 from mdm.solvers.jesp.joint_plan import Team, as_controller, plan_size, plan_value, random_plan
 from mdm.solvers.jesp.response import best_response, solve_as_one
 from mdm.solvers.jesp.search import PlanSearch
-from mdm.solvers.limits import Limits
-from mdm.solvers.solution import makes
+from mdm.solvers.solution import Limits, makes
 
 if TYPE_CHECKING:
     from mdm.models import POMDP

@@ -20,10 +20,9 @@ import numpy as np
 from mdm.models.dynamics import Dynamics
 from mdm.models.matrices import csr_identity, is_compressed
 from mdm.policies import QTable
-from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.rounds import bounded, sweeping
 from mdm.solvers.mdp.undiscounted import first_policy, resting
-from mdm.solvers.solution import makes
+from mdm.solvers.solution import Limits, makes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

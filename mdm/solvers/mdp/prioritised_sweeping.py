@@ -19,10 +19,9 @@ import numpy as np
 from mdm.models.dynamics import Dynamics, stacked
 from mdm.models.matrices import csr
 from mdm.policies import QTable
-from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.policy_iteration import improve_policies
 from mdm.solvers.mdp.rounds import Round, bounded, kernels, sweeps_of
-from mdm.solvers.solution import makes
+from mdm.solvers.solution import Limits, makes
 
 if TYPE_CHECKING:
     from mdm.models import MDP

@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 
     from mdm.models.dynamics import Dynamics, Indices
     from mdm.models.matrices import Vector
-    from mdm.solvers.limits import Limits
-    from mdm.solvers.solution import Solution
+    from mdm.solvers.solution import Limits, Solution
 
 __all__ = ["Round", "backup", "bounded", "kernels", "rounding", "rounds", "sweep", "sweeping", "sweeps_of"]
 _PASS = 200_000

@@ -21,10 +21,9 @@ import numpy as np
 from mdm.errors import ConfigError
 from mdm.models.dynamics import Dynamics
 from mdm.policies import QTable, StagedPolicy
-from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.policy_iteration import improve_policies
 from mdm.solvers.mdp.rounds import bounded, sweeping
-from mdm.solvers.solution import makes
+from mdm.solvers.solution import Limits, makes
 
 if TYPE_CHECKING:
     from mdm.models import MDP

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Matrix
     from mdm.solvers.joint_dynamics import JointDynamics, Only
-    from mdm.solvers.limits import Limits
+    from mdm.solvers.solution import Limits
 
 __all__ = ["Choice", "Constrained", "Vectors", "best", "choose", "improve", "needed"]
 

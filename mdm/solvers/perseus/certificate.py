@@ -25,7 +25,7 @@ from mdm.solvers.perseus.backup import Vectors, choose
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
     from mdm.solvers.joint_dynamics import JointDynamics
-    from mdm.solvers.limits import Limits
+    from mdm.solvers.solution import Limits
 
 __all__ = ["certified", "upper_bound"]
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.models.pomdp import POMDP
     from mdm.solvers.joint_dynamics import JointDynamics
-    from mdm.solvers.limits import Limits
+    from mdm.solvers.solution import Limits
 
 __all__ = ["sampled", "starts"]
 

@@ -8,45 +8,49 @@ optimal one. Every few rounds, and at the end, the vectors are evaluated as a pl
 next rounds begin from these values, so that far fewer are needed (point-based policy iteration: S. Ji,
 R. Parr, H. Li, X. Liao and L. Carin, AAAI 2007). The upper bound is the fast informed bound, which no round improves.
 
+With a ``horizon`` there are plans of a few decisions, as graphs: point-based backups from the last decision to the
+first. A vector of a stage is a node: an action, and for each observation a vector of the next stage. The graph's values
+are exact; a false negative stays at its node. Each stage backs up all points and keeps the different results
+(J. Pineau, G. Gordon and S. Thrun, *Point-based value iteration: an anytime algorithm for POMDPs*, IJCAI 2003), at most
+one node for each.
+
 Cost of a backup: P(s', o | s, a) once, and A O S N for N vectors, as products of matrices over blocks of beliefs.
 SARSOP keeps to the beliefs of good policies, and its bounds are closer. Choose Perseus for plans of a few decisions,
-and where false negatives lead to too many states for SARSOP.
-
-Where the model has false negatives see `mdm.solvers.perseus.backup`, with a ``horizon``
-`mdm.solvers.perseus.plan`.
+and where false negatives lead to too many states for SARSOP (see `mdm.solvers.perseus.backup`).
 """
 
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from mdm.errors import ConfigError, ModelError
-from mdm.models.dynamics import Dynamics
+from mdm.models.dynamics import Dynamics, Indices
+from mdm.models.matrices import Vector  # noqa: TC001 - the fields' types are looked at
 from mdm.policies import AlphaVectors, FiniteStateController
 from mdm.solvers.bounds import blind_values
 from mdm.solvers.joint_dynamics import JointDynamics
-from mdm.solvers.limits import Limits
-from mdm.solvers.perseus.backup import Constrained, Vectors, best, improve, needed
+from mdm.solvers.perseus.backup import Constrained, Vectors, best, choose, improve, needed
 from mdm.solvers.perseus.certificate import certified, upper_bound
-from mdm.solvers.perseus.plan import plan
 from mdm.solvers.perseus.points import sampled, starts
-from mdm.solvers.solution import makes
+from mdm.solvers.solution import Limits, makes
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.models import POMDP
-    from mdm.models.matrices import Matrix, Vector
+    from mdm.models.matrices import Matrix
     from mdm.solvers.solution import Solution
 
-__all__ = ["perseus"]
+__all__ = ["perseus", "plan"]
 
 _NAME = "perseus"
 _EVERY = 4
 """Vectors are certified once in so many rounds; it costs about half as much as a round."""
+_BLOCK = 64
+_MOST = 1_000_000_000
 
 
 class _ValueFunction(Protocol):
@@ -185,3 +189,81 @@ class _Plain:
         backup = partial(best, self._dynamics, vectors=self.vectors.values)
         self.vectors, change = improve(self.vectors, self._points, backup, random, limits, every=every)
         return change
+
+
+class _Stage(NamedTuple):
+    """Vectors of a stage (N x S), their actions (N), and the vectors of the next stage that follow them (N x O)."""
+
+    values: Vector
+    actions: Indices
+    following: Indices
+
+
+def plan(
+    model: POMDP,
+    first: Vector,
+    limits: Limits,
+    beliefs: int | npt.ArrayLike,
+    random: np.random.Generator,
+    horizon: int,
+) -> Solution:
+    """Return a plan of so many decisions, as a controller. See `mdm.solvers.perseus.perseus`.
+
+    Where it has to stop early, the missing stages are planned for the initial belief alone.
+
+    Raises:
+        ModelError: If there are too many decisions.
+    """
+    dynamics = JointDynamics(Dynamics(model), model.false_negative)
+    numbers = horizon * (dynamics.size + len(model.observation_space))  # of a node for each decision, at least
+    if numbers > _MOST:
+        raise ModelError(f"a plan of {horizon:,} decisions needs {numbers:,} numbers; take a shorter horizon")
+    upper = upper_bound(dynamics, first, limits, horizon)
+    points = dynamics.points(sampled(model, dynamics, model.initial_belief[None], beliefs, random, limits))
+    stages: list[_Stage] = []
+    values = np.zeros((1, dynamics.size))
+    stopped = False
+    for stage in range(1, horizon + 1):
+        stopped = stopped or limits.ends(-np.inf, upper, iterations=stage - 1, size=sum(len(s.actions) for s in stages))
+        stages.append(_stage(dynamics, points[:1] if stopped or stage == horizon else points, values))
+        values = stages[-1].values
+    controller = _controller(stages, dynamics, len(model.observation_space))
+    lower = float(values[0] @ model.initial_belief)
+    size = controller.num_nodes
+    if not limits.ends(lower, upper, iterations=horizon, size=size):
+        limits.reason = "converged"
+    return limits.solution(controller, _NAME, lower, upper, iterations=horizon, size=size)
+
+
+def _stage(dynamics: JointDynamics, points: Matrix, values: Vector) -> _Stage:
+    """Back up points; return the different results."""
+    found: dict[tuple[int, bytes], Indices] = {}
+    for first in range(0, points.shape[0], _BLOCK):
+        block = points[first : first + _BLOCK]
+        each = [choose(dynamics, action, block, values) for action in range(dynamics.num_actions)]
+        for point, action in enumerate(np.argmax([choice.values for choice in each], axis=0).tolist()):
+            following = each[action].following[point]
+            found.setdefault((action, following.tobytes()), following)
+    actions, following = np.array([action for action, _ in found]), np.stack(list(found.values()))
+    result = np.empty((len(found), dynamics.size))
+    for action in np.unique(actions).tolist():
+        result[actions == action] = dynamics.vectors(action, values, following[actions == action])
+    return _Stage(result, actions, following)
+
+
+def _controller(stages: list[_Stage], dynamics: JointDynamics, num_observations: int) -> FiniteStateController:
+    """Return the graph of all nodes that follow the one node of the first decision."""
+    nodes = [(len(stages) - 1, 0)]
+    number = {nodes[0]: 0}
+    successors = []
+    for stage, place in nodes:  # which grows meanwhile
+        row: list[int | None] = [None] * num_observations
+        if stage:
+            for observation, after in zip(dynamics.observations, stages[stage].following[place].tolist(), strict=True):
+                if (stage - 1, after) not in number:
+                    number[stage - 1, after] = len(nodes)
+                    nodes.append((stage - 1, after))
+                row[observation] = number[stage - 1, after]
+        successors.append(row)
+    actions = [int(stages[stage].actions[place]) for stage, place in nodes]
+    return FiniteStateController(actions, successors, dynamics.num_actions)

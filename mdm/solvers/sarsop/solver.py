@@ -28,7 +28,6 @@ from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 from mdm.solvers.bounds import blind_values, informed_values
 from mdm.solvers.joint_dynamics import JointDynamics
-from mdm.solvers.limits import Limits
 from mdm.solvers.mdp.undiscounted import remedy
 from mdm.solvers.sarsop.condensation import CHOICE, EVALUATION, Condensed, Kernels, Vectors, condensed
 from mdm.solvers.sarsop.graph import (
@@ -59,7 +58,7 @@ from mdm.solvers.sarsop.pruning import (
     prune_points,
     prune_vectors,
 )
-from mdm.solvers.solution import makes
+from mdm.solvers.solution import Limits, makes
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -229,7 +229,7 @@ def test_no_more_memory_is_held_than_may_be():
         import numpy as np
         from mdm.models import POMDP
         from mdm.solvers import Limits
-        from mdm.solvers.limits import _held
+        from mdm.solvers.solution import _held
         from mdm.solvers.sarsop import sarsop, solver
         random = np.random.default_rng(1)
         ways = random.dirichlet(np.full(100, 0.1), size=(4, 100))

@@ -9,8 +9,7 @@ from random_models import assert_same, factored_models
 
 from mdm.errors import ModelError
 from mdm.models import POMDP, Factor, FactoredMDP, FactoredPOMDP, Space
-from mdm.models.factored.factoring import as_network
-from mdm.models.factored.links import joined, unlinked
+from mdm.models.factored.factoring import as_network, joined, unlinked
 
 SEEN = Space([Factor("left", ["no", "yes"]), Factor("right", ["no", "yes", "perhaps"])])
 
@@ -67,6 +66,7 @@ def test_a_joined_network_is_the_same_model(model):
 
 
 def test_tables_too_large_to_join_are_refused(monkeypatch):
-    monkeypatch.setattr("mdm.models.factored.links._LARGEST", 4)
+    network = team(np.outer([0.25, 0.75], [0.5, 0.5, 0]))
+    monkeypatch.setattr("mdm.models.factored.factoring._LARGEST", 4)
     with pytest.raises(ModelError, match="joint table has 6 entries .at most 4.: write an archive"):
-        unlinked(team(np.outer([0.25, 0.75], [0.5, 0.5, 0])), "observation")
+        unlinked(network, "observation")

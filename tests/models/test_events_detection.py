@@ -16,8 +16,8 @@ from mdm import ConfigError, Controller, Ensemble, ModelError
 from mdm.beliefs import BeliefTracker
 from mdm.errors import ModelWarning
 from mdm.models import MDP, POMDP, Factor, MixedPOMDP, Space
-from mdm.models.detection import Resolvent
 from mdm.models.digest import digest
+from mdm.models.events import Resolvent
 from mdm.models.matrices import csr
 from mdm.policies import AlphaVectors
 from mdm.solvers import solve

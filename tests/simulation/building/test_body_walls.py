@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm.maps import Frame, Grid
-from mdm.simulation.building.walls import walls
+from mdm.simulation.building.body import walls
 
 
 @given(st.integers(1, 6), st.integers(1, 6), st.randoms(use_true_random=False))

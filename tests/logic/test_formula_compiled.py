@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 from random_formulas import VALUES, formulas
 
 from mdm.logic import P
-from mdm.logic.compiler import CODES, FALSE, TRUE, UNKNOWN, compile_formula, compile_hold, compile_latch
+from mdm.logic.formula import CODES, FALSE, TRUE, UNKNOWN, compile_formula, compile_hold, compile_latch
 
 
 @given(formulas, st.data())

@@ -90,10 +90,6 @@ class Centre(TeamLayer):
         self._close(late=False)
         self.assess(self.runtime.clock.now())
 
-    def _counts(self, sample: Sample) -> bool:
-        """Return whether what an agent says counts: it is there, and so has this agent's configuration."""
-        return self.link.live.get(sample.owner) == sample.incarnation
-
     def _wait_no_more(self) -> None:
         """Wait no longer for agents that are not there."""
         self._patient = False
@@ -101,7 +97,10 @@ class Centre(TeamLayer):
 
     def _begin(self) -> None:
         """Begin to decide, once all are there or were waited for, unless most of them have another configuration."""
-        here, differing = len(self.link.live), sum(agent in self.link.differing for agent in self.team.names)
+        here, differing = (
+            len(self.link.live),
+            sum(agent in self.link.configuration.differing for agent in self.team.names),
+        )
         if self._ready or self.refusal is not None or (self._patient and here + differing < len(self.team.names)):
             return
         self._outvoted = differing > here
@@ -165,7 +164,7 @@ class Centre(TeamLayer):
         if said.tick > self.tick + _MOST_TICKS:
             self._late += 1  # a clock that is ahead of this one; no part waits for so long
             return
-        if not self._counts(sample):
+        if not self.link.is_live(sample):
             return
         if said.number == 0:
             self._collect(sample.owner, said.tick, said.part)

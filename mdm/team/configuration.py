@@ -1,11 +1,15 @@
-"""The configuration of an agent: the facts that must be the same at every agent of a team, and where two differ.
+"""The configuration of an agent: the facts that must be the same at every agent of a team, and their one comparison.
 
 A fact is a name and what it is here, in words. Those that one can read come first, then hashes of what is too long.
+Beats carry the facts of the team and a hash for each ensemble; only where that differs, the facts behind it are asked
+for. What is compared elsewhere is asked of `Configuration`, too.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
+
+import msgspec
 
 from mdm.models.digest import digest, of_parts
 from mdm.version import __version__
@@ -18,7 +22,7 @@ if TYPE_CHECKING:
     from mdm.team.ownership import Parts
     from mdm.team.team import Team
 
-__all__ = ["ANY", "brief", "difference", "facts"]
+__all__ = ["ANY", "Configuration", "Standing", "brief", "difference", "facts"]
 
 ANY = ""
 """What a fact is at an agent that it does not concern: no difference to anything."""
@@ -28,6 +32,124 @@ _SAFE_ACTION = "safe_action"
 
 _MANY = 8
 _HASH = 12
+
+Standing: TypeAlias = tuple[bool, int]
+"""Whether an agent has been in the team for some time, and how many agents are live for it: the greater one stays."""
+
+
+class Configuration:
+    """The configuration of one agent, and which other agents have another one.
+
+    Of two agents that differ, one is refused: that which came later, or has less company, or else the later one by
+    name. Each of them comes to the same by what the other sends of itself.
+
+    Args:
+        agent: This agent.
+        facts: What must be the same at all agents that have it, by what it is.
+
+    Attributes:
+        facts: The same, with a hash for each ensemble: what beats carry.
+        differing: The agents of another configuration, with the incarnation that has it.
+        last_refusal: Why this agent was refused last.
+    """
+
+    def __init__(self, agent: str, facts: Mapping[str, str]) -> None:
+        self.agent = agent
+        self.facts = dict(facts)
+        self.differing: dict[str, int] = {}
+        self.last_refusal: str | None = None
+        self._ensembles: dict[str, Mapping[str, str]] = {}
+        self._ensemble_of: dict[str, str] = {}
+        self._outranking: dict[str, str] = {}
+        self._heard_at: dict[str, int] = {}
+
+    def add(self, ensemble: str, facts: Mapping[str, str]) -> None:
+        """Compare an ensemble, too."""
+        self._ensembles[ensemble] = facts
+        told = brief(ensemble, facts)
+        self.facts |= told
+        self._ensemble_of |= dict.fromkeys(told, ensemble)
+
+    def token(self, ensemble: str) -> str:
+        """Return a hash of the facts of an ensemble; agents that differ have another one."""
+        return of_parts([msgspec.msgpack.encode(sorted(self._ensembles[ensemble].items()))])[:16]
+
+    @property
+    def refusal(self) -> str | None:
+        """Why this agent takes no part in the team now; None where it does."""
+        return next(iter(self._outranking.values()), None)
+
+    def refuses(self, other: str) -> bool:
+        """Return whether it is this agent that is refused, where another differs from it."""
+        return other in self._outranking
+
+    def difference(self, other: str, facts: Mapping[str, str]) -> str | None:
+        """Return in words the first fact of a beat that is another there; None where all that both have are the same.
+
+        Args:
+            other: The agent whose beat it is.
+            facts: Its facts.
+        """
+        if facts == self.facts:
+            return None
+        shared = [fact for fact in self.facts if fact in facts]
+        here, theirs = ({fact: one[fact] for fact in shared} for one in (self.facts, facts))
+        return self._in_words(other, here, theirs)
+
+    def ensemble(self, facts: Mapping[str, str]) -> str | None:
+        """Return the ensemble whose hash is the first fact of a beat that is another here, if one is."""
+        first = next((fact for fact, here in self.facts.items() if facts.get(fact, here) != here), None)
+        return self._ensemble_of.get(first or "")
+
+    def explain(self, other: str, ensemble: str, facts: Mapping[str, str]) -> str | None:
+        """Return in words the first fact of an ensemble that is another there."""
+        return self._in_words(other, self._ensembles[ensemble], facts)
+
+    def _in_words(self, other: str, here: Mapping[str, str], theirs: Mapping[str, str]) -> str | None:
+        """Return the first difference, with the agent that is refused first."""
+        if other in self.differing and other not in self._outranking:
+            return difference(theirs, other, here, self.agent)
+        return difference(here, self.agent, theirs, other)
+
+    def part(self, other: str, life: int, told: str, own: Standing, theirs: Standing, now: int) -> bool:
+        """Take note of an agent that differs; return whether that is new.
+
+        Args:
+            other: Which agent.
+            life: Its incarnation.
+            told: The difference in words.
+            own: The standing of this agent.
+            theirs: That of the other.
+            now: The time, in nanoseconds.
+        """
+        if self.differing.get(other) != life:
+            self.agree(other)
+        self._heard_at[other] = now
+        if other in self.differing:
+            return False
+        self.differing[other] = life
+        if theirs > own or (theirs == own and other < self.agent):
+            self.refuse(other, told)
+        return True
+
+    def refuse(self, other: str, told: str) -> None:
+        """Take it that this agent is refused, for what another has differently."""
+        self._outranking[other] = self.last_refusal = told
+
+    def agree(self, other: str) -> bool:
+        """Take it that another agent has no other configuration any more, or is gone; return whether it had one."""
+        if self.differing.pop(other, None) is None:
+            return False
+        del self._heard_at[other]
+        self._outranking.pop(other, None)
+        return True
+
+    def expire(self, before: int) -> bool:
+        """Take it that agents are gone that were last heard to differ before a time; return whether there are any."""
+        gone = [other for other, heard in self._heard_at.items() if heard < before]
+        for other in gone:
+            self.agree(other)
+        return bool(gone)
 
 
 def difference(here: Mapping[str, str], agent: str, theirs: Mapping[str, str], there: str) -> str | None:

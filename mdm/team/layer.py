@@ -74,7 +74,7 @@ class TeamLayer(Layer):
         self.parts = Parts(team, ensemble, placement)
         self.process = ensemble.follow(self, self.parts.named(self.agent), acts=self.agent in agents)
         self.copy = Copy(team, self.agent, ensemble, self.process, self.parts)
-        link.compare(ensemble.name, self.copy.facts)
+        link.configuration.add(ensemble.name, self.copy.facts)
         self.commits: Channel[Committed] | None = None
         self.lost: frozenset[str] = frozenset()
         self.malformed = 0

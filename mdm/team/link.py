@@ -18,7 +18,7 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.runtime import Actor, Subscription
-from mdm.team.configuration import brief, difference
+from mdm.team.configuration import Configuration
 from mdm.team.transport.bounds import UNREADABLE, Life, Name, Number, Text
 from mdm.team.transport.keys import join
 from mdm.team.transport.transport import LONGEST_CLOSE
@@ -90,8 +90,7 @@ class Link(Actor):
             that they leave.
         left: Those who have left in order, with the incarnation that has.
         opened: Whether the transport is open.
-        differing: Those of another configuration, with the incarnation that has it.
-        kept_out: Why this agent was refused last, where no agent has agreed with it since.
+        configuration: Which agents have another configuration.
     """
 
     def __init__(
@@ -104,13 +103,7 @@ class Link(Actor):
         self.live: dict[str, int] = {}
         self.left: dict[str, int] = {}
         self.opened = False
-        self.differing: dict[str, int] = {}
-        self._facts = dict(facts or {})
-        self._words: dict[str, Mapping[str, str]] = {}
-        self._ensembles: dict[str, str] = {}
-        self._outranking: dict[str, str] = {}
-        self.kept_out: str | None = None
-        self._differing_at: dict[str, int] = {}
+        self.configuration = Configuration(transport.agent, facts or {})
         self._left_at: dict[str, int] = {}
         self._since = 0
         self._leaving = False
@@ -163,17 +156,14 @@ class Link(Actor):
         """Whether this agent has said that it leaves."""
         return self._leaving
 
-    def compare(self, ensemble: str, facts: Mapping[str, str]) -> None:
-        """Hear only agents at which the facts of an ensemble are the same, where they have it."""
-        self._words[ensemble] = facts
-        told = brief(ensemble, facts)
-        self._facts |= told
-        self._ensembles |= dict.fromkeys(told, ensemble)
-
     @property
     def refusal(self) -> str | None:
         """Why this agent takes no part in the team now; None where it does."""
-        return next(iter(self._outranking.values()), None)
+        return self.configuration.refusal
+
+    def is_live(self, sample: Sample) -> bool:
+        """Return whether a message is of an agent that is live, in this life: it has the same configuration."""
+        return self.live.get(sample.owner) == sample.incarnation
 
     @property
     def patience(self) -> float:
@@ -282,7 +272,8 @@ class Link(Actor):
         """Say whom this agent hears."""
         hears = {agent: life for agent, (life, _) in self._beats.items()}
         settled, company = self._standing()
-        self.put(self.key(BEAT), _encode(Beat(self.team.names, hears, self._facts, settled, company)), priority="step")
+        beat = Beat(self.team.names, hears, self.configuration.facts, settled, company)
+        self.put(self.key(BEAT), _encode(beat), priority="step")
 
     def _standing(self) -> tuple[bool, int]:
         return self.runtime.clock.now() - self._since > self._lease + _SETTLED * 1e9, max(len(self.live), 1)
@@ -302,9 +293,10 @@ class Link(Actor):
         stranger = sample.owner not in self.team.names
         if stranger:
             self._tell_stranger(sample.owner)
-        if beat is None or (stranger and (self.agent not in beat.agents or len(self.differing) > _MOST_STRANGERS)):
+        many = len(self.configuration.differing) > _MOST_STRANGERS
+        if beat is None or (stranger and (many or self.agent not in beat.agents)):
             return
-        told = None if beat.facts == self._facts else self._difference(sample.owner, beat.facts)
+        told = self.configuration.difference(sample.owner, beat.facts)
         if told is not None:
             if self._beats.get(sample.owner, (None, False))[0] == sample.incarnation:
                 self.refuse_sample(sample, f"says what its agent did not say before in this life: {told}")
@@ -312,7 +304,7 @@ class Link(Actor):
                 self._part(sample, beat, told)
         if stranger or told is not None:
             return
-        if self._agree(sample.owner):
+        if self.configuration.agree(sample.owner):
             self._tell(refused=True)
         back = self.left.get(sample.owner) == sample.incarnation and sample.time > self._left_at[sample.owner]
         if back:
@@ -336,71 +328,42 @@ class Link(Actor):
                 f"{', '.join(self.team.names)} here: the team's name, or the file, is another one there",
             )
 
-    def _difference(self, other: str, facts: Mapping[str, str]) -> str | None:
-        """Return in words what is another there; of ensembles that only one of the two has nothing."""
-        shared = [fact for fact in self._facts if fact in facts]
-        here, theirs = ({fact: one[fact] for fact in shared} for one in (self._facts, facts))
-        return self._in_words(other, here, theirs)
-
-    def _in_words(self, other: str, here: Mapping[str, str], theirs: Mapping[str, str]) -> str | None:
-        """Return the first difference, of the one that is refused first."""
-        if other in self.differing and other not in self._outranking:
-            return difference(theirs, other, here, self.agent)
-        return difference(here, self.agent, theirs, other)
-
     def _part(self, sample: Sample, beat: Beat, told: str) -> None:
-        """Part with an agent of another configuration: which has been there longer, or has more company, stays."""
-        other, life = sample.owner, sample.incarnation
+        """Part with an agent of another configuration, and have the difference reported."""
+        other, life, configuration = sample.owner, sample.incarnation, self.configuration
         if not self.opened or self.left.get(other) == life:
             return
-        if self.differing.get(other) != life:
-            self._agree(other)
-        self._differing_at[other] = self.runtime.clock.now()
-        if other in self.differing:
-            return
-        mine, theirs = self._standing(), (beat.settled, beat.company)
-        self.differing[other] = life
-        if theirs > mine or (theirs == mine and other < self.agent):
-            self._outranking[other] = self.kept_out = told
-        self._beats.pop(other, None)
-        self.spawn(self._tell_difference(other, life, beat.facts), name="compare")
-        self._tell(refused=True)
+        theirs = (beat.settled, beat.company)
+        if configuration.part(other, life, told, self._standing(), theirs, self.runtime.clock.now()):
+            self._beats.pop(other, None)
+            self.spawn(self._tell_difference(other, life, beat.facts), name="compare")
+            self._tell(refused=True)
 
     async def _tell_difference(self, other: str, life: int, facts: Mapping[str, str]) -> None:
         """Report in words what is another at another agent; of an ensemble, what that says of it."""
-        told = self._difference(other, facts) or ""
-        first = next((fact for fact, here in self._facts.items() if facts.get(fact, here) != here), None)
-        ensemble = self._ensembles.get(first or "")
+        configuration = self.configuration
+        told = configuration.difference(other, facts) or ""
+        ensemble = configuration.ensemble(facts)
         if ensemble is not None:
             answers = await self.ask(join(self.team.name, other, ensemble, "configuration"))
             with suppress(KeyError, *UNREADABLE):
-                told = self._in_words(other, self._words[ensemble], _facts(answers[other])) or told
-        if self.differing.get(other) == life:
-            outranked = other in self._outranking
-            if outranked:
-                self._outranking[other] = self.kept_out = told
-            self.report("refused", f"{self.agent if outranked else other} cannot take part in the team: {told}")
-            self._tell(refused=outranked)
-
-    def _agree(self, other: str) -> bool:
-        """Take it that another agent has no other configuration any more, or is gone; return whether it had one."""
-        if self.differing.pop(other, None) is None:
-            return False
-        del self._differing_at[other]
-        self._outranking.pop(other, None)
-        return True
+                told = configuration.explain(other, ensemble, _facts(answers[other])) or told
+        if configuration.differing.get(other) == life:
+            refused = configuration.refuses(other)
+            if refused:
+                configuration.refuse(other, told)
+            self.report("refused", f"{self.agent if refused else other} cannot take part in the team: {told}")
+            self._tell(refused=refused)
 
     def _on_tick(self, tick: Tick) -> None:
         if not tick.missed:  # else what came meanwhile has yet to be heard
             now = self.runtime.clock.now()
             silent = [agent for agent in self._beats if now - self._heard_at.get(agent, 0) > self._lease]
-            gone = [agent for agent, heard in self._differing_at.items() if now - heard > self._lease]
             for agent in silent:
                 del self._beats[agent]
-            for agent in gone:
-                self._agree(agent)
+            gone = self.configuration.expire(now - self._lease)
             if silent or gone:
-                self._tell(refused=bool(gone))
+                self._tell(refused=gone)
         if self.opened:
             self._beat()
 
@@ -410,7 +373,7 @@ class Link(Actor):
             return
         self.left[sample.owner] = sample.incarnation
         self._left_at[sample.owner] = min(sample.time, self.runtime.clock.now())
-        self._tell(refused=self._agree(sample.owner))
+        self._tell(refused=self.configuration.agree(sample.owner))
 
     def _tell(self, *, refused: bool = False) -> None:
         """Tell who is live, where that has changed, or whether this agent is refused may have."""
@@ -426,7 +389,7 @@ class Link(Actor):
         live[self.agent] = self.transport.incarnation
         live = {agent: live[agent] for agent in self.team.names if agent in live}
         if len(live) > 1:
-            self.kept_out = None
+            self.configuration.last_refusal = None
         if live != self.live or refused:
             self.live = live
             for subscription in tuple(self._watching):

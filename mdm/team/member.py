@@ -194,8 +194,8 @@ class Member(Actor):
     def failings(self) -> list[str]:
         """Return in words what it did not do that it was to do."""
         told = []
-        if self.link.kept_out is not None:
-            told.append(f"agent {self.agent!r} took no part in team {self.team.name!r}: {self.link.kept_out}")
+        if (refusal := self.link.configuration.last_refusal) is not None:
+            told.append(f"agent {self.agent!r} took no part in team {self.team.name!r}: {refusal}")
         if self.decisions is not None and self.decisions.lost:
             told.append(f"{self.decisions.lost} decisions could not be written to {self.decisions.path_of_file}")
         return told
@@ -204,7 +204,7 @@ class Member(Actor):
 
     def _on_live(self, link: Link) -> None:
         live = tuple(link.live)
-        self._met.update(link.differing)
+        self._met.update(link.configuration.differing)
         if link.refusal is not None:
             self._live, self.lost = live, ()
             self._teammates.publish(Teammates(self.runtime.clock.now(), self.agent, live, ()))
@@ -226,7 +226,7 @@ class Member(Actor):
         """Say whom this agent has never seen: where a team goes on without him, nothing else would."""
         if self.link.refusal is not None:
             return
-        self._met.update(self.link.differing)
+        self._met.update(self.link.configuration.differing)
         missing = [agent for agent in self.team.names if agent not in self._met]
         if missing:
             self.report(

@@ -156,7 +156,7 @@ class Outpost(TeamLayer):
             self.malformed += 1
             self.link.refuse_sample(sample, f"tells at step {decided.step} of a start at step {decided.started}")
             return
-        if sample.incarnation != self.link.live.get(self._controller):
+        if not self.link.is_live(sample):
             return  # it is not there yet, or has another configuration
         if sample.incarnation != self._life:
             self._life = sample.incarnation
@@ -295,7 +295,7 @@ class Outpost(TeamLayer):
         super().assess(now)
 
     def _on_patience(self) -> None:
-        if self._last is None and self.refusal is None and self._controller not in self.link.differing:
+        if self._last is None and self.refusal is None and self._controller not in self.link.configuration.differing:
             self.report("waiting", f"cannot act: agent {self._controller!r}, which decides, is not there")
 
     def statistics(self) -> CentralisedStatistics:

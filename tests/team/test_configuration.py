@@ -10,7 +10,7 @@ from team_robots import Robot, decider, over_beliefs
 
 from mdm import problems
 from mdm.policies import AlphaVectors
-from mdm.team.configuration import ANY, difference
+from mdm.team.configuration import ANY, Configuration, difference
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
@@ -33,6 +33,55 @@ def test_the_first_difference_is_told_in_words():
     assert difference(here, "a", here | {"safe_action": "'listen'"}, "b") is None
     assert difference(here, "a", here | {"hash": "2", "horizon": "3"}, "b") == "horizon is 2 at a and 3 at b"
     assert difference(here, "a", here | {"more": "1"}, "b") == "more is None at a and 1 at b"
+
+
+def pair():
+    """Two agents whose team is the same, and whose ensemble has other horizons."""
+    a, b = Configuration("a", {"drive": "events"}), Configuration("b", {"drive": "events"})
+    a.add("joint", {"horizon": "2"})
+    b.add("joint", {"horizon": "3"})
+    return a, b
+
+
+def test_only_what_both_have_is_compared():
+    a, b = pair()
+    assert a.difference("b", b.facts).startswith("configuration of ensemble 'joint' is ")
+    assert a.ensemble(b.facts) == "joint"
+    assert a.explain("b", "joint", {"horizon": "3"}) == "horizon is 2 at a and 3 at b"
+    assert a.difference("b", {"drive": "events"}) is None
+    assert a.token("joint") != b.token("joint")
+    assert a.difference("b", {"drive": "a period of 1 s"}) == "drive is events at a and a period of 1 s at b"
+
+
+STANDINGS = [((False, 1), (False, 1)), ((True, 1), (False, 3)), ((False, 1), (False, 2)), ((True, 2), (True, 2))]
+
+
+@pytest.mark.parametrize(("first", "second"), STANDINGS)
+def test_of_two_that_differ_exactly_one_is_refused(first, second):
+    a, b = pair()
+    assert a.part("b", 7, "told", first, second, 0)
+    assert not a.part("b", 7, "told", first, second, 1)
+    assert b.part("a", 3, "told", second, first, 0)
+    assert a.refuses("b") == (second > first)
+    assert b.refuses("a") != a.refuses("b")
+    assert (a.refusal is None) == (first >= second)
+
+
+def test_an_agent_is_refused_until_the_other_agrees_or_is_silent():
+    _, b = pair()
+    for way in ("agrees", "is silent", "returns"):
+        b.part("a", 3, "told", (False, 1), (True, 1), 0)
+        assert (b.refusal, b.differing) == ("told", {"a": 3})
+        if way == "agrees":
+            assert b.agree("a")
+            assert not b.agree("a")
+        elif way == "is silent":
+            assert not b.expire(0)
+            assert b.expire(1)
+        else:
+            assert b.part("a", 4, "told", (True, 1), (False, 1), 2)
+            assert b.differing == {"a": 4}
+        assert (b.refusal, b.last_refusal) == (None, "told")
 
 
 @pytest.mark.parametrize(

@@ -193,7 +193,7 @@ def test_a_beat_of_a_life_that_is_not_here_parts_nobody(facts):
         await asyncio.sleep(0.05)
         assert told == []
         assert tuple(a.live) == ("a", "b")
-        assert a.differing == {}
+        assert a.configuration.differing == {}
 
     run_virtual(main)
 
@@ -209,7 +209,7 @@ def test_an_agent_that_is_refused_waits_for_the_other_and_goes_on(back):
         await b.open()
         beats(b, model="doors")
         await asyncio.sleep(0.05)
-        assert a.refusal == a.kept_out == told[-1] == "model is rooms at a and doors at b"
+        assert a.refusal == a.configuration.last_refusal == told[-1] == "model is rooms at a and doors at b"
         beats(b, model="windows")  # whatever it says next
         await asyncio.sleep(0.05)
         assert a.life == "running"
@@ -222,7 +222,7 @@ def test_an_agent_that_is_refused_waits_for_the_other_and_goes_on(back):
         assert a.refusal is told[-1] is None
         assert tuple(a.live) == (("a", "b") if back == "agrees" else ("a",))
         assert a.life == "running"
-        assert (a.kept_out is None) == (back == "agrees")
+        assert (a.configuration.last_refusal is None) == (back == "agrees")
 
     run_virtual(main)
 

@@ -83,7 +83,7 @@ class Talker(TeamLayer):
             raise ConfigError(error.message, key=f"{key}.policy") from None
         self.episode: Episode | None = None
         self.stops = Stops(team.names)
-        self._configuration = of_parts([encode(sorted(self.copy.facts.items()))])[:16]
+        self._configuration = link.configuration.token(ensemble.name)
         self._key = link.key(ensemble.name, "word")
         self._offset: int | None = None
         """The step of the episode at which the knowledge begins; None before the first step here."""

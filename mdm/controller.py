@@ -18,7 +18,7 @@ import numpy as np
 from msgspec import Meta
 
 from mdm.beliefs import KnownState
-from mdm.beliefs.footprint import check_memory
+from mdm.beliefs.choice import check_memory
 from mdm.beliefs.information import restore, snapshot
 from mdm.beliefs.tracker import checked_support
 from mdm.checks import check_choice

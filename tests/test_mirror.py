@@ -28,7 +28,6 @@ UNTESTED_ALONE = {
     "cli/team/table.py": "with the status: test_status",
     "team/sharing/asking.py": "a session of its own, by the verbs that ask: test_status",
     "cli/team/file.py": "with every verb of teams",
-    "policies/constant_policy.py": "with the random policy, which makes the same promises",
     "beliefs/dense.py": "with every other filter, against one computation: test_filter",
     "beliefs/compact.py": "with every other filter, against one computation: test_filter",
     "beliefs/compressed.py": "with every other filter, against one computation: test_filter",

@@ -9,7 +9,7 @@ import msgspec
 from mdm.actors import Binding, Ensemble, ObservationFactor, SafetyOptions, StateFactor
 from mdm.actors.control.drive import drive_of
 from mdm.actors.ensemble import MOST_LEVELS
-from mdm.beliefs.footprint import check_memory
+from mdm.beliefs.choice import check_memory
 from mdm.config.functions import nothing
 from mdm.config.share import Seat
 from mdm.config.tables import ActionTable, EnsembleTable, ObservationTable, RestartTable, SearchTable, StateTable

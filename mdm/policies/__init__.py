@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mdm.policies.alpha_vectors import AlphaVectors
-from mdm.policies.constant_policy import ConstantPolicy
+from mdm.policies.baselines import ConstantPolicy, RandomPolicy
 from mdm.policies.finite_state_controller import FiniteStateController
 from mdm.policies.joint_controller import JointController
 from mdm.policies.masked_alpha_vectors import MaskedAlphaVectors
 from mdm.policies.mixed_alpha_vectors import MixedAlphaVectors
 from mdm.policies.policy import BeliefPolicy, Deliberating, Policy, StatePolicy, mismatch
-from mdm.policies.random_policy import RandomPolicy
 from mdm.policies.staged_policy import StagedPolicy
 from mdm.policies.table import DeterministicPolicy, QTable, StochasticPolicy
 

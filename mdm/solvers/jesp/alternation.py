@@ -21,15 +21,21 @@ from mdm.errors import ConfigError
 from mdm.models.events import check_no_false_negatives
 from mdm.policies import JointController
 from mdm.solvers.bounds import staged_values
-from mdm.solvers.jesp.joint_plan import Team, as_controller, plan_size, plan_value, random_plan
-from mdm.solvers.jesp.response import best_response, solve_as_one
+from mdm.solvers.jesp.joint_plan import (
+    Team,
+    as_controller,
+    best_response,
+    plan_size,
+    plan_value,
+    random_plan,
+    solve_as_one,
+)
 from mdm.solvers.jesp.search import PlanSearch
 from mdm.solvers.solution import Limits, makes
 
 if TYPE_CHECKING:
     from mdm.models import POMDP
-    from mdm.solvers.jesp.joint_plan import JointPlan
-    from mdm.solvers.jesp.response import Stage
+    from mdm.solvers.jesp.joint_plan import JointPlan, Stage
     from mdm.solvers.solution import Solution
 
 __all__ = ["jesp"]

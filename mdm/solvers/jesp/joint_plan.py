@@ -1,13 +1,19 @@
-"""Joint plans: for each agent a tree that holds an action for every history of its own observations.
+"""Joint plans, for each agent a tree of actions by its own observations; and best responses to the others' plans.
 
 The exact value follows all joint histories that can occur, with the distribution over states that comes with each:
 O(A^0 S^2 O^t) at step t at most, O being the joint observations. A `Team` is a Dec-POMDP for its agents.
+
+With the others' plans fixed, an agent faces a POMDP whose states are the world's together with the others' histories.
+Its reachable beliefs are followed forward, equal ones once, and their values computed backward (R. Nair, M. Tambe,
+M. Yokoo, D. Pynadath and S. Marsella, *Taming decentralized POMDPs: towards efficient policy computation for multiagent
+settings*, IJCAI 2003, DP-JESP). At step t there are at most (A_i O_i)^t beliefs, each of S numbers for each of the
+others' joint histories. For a team taken as one agent this is the exact solution of the MPOMDP.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -16,14 +22,31 @@ from mdm.models.dynamics import Dynamics, Indices
 from mdm.policies import FiniteStateController, JointController
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from mdm.models import POMDP
     from mdm.models.matrices import Vector
 
-__all__ = ["MOST", "JointPlan", "Team", "Tree", "as_controller", "plan_size", "plan_value", "random_plan"]
+__all__ = [
+    "MOST",
+    "JointPlan",
+    "Stage",
+    "Team",
+    "Tree",
+    "as_controller",
+    "best_response",
+    "merged",
+    "plan_size",
+    "plan_value",
+    "random_plan",
+    "solve_as_one",
+]
+
 MOST = 50_000_000
 """Numbers that one step of a computation may take: 400 MB."""
+_DIGITS = 12
+"""Beliefs that agree to so many digits are one."""
+_AS_ONE = 4_000_000
 
 
 class Team:
@@ -163,3 +186,125 @@ def as_controller(team: Team, plan: JointPlan) -> JointController:
                 successors.append([None] * symbols if step == len(tree) - 1 else range(begin, begin + symbols))
         controllers.append(FiniteStateController(chosen, successors, count))
     return JointController(controllers)
+
+
+class Stage(NamedTuple):
+    """The N reachable beliefs after some steps.
+
+    Attributes:
+        rewards: N x A, expected.
+        values: N x A, of the actions, from here to the end, discounted to this step.
+        chances: N x A x O, P(o | belief, a); empty after the last step.
+        following: N x A x O, the belief of the next stage; -1 where the observation is impossible.
+    """
+
+    rewards: Vector
+    values: Vector
+    chances: Vector
+    following: Indices
+
+
+def best_response(
+    team: Team, plan: JointPlan, agent: int, goes_on: Callable[[], bool] = lambda: True
+) -> tuple[float, Tree] | None:
+    """Return the value of a plan with the best tree for an agent, and that tree.
+
+    Unreachable parts of the tree stay as they were.
+
+    Args:
+        team: The team.
+        plan: The others' trees, and the agent's present one.
+        agent: The agent whose tree is replaced.
+        goes_on: Asked now and then; False breaks off.
+
+    Returns:
+        None if it was broken off.
+
+    Raises:
+        ModelError: If it would take too much memory.
+    """
+    stages = _stages(team, plan, agent, len(plan[agent]), goes_on, MOST)
+    if stages is None:
+        return None
+    tree: Tree = []
+    nodes = np.zeros(1, dtype=np.intp)
+    for stage, before in zip(stages, plan[agent], strict=True):
+        reached = nodes >= 0
+        actions = np.where(reached, stage.values.argmax(axis=1)[nodes], before)
+        tree.append(actions)
+        if stage.following.size:
+            nodes = np.where(reached[:, None], stage.following[nodes, actions], -1).ravel()
+    return float(stages[0].values[0].max()), tree
+
+
+def solve_as_one(team: Team, horizon: int, goes_on: Callable[[], bool] = lambda: True) -> list[Stage] | None:
+    """Return the exact solution of a team taken as one agent; None if it is too large or was broken off."""
+    try:
+        return _stages(team, [], 0, horizon, goes_on, _AS_ONE)
+    except ModelError:
+        return None
+
+
+def _stages(
+    team: Team, plan: JointPlan, agent: int, horizon: int, goes_on: Callable[[], bool], most: int
+) -> list[Stage] | None:
+    others = [other for other in range(team.num_agents) if other != agent]
+    own, symbols = team.actions[agent], team.observations[agent]
+    their_symbols = [team.observations[other] for other in others]
+    seen = np.stack(np.unravel_index(np.arange(len(team.seen) // symbols), tuple(their_symbols)), 1) if others else None
+    histories = np.zeros((1, len(others)), dtype=np.intp)
+    beliefs = team.start[None, None, :]  # N x the others' joint histories x S
+    steps: list[tuple[Vector, Vector, Indices]] = []
+    for step in range(horizon):
+        count, columns, size = beliefs.shape
+        actions: list[Indices | int] = [0] * team.num_agents
+        for place, other in enumerate(others):
+            actions[other] = plan[other][step][histories[:, place]]
+        last = step == horizon - 1
+        if not last:
+            check_size(beliefs.size * own * len(team.seen), horizon, most)
+        rewards = np.empty((count, own))
+        after = np.empty((count, own, symbols, 0 if last else columns * len(team.seen) // symbols, size))
+        for action in range(own):
+            if not goes_on():
+                return None
+            actions[agent] = action
+            joint = np.broadcast_to(team.joint_actions(actions), (columns,))
+            rewards[:, action] = beliefs.reshape(count, -1) @ team.rewards[joint].ravel()
+            if not last:
+                moved = team.advance(beliefs, joint).reshape(count, columns, *team.observations, size)
+                after[:, action] = np.moveaxis(moved, 2 + agent, 1).reshape(count, symbols, -1, size)
+        chances = after.sum(axis=(3, 4))
+        following = np.full((count, own, symbols), -1, dtype=np.intp)
+        if not last:
+            possible = chances > 0
+            reached = after[possible] / chances[possible][:, None, None]
+            if seen is not None:
+                histories = lengthened(histories, seen, their_symbols)
+                occurring = np.flatnonzero(reached.any(axis=(0, 2)))
+                reached, histories = reached[:, occurring], histories[occurring]
+            first, following[possible] = merged(np.round(reached.reshape(len(reached), -1), _DIGITS))
+            beliefs = reached[first]
+        steps.append((rewards, chances, following))
+    return _valued(steps, team.discount)
+
+
+def _valued(steps: list[tuple[Vector, Vector, Indices]], discount: float) -> list[Stage]:
+    stages: list[Stage] = []
+    for rewards, chances, following in reversed(steps):
+        values = rewards
+        if stages:
+            best = stages[-1].values.max(axis=1)
+            values = rewards + discount * (chances * best[following]).sum(axis=2)
+        else:
+            chances, following = chances[:, :, :0], following[:, :, :0]  # noqa: PLW2901 - nothing follows the last
+        stages.append(Stage(rewards, values, chances, following))
+    return stages[::-1]
+
+
+def merged(rows: Vector) -> tuple[Indices, Indices]:
+    """Return the first places of the distinct rows of an array, and for each row its number among these."""
+    rows = np.ascontiguousarray(rows + 0.0)  # -0.0 becomes 0.0: bytes are compared
+    keys = rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).ravel()
+    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    return first, which.ravel()

@@ -18,15 +18,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mdm.solvers.jesp.response import merged
+from mdm.solvers.jesp.joint_plan import merged
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from mdm.models.dynamics import Indices
     from mdm.models.matrices import Vector
-    from mdm.solvers.jesp.joint_plan import JointPlan, Team
-    from mdm.solvers.jesp.response import Stage
+    from mdm.solvers.jesp.joint_plan import JointPlan, Stage, Team
 
 __all__ = ["PlanSearch"]
 

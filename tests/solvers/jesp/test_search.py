@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from teams import best_of_all, team
 
-from mdm.solvers.jesp.joint_plan import Team, plan_value
-from mdm.solvers.jesp.response import solve_as_one
+from mdm.solvers.jesp.joint_plan import Team, plan_value, solve_as_one
 from mdm.solvers.jesp.search import PlanSearch
 
 NOTHING = -1e9

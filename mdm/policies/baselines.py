@@ -1,4 +1,4 @@
-"""The uniformly random policy: a baseline."""
+"""Baselines: the uniformly random policy, and the one that always chooses the same action, which is a fallback, too."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from mdm.beliefs import Drawn, DrawnInformation, KnownState
 from mdm.errors import ModelError
-from mdm.policies.batch import ProbabilityBatch
+from mdm.policies.batch import ProbabilityBatch, TableBatch
 from mdm.policies.policy import BeliefPolicy, StatePolicy
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.policies.batch import Batch
 
-__all__ = ["RandomPolicy"]
+__all__ = ["ConstantPolicy", "RandomPolicy"]
 
 
 class Unknowing(StatePolicy):
@@ -102,3 +102,50 @@ class RandomPolicy(Unknowing):
         """Restart the draws from a seed."""
         self._seed = seed
         self._generator = np.random.default_rng(seed)
+
+
+class ConstantPolicy(Unknowing):
+    """Chooses one action, whatever the state or belief.
+
+    Args:
+        action: The action's index.
+        num_actions: The number of actions.
+        num_states: The number of states.
+        input: The input of `action`: a ``state`` or a ``belief``.
+
+    Raises:
+        ModelError: If there is no such action, no state, or no such input.
+
+    Example::
+
+        mdm.policies.ConstantPolicy(1, num_actions=3, num_states=2).action([0.5, 0.5])  # 1
+    """
+
+    form = "always the same action"
+
+    def __init__(
+        self,
+        action: int,
+        num_actions: int,
+        num_states: int,
+        *,
+        input: Literal["state", "belief"] = "belief",  # noqa: A002 - as every policy calls it
+    ) -> None:
+        super().__init__(num_actions, num_states, input)
+        if not 0 <= action < num_actions:
+            raise ModelError(f"there is no action {action}; the actions are 0 to {num_actions - 1}")
+        self._action = int(action)
+
+    def action(self, x: Any, /) -> int:  # noqa: ARG002 - a policy's signature
+        """Return the action."""
+        return self._action
+
+    def weights(self, stage: int = 0) -> Vector:  # noqa: ARG002 - the same at all stages
+        """Return the probability of each action in each state, A x S."""
+        result = np.zeros((self.num_actions, self.num_states))
+        result[self._action] = 1
+        return result
+
+    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - the action is enough
+        """Return its decisions for a batch of episodes."""
+        return TableBatch(np.full((1, self.num_states), self._action))

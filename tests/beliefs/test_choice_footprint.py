@@ -9,8 +9,8 @@ import pytest
 
 import mdm
 from mdm import Controller
-from mdm.beliefs import footprint as footprints
-from mdm.beliefs.footprint import check_memory, footprint
+from mdm.beliefs import choice
+from mdm.beliefs.choice import check_memory, footprint
 from mdm.errors import ConfigError
 from mdm.models import MDP, POMDP, FactoredPOMDP
 from mdm.models.compilation import can_compile
@@ -104,7 +104,7 @@ def test_a_model_that_is_too_large_is_refused_with_figures_and_what_helps():
     ids=["flat", "false negatives", "speed"],
 )
 def test_what_helps_depends_on_the_model(model, limit, helps, monkeypatch):
-    monkeypatch.setattr(footprints, "_free", lambda: 1e6)
+    monkeypatch.setattr(choice, "_free", lambda: 1e6)
     with pytest.raises(ConfigError, match=helps) as refused:
         Controller(constant(model), model, memory=limit)
     assert refused.value.key == "memory"
@@ -119,9 +119,9 @@ def test_memory_is_a_number_of_megabytes(memory):
 
 
 def test_a_machine_that_does_not_say_what_is_free_refuses_nothing(monkeypatch, tmp_path):
-    monkeypatch.setattr(footprints, "_MEMORY", str(tmp_path / "none"))
+    monkeypatch.setattr(choice, "_MEMORY", str(tmp_path / "none"))
     check_memory(mdm.problems.tiger(), None, beliefs=True)
     (tmp_path / "some").write_text("MemTotal: 2 kB\nMemAvailable: 0 kB\n")
-    monkeypatch.setattr(footprints, "_MEMORY", str(tmp_path / "some"))
+    monkeypatch.setattr(choice, "_MEMORY", str(tmp_path / "some"))
     with pytest.raises(ConfigError, match="free"):
         check_memory(mdm.problems.tiger(), None, beliefs=True)

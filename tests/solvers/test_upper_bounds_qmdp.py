@@ -10,7 +10,7 @@ from mdm.errors import ModelError
 from mdm.models import MDP, POMDP
 from mdm.solvers import Limits
 from mdm.solvers.mdp.policy_iteration import policy_iteration
-from mdm.solvers.qmdp import qmdp
+from mdm.solvers.upper_bounds import qmdp
 
 
 @pytest.mark.parametrize(

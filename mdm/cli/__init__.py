@@ -1,4 +1,4 @@
-"""The `mdm` command: one module per sub-command, each with ``add_parser`` and ``run``, in folders by what it is about.
+"""The `mdm` command: in folders by what they are about, what its verbs take, and a module for each with its ``run``.
 
 Exit statuses are those that its help tells: 0, 1 for what failed, 2 for wrong usage, 128 and more for a signal.
 """
@@ -15,34 +15,32 @@ from typing import TYPE_CHECKING
 
 import mdm
 from mdm.cli.interruption import Interruption
-from mdm.cli.usage import UsageError, complete
+from mdm.cli.usage import UsageError
 from mdm.compile_time import COMPILE_TIME
 from mdm.errors import Error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["GROUPS", "VERBS", "main"]
+__all__ = ["VERBS", "main"]
 
 VERBS = {
-    "run": "mdm.cli.robots.run",
-    "team": "mdm.cli.team",
-    "check": "mdm.cli.files.check",
-    "info": "mdm.cli.files.info",
-    "show": "mdm.cli.files.show",
-    "convert": "mdm.cli.files.convert",
-    "problem": "mdm.cli.files.problem",
-    "trace": "mdm.cli.robots.trace",
-    "simulate": "mdm.cli.policies.simulate",
-    "solve": "mdm.cli.policies.solve",
-    "evaluate": "mdm.cli.policies.evaluate",
-    "compare": "mdm.cli.policies.compare",
-    "plot": "mdm.cli.policies.plot",
-    "map": "mdm.cli.map",
+    "run": ("robots", "run the ensembles of a TOML file, or one agent of a team's"),
+    "team": ("team", "run a team, and ask it how it is"),
+    "check": ("files", "list all problems of an ensemble, model or policy file"),
+    "info": ("files", "describe the content of a file"),
+    "show": ("files", "show a row of a model by names, or its network"),
+    "convert": ("files", "write a model or policy in another format"),
+    "problem": ("files", "write a standard problem of the field as a model"),
+    "trace": ("robots", "print the decisions for a sequence of stimuli"),
+    "simulate": ("policies", "simulate a policy in its model and print the mean return"),
+    "solve": ("policies", "compute a policy for a model, certified by bounds"),
+    "evaluate": ("policies", "compute the value of a policy, exactly or by simulation"),
+    "compare": ("policies", "compare the values of several policies"),
+    "plot": ("policies", "draw bounds over time, a policy, or a belief over an episode"),
+    "map": ("map", "propose, draft, check and show the map of a floor, and make a model from it"),
 }
-"""The verbs, and the module of each."""
-GROUPS = ("team", "plot", "map")
-"""Verbs with verbs of their own."""
+"""The verbs: the folder of each, which says what it takes, and a line of help."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -75,12 +73,12 @@ def _main(arguments: Sequence[str] | None, interruption: Interruption) -> int:
     verbs = parser.add_subparsers(dest="verb", metavar="VERB")
     words = sys.argv[1:] if arguments is None else arguments
     # Who names a verb waits for no other; what is no verb is told of with all of them.
-    asked = words[:1] if words and words[0] in VERBS else VERBS
-    for verb in asked:
-        module = importlib.import_module(VERBS[verb])
-        verb_parser: argparse.ArgumentParser = module.add_parser(verbs)
-        if verb not in GROUPS:  # whose own verbs have it
-            complete(verb_parser, verb)
+    for verb in words[:1] if words and words[0] in VERBS else VERBS:
+        folder, line = VERBS[verb]
+        if not words or words[0] in {"-h", "--help", "--version"}:
+            verbs.add_parser(verb, help=line)
+        else:
+            getattr(importlib.import_module(f"mdm.cli.{folder}"), f"add_{verb}")(verbs, line)
     try:
         parsed, unknown = parser.parse_known_args(arguments)
         if parsed.verb is None and not unknown:
@@ -110,8 +108,8 @@ def _refuse(parsed: argparse.Namespace, why: object) -> int:
 
 
 def _run(parsed: argparse.Namespace) -> int:
-    module = importlib.import_module(VERBS[parsed.verb])
     try:
+        module = importlib.import_module(parsed.module)
         with warnings.catch_warnings():
             warnings.simplefilter("default")
             warnings.showwarning = _show_warning

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 
 from mdm.errors import Error
 
@@ -14,6 +15,7 @@ __all__ = [
     "add_import",
     "complete",
     "count",
+    "finite",
     "limit",
     "seconds",
     "seed",
@@ -24,10 +26,10 @@ class UsageError(Error):
     """The arguments are inconsistent; the command prints its usage and exits with 2."""
 
 
-def complete(parser: argparse.ArgumentParser, command: str) -> None:
-    """Add to a parser what every verb has: ``--debug``, the words that name it in errors, and its usage."""
+def complete(parser: argparse.ArgumentParser, command: str, module: str) -> None:
+    """Add to a parser what every verb has: ``--debug``, the words that name it in errors, its usage, and its module."""
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error, and more in the log")
-    parser.set_defaults(format_usage=parser.format_usage, command=command)
+    parser.set_defaults(format_usage=parser.format_usage, command=command, module=module)
 
 
 def add_discount(parser: argparse.ArgumentParser, help: str = "overrides the model's") -> None:  # noqa: A002
@@ -71,6 +73,15 @@ def add_import(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="import the functions of a TOML file, which runs its modules",
     )
+
+
+def finite(text: str) -> float | None:
+    """Return a finite number, or None."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 def count(text: str) -> int:

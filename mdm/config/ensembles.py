@@ -20,7 +20,6 @@ from mdm.logic import similar
 from mdm.models.compilation import sparing
 from mdm.policies import DeterministicPolicy
 from mdm.runtime import Restart, Supervision
-from mdm.solvers.online import TreeSearch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from mdm.maps import Navigation
     from mdm.models import MDP, POMDP
     from mdm.policies import Policy
+    from mdm.solvers.online import TreeSearch
     from mdm.team import Placement
 
 __all__ = ["Ensembles"]
@@ -300,6 +300,8 @@ class Ensembles:
         given: SearchTable | None = self._problems.convert(table.search, SearchTable, key)
         if given is None:
             return None
+        from mdm.solvers.online import TreeSearch  # noqa: PLC0415 - a robot that does not search loads no solver
+
         with self._problems.collecting(key):
             if model is None:
                 raise ConfigError("a search needs a model")

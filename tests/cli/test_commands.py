@@ -207,7 +207,7 @@ def test_what_an_option_prints_may_have_nowhere_to_go(mdm, monkeypatch, error, t
     def print_nothing(*_, **__):
         raise error
 
-    monkeypatch.setattr("mdm.cli.policies.solve.print", print_nothing, raising=False)
+    monkeypatch.setattr("mdm.cli.policies.print", print_nothing, raising=False)
     assert mdm("solve", "--solver", "help") == (1, [], told)
 
 

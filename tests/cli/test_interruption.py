@@ -165,7 +165,7 @@ def test_what_ctrl_c_has_become_while_modules_are_loaded_is_no_error(mdm, monkey
         except KeyboardInterrupt:
             raise ImportError("numpy failed to load") from None
 
-    monkeypatch.setattr("mdm.cli.policies.inputs.load", load)
+    monkeypatch.setattr("mdm.cli.policies.evaluate.load", load)
     assert mdm("evaluate", TIGER, TIGER_VECTORS) == (130, [], "")
 
 
@@ -179,7 +179,7 @@ def test_an_error_in_its_own_context_is_told(mdm, monkeypatch):
             except ValueError as behind:
                 raise behind.__cause__ from None
 
-    monkeypatch.setattr("mdm.cli.policies.inputs.load", load)
+    monkeypatch.setattr("mdm.cli.policies.evaluate.load", load)
     status, output, errors = mdm("evaluate", TIGER, TIGER_VECTORS)
     assert (status, output, errors) == (1, [], "mdm evaluate: disk\n")
 

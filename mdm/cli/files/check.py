@@ -7,13 +7,21 @@ import sys
 import warnings
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, add_import
+from mdm.cli.files.document import Document, is_policy, load
+from mdm.cli.report import as_json
+from mdm.cli.usage import UsageError
+from mdm.errors import ConfigError, FormatError, ModelError
+from mdm.formats import load_model, load_policy
+from mdm.formats.source import suffixes
+from mdm.models import MDP
+from mdm.models.diagnosis import diagnose
+from mdm.models.validation import Problem, collect_problems
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
-__all__ = ["Findings", "add_parser", "grouped", "report", "run"]
+__all__ = ["Findings", "grouped", "report", "run"]
 
 _TOLD = 5
 _PLACES = 5
@@ -23,29 +31,6 @@ _PLACE = re.compile(r"\S*?:(\d+)(?::\d+)?: ")
 
 Findings = tuple[str | None, list[str], list[str]]
 """The kind of a file's content, its problems, and notes on oddities."""
-
-
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "check",
-        help="list all problems of an ensemble, model or policy file",
-        description=(
-            "Check a file: an ensemble's TOML file, a model or a policy. All problems are listed at once, those of one "
-            "kind by the first few and their number; notes list what is allowed but odd: states that cannot be reached "
-            "or left, observations that never occur, actions that change nothing. Functions that a TOML file names are "
-            "looked for in the source of their modules, which are not run, unless --import is given."
-        ),
-        epilog="example: mdm check examples/patrol/patrol.toml",
-    )
-    parser.add_argument("file", metavar="FILE", help="a TOML file, a model or a policy")
-    parser.add_argument("--model", metavar="M", help="the model that a policy is for, to check it against")
-    parser.add_argument(
-        "--normalize", action="store_true", help="take distributions that do not sum to 1 for notes, not problems"
-    )
-    add_import(parser)
-    parser.add_argument("--json", action="store_true", help="one JSON object, with every problem")
-    return parser
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -62,8 +47,6 @@ def report(file: str, examine: Callable[[], Findings], *, json: bool, command: s
         json: Whether to print one JSON object.
         command: Whose problems are printed.
     """
-    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         kind, problems, notes = examine()
@@ -100,14 +83,6 @@ def grouped(problems: list[str]) -> list[str]:
 
 def _examine(arguments: argparse.Namespace) -> Findings:
     """Return a file's kind of content, its problems, and notes on oddities."""
-    from mdm.cli.files.document import Document  # noqa: PLC0415
-    from mdm.cli.policies.inputs import load_ensembles  # noqa: PLC0415
-    from mdm.cli.team.check import examine  # noqa: PLC0415
-    from mdm.config import load_team  # noqa: PLC0415
-    from mdm.errors import ConfigError, FormatError  # noqa: PLC0415
-    from mdm.formats import load_model, load_policy  # noqa: PLC0415
-    from mdm.formats.source import suffixes  # noqa: PLC0415
-
     file, model = arguments.file, arguments.model
     is_toml = suffixes(file) == ".toml"
     if arguments.imports and not is_toml:
@@ -116,11 +91,7 @@ def _examine(arguments: argparse.Namespace) -> Findings:
         raise UsageError("--model is for policies and --normalize for models; this is a TOML file")
     try:
         if is_toml:
-            team = load_team(file)
-            if team is not None:
-                return examine(file, team, imports=arguments.imports)
-            system = load_ensembles(file, imports=arguments.imports)
-            return "ensembles", [], [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
+            return _examine_ensembles(file, imports=arguments.imports)
         if _holds_policy(file):
             if arguments.normalize:
                 raise UsageError("--normalize is for models; this file holds a policy")
@@ -135,11 +106,19 @@ def _examine(arguments: argparse.Namespace) -> Findings:
     return _examine_model(file, arguments.normalize)
 
 
-def _holds_policy(file: str) -> bool:
-    from mdm.cli.files.document import is_policy, load  # noqa: PLC0415
-    from mdm.errors import FormatError  # noqa: PLC0415
-    from mdm.models import MDP  # noqa: PLC0415
+def _examine_ensembles(file: str, *, imports: bool) -> Findings:
+    from mdm.cli.robots.ensembles import load_ensembles  # noqa: PLC0415 - a model needs no actors
+    from mdm.cli.team.check import examine  # noqa: PLC0415
+    from mdm.config import load_team  # noqa: PLC0415
 
+    team = load_team(file)
+    if team is not None:
+        return examine(file, team, imports=imports)
+    system = load_ensembles(file, imports=imports)
+    return "ensembles", [], [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
+
+
+def _holds_policy(file: str) -> bool:
     known = is_policy(file)
     if known is None:
         try:
@@ -150,11 +129,6 @@ def _holds_policy(file: str) -> bool:
 
 
 def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], list[str]]:
-    from mdm.errors import FormatError, ModelError  # noqa: PLC0415
-    from mdm.formats import load_model  # noqa: PLC0415
-    from mdm.models.diagnosis import diagnose  # noqa: PLC0415
-    from mdm.models.validation import Problem, collect_problems  # noqa: PLC0415
-
     odd: list[str] = []
     kind = None
     with collect_problems() as collected:

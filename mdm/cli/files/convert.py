@@ -6,51 +6,29 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import add_discount
+import numpy as np
+
+from mdm.cli.files.document import Document, is_policy, load
+from mdm.cli.usage import UsageError
+from mdm.formats import load_model, load_policy, save_model, save_policy
+from mdm.formats.target import check_place
+from mdm.models import MDP
+from mdm.models.matrices import is_compressed
 
 if TYPE_CHECKING:
     import argparse
 
-    from mdm.models import MDP
 
-__all__ = ["add_parser", "run"]
-
-
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "convert",
-        help="write a model or policy in another format",
-        description=(
-            "Read a model or a policy and write it in the format that the name of the second file asks for: .pomdp, "
-            ".mdp, .dpomdp, .pgmx, .pomdpx (each with .gz, too) or .npz for models; .alpha, .vf, .pg, .policy or "
-            ".npz for policies. What was written is read again and compared."
-        ),
-        epilog="example: mdm convert tiger.pomdp tiger.pomdpx",
-    )
-    parser.add_argument("source", metavar="IN", help="a model or a policy")
-    parser.add_argument(
-        "target", metavar="OUT", help="the file to write, another than IN; one that is there is replaced"
-    )
-    add_discount(parser, "a discount in place of the model's")
-    parser.add_argument("--normalize", action="store_true", help="make distributions sum to 1 however far they are off")
-    parser.add_argument("--model", metavar="M", help="the model that a policy is for, whose names .npz keeps")
-    return parser
+__all__ = ["run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Convert the file; return the exit status."""
-    from mdm.cli.files.document import Document, is_policy, load  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.cli.usage import UsageError  # noqa: PLC0415
-    from mdm.config import System  # noqa: PLC0415
-    from mdm.formats import load_model, load_policy, save_model, save_policy  # noqa: PLC0415
-    from mdm.formats.target import check_place  # noqa: PLC0415
-    from mdm.models import MDP  # noqa: PLC0415
-
     check_place(arguments.target, arguments.source, arguments.model)
     known = is_policy(arguments.source)
-    content = load(arguments.source).content if known is None else None
-    if isinstance(content, System):
+    document = load(arguments.source) if known is None else None
+    content = None if document is None else document.content
+    if document is not None and document.holds_ensembles:
         raise UsageError("a TOML file holds ensembles, which have no other format")
     if known or (content is not None and not isinstance(content, MDP)):
         if arguments.discount is not None or arguments.normalize:
@@ -98,8 +76,6 @@ def _changes(model: MDP, written: MDP) -> list[str]:
 
 def _difference(model: MDP, written: MDP) -> float:
     """Return the largest difference between two models' numbers; rewards are relative to the largest reward."""
-    import numpy as np  # noqa: PLC0415
-
     scale = max(1.0, float(np.abs(model.rewards).max()))
     worst = [
         float(np.abs(model.rewards - written.rewards).max()) / scale,
@@ -118,10 +94,6 @@ def _difference(model: MDP, written: MDP) -> float:
 
 
 def _distance(left: Any, right: Any) -> float:
-    import numpy as np  # noqa: PLC0415
-
-    from mdm.models.matrices import is_compressed  # noqa: PLC0415
-
     if is_compressed(left) != is_compressed(right):
         left, right = (each.toarray() if is_compressed(each) else each for each in (left, right))
     return float(np.abs(left - right).max())

@@ -7,9 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from mdm.cli.policies.inputs import load_ensembles
-from mdm.cli.robots.wiring import definitions, wiring
-from mdm.config import System
 from mdm.errors import FormatError
 from mdm.formats import load_durations, load_model, load_policy
 from mdm.formats.archive.npz import is_archive, kind
@@ -26,17 +23,20 @@ _POLICIES = frozenset({".vf", ".policy", ".policyx", ".alpha", ".pg"})
 class Document:
     """A file's content and its description.
 
-    Attributes:
-        kind: The kind of content, in a few words.
+    Args:
         content: The system, model, policy or durations.
+        kind: In a few words; by default that of a model, a policy or durations.
+
+    Attributes:
+        holds_ensembles: Whether it is a TOML file's.
     """
 
-    def __init__(self, content: Any) -> None:
+    holds_ensembles = False
+
+    def __init__(self, content: Any, kind: str | None = None) -> None:
         self.content = content
-        self.kind = (
-            "ensembles"
-            if isinstance(content, System)
-            else f"a model ({content.kind})"
+        self.kind = kind or (
+            f"a model ({content.kind})"
             if isinstance(content, MDP)
             else "durations"
             if isinstance(content, Durations)
@@ -46,9 +46,6 @@ class Document:
     def facts(self) -> dict[str, Any]:
         """Return the facts about the content, ready for JSON."""
         content = self.content
-        if isinstance(content, System):
-            ensembles = [_ensemble(ensemble) for ensemble in content.top]
-            return {"kind": "ensembles", "ensembles": ensembles, "definitions": definitions(content)}
         if isinstance(content, Durations):
             return _describe_durations(content)
         return describe_model(content) if isinstance(content, MDP) else describe_policy(content)
@@ -66,7 +63,9 @@ def load(path: str, *, imports: bool = False) -> Document:
         FormatError: If it is a malformed model or policy.
     """
     if suffixes(path) == ".toml":
-        return Document(load_ensembles(path, imports=imports))
+        from mdm.cli.robots.ensembles import Ensembles, load_ensembles  # noqa: PLC0415 - a model needs no actors
+
+        return Ensembles(load_ensembles(path, imports=imports))
     if is_archive(Path(path)) and kind(Path(path)) == "durations":
         return Document(load_durations(path))
     known = is_policy(path)
@@ -143,20 +142,4 @@ def _describe_durations(durations: Durations) -> dict[str, Any]:
         "least_seconds": float(means.min()),
         "most_seconds": float(means.max()),
         "stages": sorted({int(count) for count in stages.flat}),
-    }
-
-
-def _ensemble(ensemble: Any) -> dict[str, Any]:
-    controller = ensemble.controller
-    return {
-        "name": ensemble.name,
-        "summary": ensemble.summary(),
-        "policy": getattr(controller.policy, "form", type(controller.policy).__name__),
-        "states": controller.symbols.num_states,
-        "actions": {
-            name: None if binding.ensemble is None else _ensemble(binding.ensemble)
-            for name, binding in zip(ensemble.action.names, ensemble.action.bindings, strict=True)
-        },
-        "model": None if controller.model is None else describe_model(controller.model),
-        "wiring": wiring(ensemble),
     }

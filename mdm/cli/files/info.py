@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, add_import
+from mdm.cli.files.document import load
+from mdm.cli.report import as_json, printable
+from mdm.cli.usage import UsageError
+from mdm.formats.source import suffixes
 
 if TYPE_CHECKING:
     import argparse
@@ -13,50 +16,22 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.team import Team
 
-__all__ = ["add_parser", "run"]
+__all__ = ["run"]
 
 _NAMES = ("state_names", "action_names", "observation_names")
 _ROOM = 80
 """Characters of a line for names."""
 
 
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "info",
-        help="describe the content of a file",
-        description=(
-            "Print the sizes and names of a model or policy, or the tree of a TOML file's ensembles and which "
-            "predicate, event or function stands for each symbol. Modules of functions are not run, unless --import "
-            "is given."
-        ),
-        epilog="example: mdm info examples/patrol/top.pomdpx --json",
-    )
-    parser.add_argument("file", metavar="FILE", help="a model, a policy or a TOML file")
-    add_import(parser)
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    return parser
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Describe the file; return the exit status."""
-    from mdm.cli.files.document import load  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.cli.report import as_json  # noqa: PLC0415
-    from mdm.cli.robots.wiring import lines  # noqa: PLC0415
-    from mdm.config import System, load_team  # noqa: PLC0415
-    from mdm.formats.source import suffixes  # noqa: PLC0415
-
-    is_toml = suffixes(arguments.file) == ".toml"
-    if arguments.imports and not is_toml:
+    if suffixes(arguments.file) == ".toml":
+        return _tell_ensembles(arguments)
+    if arguments.imports:
         raise UsageError("--import is for TOML files")
-    team = load_team(arguments.file) if is_toml else None
-    if team is not None:
-        return _tell_team(arguments, team)
-    document = load(arguments.file, imports=arguments.imports)
+    document = load(arguments.file)
     if arguments.json:
         print(as_json(document.facts()))
-    elif isinstance(document.content, System):
-        print("\n".join([document.content.tree(), *lines(document.content)]))
     else:
         facts = document.facts()
         names = {key: facts.pop(key) for key in _NAMES if key in facts}
@@ -84,8 +59,6 @@ def _names(model: MDP, names: dict[str, list[list[str]]]) -> Iterator[str]:
 
 def _shortened(names: list[str]) -> str:
     """Return names in as many words as a line has room for, and how many there are if these are not all."""
-    from mdm.cli.report import printable  # noqa: PLC0415 - `mdm --help` needs no numpy
-
     names = [printable(name, _ROOM) for name in names]
     text = ", ".join(names)
     if len(text) <= _ROOM:
@@ -96,11 +69,25 @@ def _shortened(names: list[str]) -> str:
     return f"{', '.join(names[:count])}, …, {names[-1]} ({len(names)})"
 
 
+def _tell_ensembles(arguments: argparse.Namespace) -> int:
+    """Describe the ensembles of a file, or the team of one."""
+    from mdm.cli.robots.wiring import lines  # noqa: PLC0415 - a model needs no actors
+    from mdm.config import load_team  # noqa: PLC0415
+
+    team = load_team(arguments.file)
+    if team is not None:
+        return _tell_team(arguments, team)
+    document = load(arguments.file, imports=arguments.imports)
+    if arguments.json:
+        print(as_json(document.facts()))
+    else:
+        print("\n".join([document.content.tree(), *lines(document.content)]))
+    return 0
+
+
 def _tell_team(arguments: argparse.Namespace, team: Team) -> int:
     """Describe a team's file: the team, and what each agent runs of it."""
-    from mdm.cli.files.document import Document  # noqa: PLC0415
-    from mdm.cli.policies.inputs import load_ensembles  # noqa: PLC0415
-    from mdm.cli.report import as_json  # noqa: PLC0415
+    from mdm.cli.robots.ensembles import Ensembles, load_ensembles  # noqa: PLC0415 - a model needs no actors
     from mdm.cli.robots.wiring import lines  # noqa: PLC0415
 
     names, imports = [agent.name for agent in team.agents], arguments.imports
@@ -117,7 +104,7 @@ def _tell_team(arguments: argparse.Namespace, team: Team) -> int:
     }
     if arguments.json:
         agents = {
-            agent.name: {"endpoint": agent.endpoint, **Document(systems[agent.name]).facts()} for agent in team.agents
+            agent.name: {"endpoint": agent.endpoint, **Ensembles(systems[agent.name]).facts()} for agent in team.agents
         }
         print(as_json({**facts, "agents": agents}))
         return 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import inspect
 import json
 import re
@@ -10,39 +11,25 @@ import shlex
 import textwrap
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
+from mdm import problems
+from mdm.cli.usage import UsageError
+from mdm.errors import ModelError
+from mdm.formats import save_model
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mdm.models import MDP
 
-__all__ = ["add_parser", "run"]
+__all__ = ["run"]
 
 _KINDS = {int: ("N", "a whole number"), float: ("X", "a number"), str: ("TEXT", "a text")}
 
 
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "problem",
-        help="write a standard problem of the field as a model",
-        usage="mdm problem [--list] | NAME [--PARAMETER VALUE ...] -o FILE",
-        description=(
-            "Write a standard problem as a model, in the format of the file's suffix. Without a name, list "
-            "the problems and their parameters; `mdm problem NAME --help` explains one."
-        ),
-        epilog="example: mdm problem rock_sample --size 4 --rocks 3 -o rocks.pomdpx",
-    )
-    parser.add_argument("--list", action="store_true", help="list the problems and their parameters")
-    parser.add_argument("words", nargs=argparse.REMAINDER, metavar="NAME ...", help="the problem and its parameters")
-    return parser
-
-
 def run(arguments: argparse.Namespace) -> int:
     """List the problems, or write one; return the exit status."""
-    from mdm.cli.usage import UsageError  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.errors import ModelError  # noqa: PLC0415
-    from mdm.formats import save_model  # noqa: PLC0415
-
     if arguments.list or not arguments.words:
         if arguments.words:
             raise UsageError("--list goes without the name of a problem")
@@ -77,11 +64,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _problem(name: str) -> Callable[..., MDP]:
-    import difflib  # noqa: PLC0415
-
-    from mdm import problems  # noqa: PLC0415
-    from mdm.cli.usage import UsageError  # noqa: PLC0415
-
     known = name.replace("-", "_")
     if known not in problems.__all__:
         close = difflib.get_close_matches(known, problems.__all__, n=3)
@@ -117,8 +99,6 @@ def _parser(function: Callable[..., MDP]) -> argparse.ArgumentParser:
 
 
 def _list() -> None:
-    from mdm import problems  # noqa: PLC0415
-
     for name in problems.__all__:
         function = getattr(problems, name)
         print(f"{name}: {_documentation(function)[0].splitlines()[0]}")
@@ -153,7 +133,6 @@ def _kind(annotation: Any) -> tuple[str, str]:
 
 def _reader(annotation: Any) -> Callable[[str], Any]:
     """Return a parser for values of a type: numbers and texts directly, everything else as JSON."""
-    import msgspec  # noqa: PLC0415
 
     def read(text: str) -> Any:
         try:

@@ -4,6 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.files.document import is_policy
+from mdm.cli.report import as_json, printable
+from mdm.cli.usage import UsageError
+from mdm.errors import Error
+from mdm.formats import load_model
+from mdm.models import Node
+from mdm.models.factored.factoring import as_network
+
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable, Sequence
@@ -11,41 +19,11 @@ if TYPE_CHECKING:
     from mdm.models import MDP, Space
     from mdm.models.matrices import Vector
 
-__all__ = ["add_parser", "run"]
-
-_PARTS = ("T", "O", "R", "start", "network")
-
-
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "show",
-        help="show a row of a model by names, or its network",
-        description=(
-            "Show what a model says, by names or indices (a joint symbol as one argument, its parts with blanks "
-            "between): T ACTION STATE, where an action leads; O ACTION NEXT-STATE, what is observed then (with --from "
-            "the state before, for events); R ACTION [STATE [NEXT-STATE [OBSERVATION]]], rewards; start, the initial "
-            "belief; network, what depends on what in a factored model. Zeros are left out."
-        ),
-        epilog="example: mdm show tiger.pomdp O listen tiger-left",
-    )
-    parser.add_argument("file", metavar="MODEL", help="a model")
-    parser.add_argument("part", choices=_PARTS, nargs="?", metavar="PART", help=f"one of {', '.join(_PARTS)}")
-    parser.add_argument("symbols", metavar="SYMBOL", nargs="*", help="names or indices")
-    parser.add_argument("--from", metavar="STATE", dest="before", help="the state before, for observations of events")
-    parser.add_argument("--picture", metavar="PNG", help="draw the network into a file (needs mdm[plot])")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    return parser
+__all__ = ["run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the part; return the exit status."""
-    from mdm.cli.files.document import is_policy  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.cli.report import as_json, printable  # noqa: PLC0415
-    from mdm.cli.usage import UsageError  # noqa: PLC0415
-    from mdm.errors import Error  # noqa: PLC0415
-    from mdm.formats import load_model  # noqa: PLC0415
-
     part = arguments.part or "network"
     _check_usage(arguments, part)
     if arguments.picture is not None:
@@ -74,8 +52,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check_usage(arguments: argparse.Namespace, part: str) -> None:
-    from mdm.cli.usage import UsageError  # noqa: PLC0415
-
     least, most = {"T": (2, 2), "O": (2, 2), "R": (1, 4)}.get(part, (0, 0))
     if not least <= len(arguments.symbols) <= most:
         expected = str(least) if least == most else f"{least} to {most}"
@@ -88,8 +64,6 @@ def _check_usage(arguments: argparse.Namespace, part: str) -> None:
 
 def _row(model: MDP, part: str, symbols: Sequence[str], before: str | None) -> tuple[str, Iterable[str], list[float]]:
     """Return a row's title, the names of its entries, and the entries."""
-    from mdm.errors import Error  # noqa: PLC0415
-
     states, actions = model.state_space, model.action_space
     if part == "start":
         return "the initial belief", states.names, _list(model.initial_belief)
@@ -129,9 +103,6 @@ def _list(values: Vector) -> list[float]:
 
 
 def _network(model: MDP, arguments: argparse.Namespace) -> int:
-    from mdm.cli.report import as_json  # noqa: PLC0415
-    from mdm.models.factored.factoring import as_network  # noqa: PLC0415
-
     network = as_network(model)
     if arguments.picture is not None:
         from mdm.views.picture import draw  # noqa: PLC0415
@@ -153,8 +124,6 @@ def _network(model: MDP, arguments: argparse.Namespace) -> int:
 
 def _dependencies(network: Any) -> list[tuple[str, int, list[str]]]:
     """Return each variable's name, its number of values (0 for a reward), and its parents."""
-    from mdm.models import Node  # noqa: PLC0415
-
     lines: list[tuple[str, int, list[str]]] = [(f.name, len(f), []) for f in network.actions.factors]
     for role in ("state", "next_state", "observation"):
         for place, factor in enumerate(network.factors(role)):

@@ -6,17 +6,21 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.map.floor import add_floor, load, metres, settle
+from mdm.cli.map.drawing import keep, problem_picture
+from mdm.cli.map.floor import load, settle
+from mdm.cli.report import as_json
 from mdm.errors import Error
+from mdm.maps.check import MARGIN, RADIUS, Problem, examine, examine_lifts, missing
+from mdm.maps.files.building import load_building
+from mdm.maps.files.occupancy import free_grey
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator, Sequence
 
-    from mdm.maps.check import Problem
     from mdm.maps.files.load import Parts
 
-__all__ = ["add_parser", "run"]
+__all__ = ["run"]
 
 _TOLD = 10
 """Problems of a kind that are told one by one."""
@@ -25,40 +29,8 @@ _AROUND = 1.5
 """Metres around the place of a problem that its picture shows."""
 
 
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "check",
-        help="list what is wrong with a map",
-        description=(
-            "List what is wrong with a map: goals that are not in their own place, or where the robot does not fit; "
-            "places that are nowhere deep enough to be entered; ways between places that do not touch, or by a passage "
-            "that is too narrow; places that touch and have no way; places that cannot be reached from each other; "
-            "stray colours, and two names of one colour. Of a building's floors also: lifts that stop where the robot "
-            "does not fit. The exit status is 1 where something is wrong."
-        ),
-        epilog="example: mdm map check map.yaml labels.png graph.xml --radius 0.3 --pictures problems",
-    )
-    add_floor(parser)
-    parser.add_argument("--radius", metavar="M", type=metres, help="the radius of the robot, in metres (0.25)")
-    parser.add_argument(
-        "--margin",
-        metavar="M",
-        type=metres,
-        help="how deep inside a place a robot must be to be there, in metres (0.3)",
-    )
-    parser.add_argument(
-        "--pictures", metavar="DIR", help="a folder for a picture of each problem, of the first 50 (needs mdm[maps])"
-    )
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    return parser
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Check the map; return the exit status."""
-    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.maps.check import MARGIN, RADIUS  # noqa: PLC0415
-
     is_building = settle(arguments)
     if arguments.pictures is not None and Path(arguments.pictures).exists() and not Path(arguments.pictures).is_dir():
         raise Error(f"{arguments.pictures}: this is a file: give a folder for --pictures")
@@ -99,9 +71,6 @@ def _check_floors(
     arguments: argparse.Namespace, radius: float, margin: float
 ) -> tuple[dict[str, Parts], Sequence[str], list[Problem]]:
     """Return the floors of a building, the names of all places, and the problems of all floors and lifts."""
-    from mdm.maps.check import examine_lifts  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.maps.files.building import load_building  # noqa: PLC0415
-
     building = load_building(arguments.map)
     problems = [
         problem.on(name)
@@ -115,8 +84,6 @@ def _check_floors(
 
 def _problems(parts: Parts, path: str | Path, radius: float, margin: float, *, alone: bool = True) -> Iterator[Problem]:
     """Yield what is wrong with a floor, whose map has a path."""
-    from mdm.maps.check import examine  # noqa: PLC0415 - `mdm --help` needs no numpy
-
     yield from _greys(path)
     yield from parts.problems
     options: dict[str, Any] = {"radius": radius, "margin": margin, "colours": parts.colours, "alone": alone}
@@ -125,8 +92,6 @@ def _problems(parts: Parts, path: str | Path, radius: float, margin: float, *, a
 
 def _background(parts: Parts) -> dict[int, int]:
     """Return the colours of the image of labels that are rightly no place's, with the numbers of their cells."""
-    from mdm.maps.check import missing  # noqa: PLC0415 - `mdm --help` needs no numpy
-
     labels = parts.labels
     wrong = {*labels.strays}
     if parts.grid is not None and parts.colours is not None:
@@ -136,9 +101,6 @@ def _background(parts: Parts) -> dict[int, int]:
 
 def _greys(path: str | Path) -> Iterator[Problem]:
     """Yield a problem where the unknown cells of a map are free by its threshold."""
-    from mdm.maps.check import Problem  # noqa: PLC0415
-    from mdm.maps.files.occupancy import free_grey  # noqa: PLC0415 - `mdm --help` needs no numpy
-
     found = free_grey(path)
     if found is not None:
         grey, count, free = found
@@ -166,8 +128,6 @@ def _tell(problems: Sequence[Problem], files: dict[int, str]) -> None:
 
 def _draw(floors: dict[str, Parts], problems: Sequence[Problem], folder: Path, radius: float) -> dict[int, str]:
     """Draw a picture for each problem that is somewhere; return their files by the numbers of the problems."""
-    from mdm.cli.map.drawing import keep, problem_picture  # noqa: PLC0415
-
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -4,47 +4,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.map.drawing import check_output
 from mdm.cli.map.floor import check_one_floor, inputs
+from mdm.cli.report import as_json
+from mdm.maps import draft, load_graph, load_grid, save_labels
+from mdm.maps.paths import passages, route_sentence, undivided, widest
 
 if TYPE_CHECKING:
     import argparse
 
     from mdm.maps import Graph, Grid, Labels
 
-__all__ = ["add_parser", "run"]
-
-
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "draft",
-        help="draft the labels of a map from the goals of its graph",
-        description=(
-            "Divide a map into the places of a graph, whose goals say where they are, and write an image with a colour "
-            "for each place. It is a draft: rooms are divided at narrow passages, and where there is none, the border "
-            "is a convention. Correct it in a paint program, then see mdm map check."
-        ),
-        epilog="example: mdm map draft map.yaml graph.xml -o labels.png",
-    )
-    parser.add_argument("map", metavar="MAP.yaml", help="ROS's map.yaml, whose image is a PGM, PNG or BMP")
-    parser.add_argument(
-        "graph",
-        metavar="GRAPH",
-        help="the original's TopologicalMap (XML), LCAS's tmap2 (YAML), or Nav2's route graph (GeoJSON)",
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="LABELS.png", required=True, help="the image of labels (needs mdm[maps])"
-    )
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    return parser
+__all__ = ["run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Draft the labels; return the exit status."""
-    from mdm.cli.map.drawing import check_output  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.cli.report import as_json  # noqa: PLC0415
-    from mdm.maps import draft, load_graph, load_grid, save_labels  # noqa: PLC0415
-
     check_one_floor(arguments)
     check_output(arguments.output, *inputs(arguments))
     graph, grid = load_graph(arguments.graph), load_grid(arguments.map)
@@ -61,8 +36,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _facts(labels: Labels, grid: Grid, graph: Graph) -> dict[str, Any]:
     """Return what the draft holds, ready for JSON."""
-    from mdm.maps.paths import passages, undivided, widest  # noqa: PLC0415
-
     found = passages(labels, grid)
     doors = {pair: passage.width for pair, passage in widest(found).items()}
     ways = {frozenset((edge.source, edge.target)): None for edge in graph.edges if edge.source != edge.target}
@@ -98,8 +71,6 @@ def _tell(facts: dict[str, Any]) -> None:
         print(f"note: the graph has a way between {one!r} and {other!r}, and in the draft they do not touch")
     crowded = facts["undivided"]
     if crowded:
-        from mdm.maps.paths import route_sentence  # noqa: PLC0415 - `mdm --help` needs no numpy
-
         print(f"note: {route_sentence(len(crowded), len(facts['places']))}")
     for one, other in facts["touching"]:
         if one in crowded and other in crowded:

@@ -5,60 +5,25 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.map.floor import check_one_floor, inputs, metres
+from mdm.cli.map.drawing import check_output, floor_picture, keep
+from mdm.cli.map.floor import check_one_floor, inputs
+from mdm.cli.report import as_json
 from mdm.errors import Error
+from mdm.formats.target import check_place
+from mdm.maps import draft, load_grid, propose, save_graph
+from mdm.maps.check import RADIUS
+from mdm.maps.files.load import Parts
 
 if TYPE_CHECKING:
     import argparse
 
     from mdm.maps import Graph, Grid, Labels
 
-__all__ = ["add_parser", "run"]
-
-
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "goals",
-        help="propose rooms, goals and ways from a map alone",
-        description=(
-            "Divide a map at its doors into rooms, put a goal into each where the robot fits well, and lead ways "
-            "through the doors; and write this as a graph. It is a proposal: rename the rooms, move goals, leave rooms "
-            "out or add some; then see mdm map draft, which divides the map by them. mdm map show tells coordinates."
-        ),
-        epilog="example: mdm map goals map.yaml -o graph.xml --picture rooms.png",
-    )
-    parser.add_argument("map", metavar="MAP.yaml", help="ROS's map.yaml, whose image is a PGM, PNG or BMP")
-    parser.add_argument(
-        "-o", "--output", metavar="GRAPH.xml", required=True, help="the graph, as the original's TopologicalMap"
-    )
-    parser.add_argument("--radius", metavar="M", type=metres, help="the radius of the robot, in metres (0.25)")
-    parser.add_argument(
-        "--margin",
-        metavar="M",
-        type=metres,
-        help="how deep inside a place a robot must be to be there, in metres (0.3)",
-    )
-    parser.add_argument(
-        "--least",
-        metavar="M2",
-        type=metres,
-        help="the least area of a room, in square metres of where a robot fits (4)",
-    )
-    parser.add_argument("--picture", metavar="PNG", help="draw the rooms into a file (needs mdm[maps])")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    return parser
+__all__ = ["run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Propose the graph; return the exit status."""
-    from mdm.cli.map.drawing import check_output, floor_picture, keep  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.cli.report import as_json  # noqa: PLC0415
-    from mdm.formats.target import check_place  # noqa: PLC0415
-    from mdm.maps import draft, load_grid, propose, save_graph  # noqa: PLC0415
-    from mdm.maps.check import RADIUS  # noqa: PLC0415
-    from mdm.maps.files.load import Parts  # noqa: PLC0415
-
     check_one_floor(arguments)
     if Path(arguments.output).suffix.lower() != ".xml":
         raise Error(f"{arguments.output}: the graph is written as a TopologicalMap, in XML: its file ends in .xml")

@@ -2,101 +2,41 @@
 
 from __future__ import annotations
 
-import argparse
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.map import robot
-from mdm.cli.map.floor import add_floor, inputs, load, metres, settle
-from mdm.cli.usage import UsageError, add_discount, count, seconds
+import numpy as np
+
+from mdm.cli.map import DISCOUNT, RADIUS, STAGES, SUCCESS, robot
+from mdm.cli.map.floor import inputs, load, settle
+from mdm.cli.report import as_json
+from mdm.cli.usage import UsageError, finite
+from mdm.config.functions import find_function
 from mdm.errors import Error, MapError
+from mdm.formats import save_durations, save_model
+from mdm.formats.target import check_place, write_text
+from mdm.maps import Floors, Map
+from mdm.maps.files.building import load_building
+from mdm.maps.graph import tour
+from mdm.maps.model import FloorFactor, arrivals, durations, latch, model, sightings, visits
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Sequence
 
-    from mdm.maps import Floors, Graph, Map
-    from mdm.maps.model import FloorFactor
+    from mdm.maps import Graph
     from mdm.models import FactoredMDP, FactoredPOMDP
     from mdm.models.matrices import Vector
 
-__all__ = ["add_parser", "run"]
+__all__ = ["run"]
 
 _SUFFIXES = (".pomdpx", ".pgmx", ".npz")
 _SPEED = 0.5
 """Metres a second by which a tour of several floors weighs driving against lifts, if nobody says another speed."""
-_SUCCESS, _DISCOUNT, _RADIUS, _STAGES = 0.9, 0.95, 0.25, 4
-
-
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "model",
-        help="make a model of a robot that goes the ways of a map",
-        description=(
-            "Make a model whose states are the places of a map, with latches and factors of your own, and whose "
-            "actions are the labels of its ways: a way is gone in a step with a probability of success, or else the "
-            "robot stays. With --noise it is a POMDP, whose observations are the places that are seen. How long ways "
-            "take is known from the lengths of their paths with --speed: for decisions at a fixed rate (--period) as "
-            "probabilities of success, or for decisions after each action as durations, which mdm solve --durations "
-            "takes."
-        ),
-        epilog="example: mdm map model map.yaml labels.png graph.xml --latch half=Hall/Kitchen -o patrol.npz",
-    )
-    add_floor(parser)
-    parser.add_argument("-o", "--output", metavar="MODEL", required=True, help="the model: .pomdpx, .pgmx or .npz")
-    parser.add_argument("--reward", metavar="PLACE=VALUE", action="append", default=[], type=_reward, dest="rewards")
-    parser.add_argument(
-        "--latch",
-        metavar="NAME=ON/OFF[:REWARD]",
-        action="append",
-        default=[],
-        type=_latch,
-        dest="latches",
-        help="a factor that is 'yes' from the place ON to the place OFF, else 'no'; each change earns the reward (1)",
-    )
-    parser.add_argument(
-        "--visit",
-        metavar="PLACE",
-        action="append",
-        default=[],
-        dest="visits",
-        help="a place to come to again and again, in the order of a short tour (the factor 'next'); 'all' for all",
-    )
-    parser.add_argument(
-        "--factors",
-        metavar="MODULE:FUNCTION",
-        help="a function of the graph that returns more factors (mdm.maps.model.FloorFactor); modules beside GRAPH "
-        "take precedence",
-    )
-    parser.add_argument("--start", metavar="PLACE", help="where the robot is first; by default it may be anywhere")
-    parser.add_argument("--stay", metavar="NAME", help="one more action, which stays at no cost")
-    parser.add_argument(
-        "--success", metavar="P", type=_probability, help=f"the probability that a way is gone in a step ({_SUCCESS})"
-    )
-    add_discount(parser, f"of a step, with --durations of a second ({_DISCOUNT})")
-    parser.add_argument("--noise", metavar="M", type=metres, help="the standard deviation of poses, in metres")
-    parser.add_argument("--speed", metavar="M/S", type=_speed, help="of the robot, in metres a second")
-    parser.add_argument("--period", metavar="S", type=seconds, help="the seconds between decisions at a fixed rate")
-    parser.add_argument("--durations", metavar="FILE.npz", help="write how long actions take")
-    parser.add_argument(
-        "--stages", metavar="N", type=count, help=f"the more, the less durations vary: Erlang's stages ({_STAGES})"
-    )
-    parser.add_argument("--radius", metavar="M", type=metres, help=f"the radius of the robot, in metres ({_RADIUS})")
-    parser.add_argument(
-        "--robot", metavar="FILE.toml", help="write the file of a robot that does this, which mdm run takes"
-    )
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    return parser
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Make the model; return the exit status."""
-    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.formats import save_durations, save_model  # noqa: PLC0415
-    from mdm.formats.target import check_place, write_text  # noqa: PLC0415
-    from mdm.maps.model import arrivals, durations  # noqa: PLC0415
-
     is_building = settle(arguments)
     _check_usage(arguments)
     robot.check(arguments)
@@ -106,12 +46,12 @@ def run(arguments: argparse.Namespace) -> int:
             check_place(target, *files)
     taken = None
     if arguments.speed is not None:
-        taken = arrivals(floor, speed=arguments.speed, radius=_given(arguments.radius, _RADIUS))
+        taken = arrivals(floor, speed=arguments.speed, radius=_given(arguments.radius, RADIUS))
     tour = _tour(arguments, floor)
     made = _made(arguments, floor, taken, tour)
     save_model(made, arguments.output)
     if arguments.durations is not None and taken is not None:
-        save_durations(durations(made, taken, stages=_given(arguments.stages, _STAGES)), arguments.durations)
+        save_durations(durations(made, taken, stages=_given(arguments.stages, STAGES)), arguments.durations)
     if arguments.robot is not None:
         latches = [(name, *_places(floor.graph, places)[:2]) for name, places in arguments.latches]
         write_text(arguments.robot, robot.text(arguments, floor.graph, tour, latches))
@@ -125,8 +65,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _load_floor(arguments: argparse.Namespace) -> tuple[Map, list[str]]:
     """Return the map, and the files that are read."""
-    from mdm.maps import Map  # noqa: PLC0415 - `mdm --help` needs no numpy
-
     parts = load(arguments)
     if parts.problems:
         raise MapError(parts.problems[0].text)
@@ -135,8 +73,6 @@ def _load_floor(arguments: argparse.Namespace) -> tuple[Map, list[str]]:
 
 def _load_floors(arguments: argparse.Namespace) -> tuple[Floors, list[str]]:
     """Return the floors of a building, and the files that are read; by default the robot begins where those say."""
-    from mdm.maps.files.building import load_building  # noqa: PLC0415 - `mdm --help` needs no numpy
-
     building = load_building(arguments.map)
     if arguments.start is None:
         arguments.start = building.start
@@ -197,23 +133,19 @@ def _made(
     arguments: argparse.Namespace, floor: Map | Floors, taken: Vector | None, tour: Sequence[str]
 ) -> FactoredMDP | FactoredPOMDP:
     """Return the model."""
-    import numpy as np  # noqa: PLC0415
-
-    from mdm.maps.model import model, sightings  # noqa: PLC0415
-
-    success: float | Vector = _given(arguments.success, _SUCCESS)
+    success: float | Vector = _given(arguments.success, SUCCESS)
     if taken is not None and arguments.period is not None:
         success = np.minimum(arguments.period / taken, 1.0)
     seen = None
     if arguments.noise is not None:
-        seen = sightings(floor, arguments.noise, radius=_given(arguments.radius, _RADIUS))
+        seen = sightings(floor, arguments.noise, radius=_given(arguments.radius, RADIUS))
     return model(
         floor.graph,
         factors=_factors(arguments, floor.graph, tour),
         success=success,
         rewards=dict(arguments.rewards),
         sightings=seen,
-        discount=_given(arguments.discount, _DISCOUNT),
+        discount=_given(arguments.discount, DISCOUNT),
         start=arguments.start,
         stay=arguments.stay,
     )
@@ -221,10 +153,6 @@ def _made(
 
 def _tour(arguments: argparse.Namespace, floor: Map | Floors) -> tuple[str, ...]:
     """Return the places to come to in the order of a tour; none where none are given."""
-    from mdm.maps import Floors  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.maps.graph import tour  # noqa: PLC0415
-    from mdm.maps.model import arrivals  # noqa: PLC0415
-
     graph, given = floor.graph, arguments.visits
     if not given:
         return ()
@@ -232,7 +160,7 @@ def _tour(arguments: argparse.Namespace, floor: Map | Floors) -> tuple[str, ...]
     if isinstance(floor, Floors) or floor.grid is not None:
         # Of a floor the shortest tour is the quickest one, whatever the speed; lifts take what they take.
         speed = _given(arguments.speed, _SPEED) if isinstance(floor, Floors) else 1.0
-        taken = arrivals(floor, speed=speed, radius=_given(arguments.radius, _RADIUS))
+        taken = arrivals(floor, speed=speed, radius=_given(arguments.radius, RADIUS))
         lengths = {
             (edge.source, edge.target): float(taken[graph.names.index(edge.source), graph.labels.index(edge.label)])
             for edge in graph.edges
@@ -243,9 +171,6 @@ def _tour(arguments: argparse.Namespace, floor: Map | Floors) -> tuple[str, ...]
 
 def _factors(arguments: argparse.Namespace, graph: Graph, tour: Sequence[str]) -> list[FloorFactor]:
     """Return the factors beside the place: latches, then those of the user's function."""
-    from mdm.config.functions import find_function  # noqa: PLC0415
-    from mdm.maps.model import FloorFactor, latch, visits  # noqa: PLC0415
-
     factors = []
     if tour:
         factors.append(visits(graph, tour))
@@ -275,7 +200,7 @@ def _places(graph: Graph, text: str) -> tuple[str, str, float]:
     """Return the two places of a latch and its reward; names of places may have slashes and colons, too."""
     readings = [(text, 1.0)]
     body, colon, number = text.rpartition(":")
-    if colon and (reward := _number(number)) is not None:
+    if colon and (reward := finite(number)) is not None:
         readings.insert(0, (body, reward))
     for places, reward in reversed(readings):
         for place in (index for index, letter in enumerate(places) if letter == "/"):
@@ -293,7 +218,7 @@ def _facts(
     for edge in graph.edges if taken is not None else ():
         assert taken is not None
         time = float(taken[graph.names.index(edge.source), graph.labels.index(edge.label)])
-        chance = _given(arguments.success, _SUCCESS) if arguments.period is None else min(arguments.period / time, 1.0)
+        chance = _given(arguments.success, SUCCESS) if arguments.period is None else min(arguments.period / time, 1.0)
         ways.append({"from": edge.source, "label": edge.label, "to": edge.target, "seconds": time, "success": chance})
     return {
         "model": arguments.output,
@@ -342,42 +267,3 @@ def _tell(facts: dict[str, Any]) -> None:
 
 def _given(value: Any, default: Any) -> Any:
     return default if value is None else value
-
-
-def _number(text: str) -> float | None:
-    """Return a finite number, or None."""
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None
-
-
-def _probability(text: str) -> float:
-    number = _number(text)
-    if number is None or not 0 < number <= 1:
-        raise argparse.ArgumentTypeError(f"a number above 0 and at most 1 was expected, not {text!r}")
-    return number
-
-
-def _speed(text: str) -> float:
-    number = _number(text)
-    if number is None or number <= 0:
-        raise argparse.ArgumentTypeError(f"metres a second, above 0, were expected, not {text!r}")
-    return number
-
-
-def _reward(text: str) -> tuple[str, float]:
-    place, _, value = text.rpartition("=")
-    number = _number(value)
-    if not place or number is None:
-        raise argparse.ArgumentTypeError(f"PLACE=VALUE, a place and a number, was expected, not {text!r}")
-    return place, number
-
-
-def _latch(text: str) -> tuple[str, str]:
-    name, _, places = text.partition("=")
-    on, _, off = places.partition("/")
-    if not name or not on or not off:
-        raise argparse.ArgumentTypeError(f"NAME=ON/OFF or NAME=ON/OFF:REWARD was expected, not {text!r}")
-    return name, places

@@ -5,51 +5,31 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.map.floor import add_floor, inputs, load, metres, settle
+from mdm.cli.map.drawing import building_picture, check_output, floor_picture, grid_picture, keep
+from mdm.cli.map.floor import inputs, load, settle
+from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError
+from mdm.maps import load_grid
+from mdm.maps.check import RADIUS
+from mdm.maps.files.building import load_building
+from mdm.maps.paths import passages, widest
 
 if TYPE_CHECKING:
     import argparse
 
     from mdm.maps.files.load import Parts
 
-__all__ = ["add_parser", "run"]
+__all__ = ["run"]
 
 _TOLD = 5
 """Widths of passages between two places that are told one by one."""
 
 
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "show",
-        help="show the places and ways of a map",
-        description=(
-            "Show a map: its places with their areas, goals and ways, and how wide the passages between them are. A "
-            "passage's width is twice its largest clearance, true to a cell. Without a graph, show the map alone with "
-            "lines of coordinates, by which goals can be chosen. Of a building show each floor, and where lifts lead."
-        ),
-        epilog="example: mdm map show map.yaml labels.png graph.xml -o floor.png",
-    )
-    add_floor(parser)
-    parser.add_argument("-o", "--output", metavar="PNG", help="draw the map into a file (needs mdm[maps])")
-    parser.add_argument(
-        "--radius", metavar="M", type=metres, help="leave out passages that are too narrow for a robot of this radius"
-    )
-    parser.add_argument("--coordinates", action="store_true", help="draw lines of coordinates, too")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    return parser
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Show the map; return the exit status."""
-    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-
     if settle(arguments, graph_needed=False):
         return _show_building(arguments)
     if arguments.output is not None:
-        from mdm.cli.map.drawing import check_output  # noqa: PLC0415
-
         check_output(arguments.output, *inputs(arguments))
     if arguments.graph is None:
         return _show_grid(arguments)
@@ -62,9 +42,6 @@ def run(arguments: argparse.Namespace) -> int:
         for problem in parts.problems:
             print(f"note: {problem.text}")
     if arguments.output is not None:
-        from mdm.cli.map.drawing import floor_picture, keep  # noqa: PLC0415
-        from mdm.maps.check import RADIUS  # noqa: PLC0415
-
         radius = RADIUS if arguments.radius is None else arguments.radius
         keep(floor_picture(parts, radius, coordinates=arguments.coordinates), arguments.output)
         if not arguments.json:
@@ -74,13 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _show_building(arguments: argparse.Namespace) -> int:
     """Show the floors of a building; return the exit status."""
-    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.maps.files.building import load_building  # noqa: PLC0415
-
     building = load_building(arguments.map)
     if arguments.output is not None:
-        from mdm.cli.map.drawing import check_output  # noqa: PLC0415
-
         check_output(arguments.output, *map(str, building.files))
     floors = {name: _facts(parts, 2 * (arguments.radius or 0.0)) for name, parts in building.floors.items()}
     lifts = [
@@ -103,9 +75,6 @@ def _show_building(arguments: argparse.Namespace) -> int:
         if building.start is not None:
             print(f"the robot starts in {building.start}")
     if arguments.output is not None:
-        from mdm.cli.map.drawing import building_picture, keep  # noqa: PLC0415
-        from mdm.maps.check import RADIUS  # noqa: PLC0415
-
         radius = RADIUS if arguments.radius is None else arguments.radius
         keep(building_picture(building, radius, coordinates=arguments.coordinates), arguments.output)
         if not arguments.json:
@@ -115,9 +84,6 @@ def _show_building(arguments: argparse.Namespace) -> int:
 
 def _show_grid(arguments: argparse.Namespace) -> int:
     """Show a map without places; return the exit status."""
-    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.maps import load_grid  # noqa: PLC0415
-
     for option in ("names", "reach", "radius"):
         if getattr(arguments, option) is not None:
             raise UsageError(f"--{option} is for the places of a graph, and there is none")
@@ -139,8 +105,6 @@ def _show_grid(arguments: argparse.Namespace) -> int:
         if arguments.output is None:
             print("\nnote: with -o PNG it is drawn with its coordinates; mdm map goals proposes rooms and goals")
     if arguments.output is not None:
-        from mdm.cli.map.drawing import grid_picture, keep  # noqa: PLC0415
-
         keep(grid_picture(grid), arguments.output)
         if not arguments.json:
             print(f"{arguments.output}: drawn")
@@ -149,8 +113,6 @@ def _show_grid(arguments: argparse.Namespace) -> int:
 
 def _facts(parts: Parts, narrow: float) -> dict[str, Any]:
     """Return what the map holds, ready for JSON."""
-    from mdm.maps.paths import passages, widest  # noqa: PLC0415
-
     labels, graph, grid = parts.labels, parts.graph, parts.grid
     found = () if grid is None else passages(labels, grid)
     doors = widest(tuple(passage for passage in found if passage.width >= narrow))

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from mdm.cli.policies.evaluate import add_arguments
+import numpy as np
+
+from mdm.cli.policies.inputs import load, load_durations_for, load_for, visibility
+from mdm.cli.policies.verdict import judge
+from mdm.cli.report import as_json
 
 if TYPE_CHECKING:
     import argparse
@@ -14,35 +18,11 @@ if TYPE_CHECKING:
 
     from mdm.cli.policies.verdict import Verdict
 
-__all__ = ["add_parser", "run"]
-
-
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "compare",
-        help="compare the values of several policies",
-        description=(
-            "Compare the values of several policies at the initial belief of a model. All are simulated with the same "
-            "random numbers, so that their differences are known far better than their values. Differences are from "
-            "the first policy, with their 95 % confidence."
-        ),
-        epilog="example: mdm compare tiger.pomdp tiger.vf tiger.npz --seed 1",
-    )
-    parser.add_argument("model", metavar="MODEL", help="a model")
-    parser.add_argument("policies", metavar="POLICY", nargs="+", help="policies for it; the first is the reference")
-    add_arguments(parser)
-    return parser
+__all__ = ["run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Compare; return the exit status."""
-    import numpy as np  # noqa: PLC0415 - `mdm --help` needs no numpy
-
-    from mdm.cli.policies.inputs import load, load_durations_for, load_for, visibility  # noqa: PLC0415
-    from mdm.cli.policies.verdict import judge  # noqa: PLC0415
-    from mdm.cli.report import as_json  # noqa: PLC0415
-
     if arguments.seed is None:
         arguments.seed = int(np.random.SeedSequence().generate_state(1)[0])
     model = load(arguments.model, arguments.discount)

@@ -1,4 +1,4 @@
-"""Loading of ensembles, of a model, and of a policy for it, as several sub-commands do it."""
+"""Loading of a model, and of a policy for it, as several sub-commands do it."""
 
 from __future__ import annotations
 
@@ -6,23 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdm.config import load_system, look_over
 from mdm.errors import FormatError, ModelError
 from mdm.formats import load_durations, load_model, load_policy
 from mdm.policies import mismatch
 
 if TYPE_CHECKING:
     import argparse
-    from pathlib import Path
 
-    from mdm.config import System
     from mdm.models import MDP, Durations
 
 __all__ = [
     "hidden_times",
     "load",
     "load_durations_for",
-    "load_ensembles",
     "load_for",
     "revealed",
     "visibility",
@@ -37,20 +33,6 @@ def load(path: str, discount: float | None) -> MDP:
     """Load a model, with another discount if one is given."""
     model = load_model(path)
     return model if discount is None else model.with_discount(discount)
-
-
-def load_ensembles(
-    path: str, agent: str | None = None, *, imports: bool, models: dict[Path, MDP] | None = None
-) -> System:
-    """Load a TOML file, of a team's file the part of an agent, in order to look at it.
-
-    Args:
-        path: The file.
-        agent: The agent.
-        imports: Import its functions, which runs their modules; otherwise they are looked for in the source.
-        models: Those that were loaded before, by their files; what is loaded is added.
-    """
-    return (load_system if imports else look_over)(path, agent=agent, models=models)
 
 
 def load_durations_for(model: MDP, path: str | None) -> Durations | None:

@@ -5,45 +5,22 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, add_discount, add_false_negative, count, seed
+from mdm.cli.policies.inputs import load, load_for, visibility
+from mdm.cli.policies.progress import counting
+from mdm.cli.report import as_json
+from mdm.cli.usage import UsageError
+from mdm.config import load_system
+from mdm.errors import Error
+from mdm.simulation import simulate
 
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["add_parser", "run"]
-
-
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "simulate",
-        help="simulate a policy in its model and print the mean return",
-        description=(
-            "Run episodes of an ensemble in a world that its own model drives, in virtual time, and report the mean "
-            "discounted return with its standard error. Functions of the file are not called. Ctrl-C ends it after the "
-            "episode, with the mean so far."
-        ),
-        epilog="example: mdm simulate --model tiger.pomdp --policy tiger.vf --episodes 1000 --seed 1",
-    )
-    parser.add_argument("file", metavar="FILE", nargs="?", help="a TOML file with ensembles")
-    parser.add_argument("--ensemble", metavar="NAME", help="which of its ensembles; by default the first")
-    parser.add_argument("--model", metavar="M", help="a model, in place of a TOML file")
-    parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
-    parser.add_argument("--episodes", metavar="N", type=count, default=100, help="how many episodes (100)")
-    parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
-    add_discount(parser)
-    add_false_negative(parser)
-    parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    return parser
+__all__ = ["run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate; return the exit status."""
-    from mdm.cli.policies.progress import counting  # noqa: PLC0415
-    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.simulation import simulate  # noqa: PLC0415
-
     _check_usage(arguments)
     options = _from_file(arguments) if arguments.file is not None else _from_model(arguments)
     with counting(arguments.interruption) as progress:
@@ -77,8 +54,6 @@ def _check_usage(arguments: argparse.Namespace) -> None:
 
 
 def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
-    from mdm.cli.policies.inputs import load, load_for, visibility  # noqa: PLC0415
-
     policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
     if sentence := visibility(model):
         print(f"mdm simulate: {sentence}", file=sys.stderr)
@@ -90,9 +65,6 @@ def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _from_file(arguments: argparse.Namespace) -> dict[str, Any]:
-    from mdm.config import load_system  # noqa: PLC0415
-    from mdm.errors import Error  # noqa: PLC0415
-
     system = load_system(arguments.file, callbacks=False)
     name = arguments.ensemble or system.top[0].name
     if name not in system.ensembles:

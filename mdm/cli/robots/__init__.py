@@ -1,1 +1,81 @@
-"""Verbs that run ensembles: in the world, or on given stimuli."""
+"""What the verbs that run robots take."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mdm.cli.usage import add_discount, add_false_negative, complete, count, seconds, seed
+
+if TYPE_CHECKING:
+    import argparse
+
+
+def add_run(verbs: Any, line: str) -> None:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "run",
+        help=line,
+        description=(
+            "Run the ensembles of a TOML file, of a team's file those of one agent, until Ctrl-C, SIGTERM, --seconds, "
+            "or --epochs decisions of the first one. SIGUSR1 releases those that are safe: kill -USR1 PID. The exit "
+            "status is 1 if something failed that nobody could help, or if of a robot alone every action has failed."
+        ),
+        epilog="example: mdm run examples/patrol/patrol.toml --virtual --epochs 20",
+    )
+    add_arguments(parser)
+    complete(parser, "run", "mdm.cli.robots.run")
+
+
+def add_arguments(parser: argparse.ArgumentParser, *, virtual: bool = True) -> None:
+    """Add the verb's arguments; without ``virtual`` time is real."""
+    parser.add_argument("file", metavar="FILE", help="the TOML file")
+    parser.add_argument("--agent", metavar="NAME", help="of a team's file, which agent this process is")
+    parser.add_argument(
+        "--decisions", metavar="PATH", help="of a team's file, add each joint step to this file, as a line of JSON"
+    )
+    if virtual:
+        parser.add_argument(
+            "--virtual", action="store_true", help="in virtual time: without waiting, until nothing is pending"
+        )
+    else:
+        parser.set_defaults(virtual=False)
+    parser.add_argument("--epochs", metavar="N", type=count, help="stop after N decisions of the first ensemble")
+    parser.add_argument("--seconds", metavar="N", type=seconds, help="stop after N seconds")
+    parser.add_argument(
+        "--attached", action="store_true", help="stop when standard input ends, as agents do when `mdm team up` ends"
+    )
+    parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
+
+
+def add_trace(verbs: Any, line: str) -> None:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "trace",
+        help=line,
+        description=(
+            "Read JSON lines from standard input, one stimulus a line, and print one JSON line a decision. A stimulus "
+            'has any of "time" (seconds), "observation", "state", "belief", "predicates" ({"name": true}), "events" '
+            '(["name"]) and "control" ("start", "stop", "reset", "release"). Async functions of the file stand for '
+            'actions that take time: they end by an event such as "Go.succeeded" or "Go.failed", and not by themselves.'
+        ),
+        epilog="example: echo '{\"observation\": 0}' | mdm trace --model tiger.pomdp --policy tiger.vf",
+    )
+    parser.add_argument("file", metavar="ENSEMBLE.toml", nargs="?", help="the TOML file; its functions are not called")
+    parser.add_argument("--model", metavar="M", help="a model, in place of a TOML file")
+    parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
+    parser.add_argument("--drive", metavar="event|RATE", help="decide on events (default), or RATE times a second")
+    add_discount(parser)
+    add_false_negative(parser)
+    parser.add_argument("--horizon", metavar="H", type=count, help="decisions in an episode")
+    parser.add_argument(
+        "--on-impossible",
+        choices=("predict", "keep", "reset"),
+        help="reaction to an observation of probability 0 (predict)",
+    )
+    parser.add_argument(
+        "--on-no-observation",
+        metavar="predict|repeat|NAME",
+        help="meaning of a tick without an observation (predict)",
+    )
+    parser.add_argument("--seed", metavar="S", type=seed, help="for a stochastic policy")
+    complete(parser, "trace", "mdm.cli.robots.trace")

@@ -7,13 +7,16 @@ import signal
 import sys
 from collections import Counter
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import anyio
 
+from mdm.actors.actions.action_layer import ActionStatistics
 from mdm.cli.robots.attached import Attached
 from mdm.cli.robots.decision import in_words
-from mdm.cli.usage import UsageError, count, seconds
+from mdm.cli.usage import UsageError
+from mdm.config import load_system, load_team
+from mdm.runtime import DeadlockError, Log, Runtime, run as run_program
 
 if TYPE_CHECKING:
     import argparse
@@ -21,59 +24,14 @@ if TYPE_CHECKING:
 
     from mdm.config import System
     from mdm.messages import Decision
-    from mdm.runtime import Runtime
 
-__all__ = ["add_arguments", "add_parser", "run"]
+__all__ = ["run"]
 
 _FAILURES = {"failed", "timed_out", "abandoned"}
 
 
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "run",
-        help="run the ensembles of a TOML file, or one agent of a team's",
-        description=(
-            "Run the ensembles of a TOML file, of a team's file those of one agent, until Ctrl-C, SIGTERM, --seconds, "
-            "or --epochs decisions of the first one. SIGUSR1 releases those that are safe: kill -USR1 PID. The exit "
-            "status is 1 if something failed that nobody could help, or if of a robot alone every action has failed."
-        ),
-        epilog="example: mdm run examples/patrol/patrol.toml --virtual --epochs 20",
-    )
-    add_arguments(parser)
-    return parser
-
-
-def add_arguments(parser: argparse.ArgumentParser, *, virtual: bool = True) -> None:
-    """Add the verb's arguments; without ``virtual`` time is real."""
-    parser.add_argument("file", metavar="FILE", help="the TOML file")
-    parser.add_argument("--agent", metavar="NAME", help="of a team's file, which agent this process is")
-    parser.add_argument(
-        "--decisions", metavar="PATH", help="of a team's file, add each joint step to this file, as a line of JSON"
-    )
-    if virtual:
-        parser.add_argument(
-            "--virtual", action="store_true", help="in virtual time: without waiting, until nothing is pending"
-        )
-    else:
-        parser.set_defaults(virtual=False)
-    parser.add_argument("--epochs", metavar="N", type=count, help="stop after N decisions of the first ensemble")
-    parser.add_argument("--seconds", metavar="N", type=seconds, help="stop after N seconds")
-    parser.add_argument(
-        "--attached", action="store_true", help="stop when standard input ends, as agents do when `mdm team up` ends"
-    )
-    parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Run the ensembles; return the exit status."""
-    from mdm.runtime import (  # noqa: PLC0415 - `mdm --help` needs no numpy
-        DeadlockError,
-        Log,
-        Runtime,
-        run as run_program,
-    )
-
     attached = Attached() if arguments.attached else None
     system = _load(arguments)
     first, ended = system.top[0], Counter[str]()
@@ -119,8 +77,6 @@ def _nothing_but_failures(ended: Counter[str]) -> list[str]:
 
 def _ended(runtime: Runtime) -> dict[str, int]:
     """Return how the actions of all ensembles have ended, and how many of them."""
-    from mdm.actors.actions.action_layer import ActionStatistics  # noqa: PLC0415
-
     counts: Counter[str] = Counter()
     for statistics in runtime.statistics().actors:
         if isinstance(statistics, ActionStatistics):
@@ -150,8 +106,6 @@ def _releases(system: System, *, virtual: bool) -> Iterator[None]:
 
 
 def _load(arguments: argparse.Namespace) -> System:
-    from mdm.config import load_system, load_team  # noqa: PLC0415
-
     team = load_team(arguments.file)
     if team is None:
         for option in ("agent", "decisions"):

@@ -10,17 +10,24 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import UsageError, add_discount, add_false_negative, count, seed
+from mdm.actors import ControlOptions, Ensemble, PredicateManager
+from mdm.cli.report import as_json
+from mdm.cli.robots.stimulus import read_stimuli
+from mdm.cli.usage import UsageError
+from mdm.config import System, load_system
+from mdm.config.functions import nothing
+from mdm.errors import ConfigError, Error
+from mdm.formats import load_model, load_policy
+from mdm.runtime import ActorFailure, Runtime, run as run_program
+from mdm.runtime.time.scheduler import check_rate
 
 if TYPE_CHECKING:
     import argparse
 
     from mdm.cli.robots.stimulus import Stimulus
-    from mdm.config import System
     from mdm.messages import Decision, Fault
-    from mdm.runtime import Runtime
 
-__all__ = ["add_parser", "run"]
+__all__ = ["run"]
 
 _OPTIONS = (
     "model",
@@ -35,50 +42,8 @@ _OPTIONS = (
 )
 
 
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "trace",
-        help="print the decisions for a sequence of stimuli",
-        description=(
-            "Read JSON lines from standard input, one stimulus a line, and print one JSON line a decision. A stimulus "
-            'has any of "time" (seconds), "observation", "state", "belief", "predicates" ({"name": true}), "events" '
-            '(["name"]) and "control" ("start", "stop", "reset", "release"). Async functions of the file stand for '
-            'actions that take time: they end by an event such as "Go.succeeded" or "Go.failed", and not by themselves.'
-        ),
-        epilog="example: echo '{\"observation\": 0}' | mdm trace --model tiger.pomdp --policy tiger.vf",
-    )
-    parser.add_argument("file", metavar="ENSEMBLE.toml", nargs="?", help="the TOML file; its functions are not called")
-    parser.add_argument("--model", metavar="M", help="a model, in place of a TOML file")
-    parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
-    parser.add_argument("--drive", metavar="event|RATE", help="decide on events (default), or RATE times a second")
-    add_discount(parser)
-    add_false_negative(parser)
-    parser.add_argument("--horizon", metavar="H", type=count, help="decisions in an episode")
-    parser.add_argument(
-        "--on-impossible",
-        choices=("predict", "keep", "reset"),
-        help="reaction to an observation of probability 0 (predict)",
-    )
-    parser.add_argument(
-        "--on-no-observation",
-        metavar="predict|repeat|NAME",
-        help="meaning of a tick without an observation (predict)",
-    )
-    parser.add_argument("--seed", metavar="S", type=seed, help="for a stochastic policy")
-    return parser
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Trace the stimuli; return the exit status."""
-    from mdm.cli.robots.stimulus import read_stimuli  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.errors import Error  # noqa: PLC0415
-    from mdm.runtime import (  # noqa: PLC0415
-        ActorFailure,
-        Runtime,
-        run as run_program,
-    )
-
     system = _system(arguments)
     if sys.stdin is None:
         raise Error("there is no standard input")
@@ -104,8 +69,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _tell(runtime: Runtime, fault: Fault) -> None:
     """Print a fault; a turn that has no end is the end of the trace."""
-    from mdm.errors import Error  # noqa: PLC0415
-
     if fault.kind == "endless_turn":
         runtime.abort(Error(f"{fault.detail}: what an action's end leads to must not bring about that end at once"))
     else:
@@ -113,13 +76,6 @@ def _tell(runtime: Runtime, fault: Fault) -> None:
 
 
 def _system(arguments: argparse.Namespace) -> System:
-    from mdm.actors import ControlOptions, Ensemble, PredicateManager  # noqa: PLC0415
-    from mdm.config import System, load_system  # noqa: PLC0415
-    from mdm.config.functions import nothing  # noqa: PLC0415
-    from mdm.errors import ConfigError  # noqa: PLC0415
-    from mdm.formats import load_model, load_policy  # noqa: PLC0415
-    from mdm.runtime.time.scheduler import check_rate  # noqa: PLC0415
-
     if arguments.file is not None:
         for name in _OPTIONS:
             if getattr(arguments, name) is not None:
@@ -169,8 +125,6 @@ async def _feed(runtime: Runtime, system: System, stimuli: list[Stimulus]) -> No
 
 
 def _printer(runtime: Runtime, *, several: bool) -> Any:
-    from mdm.cli.report import as_json  # noqa: PLC0415
-
     def show(decision: Decision) -> None:
         line: dict[str, Any] = {"ensemble": decision.ensemble} if several else {}
         line |= {"epoch": decision.epoch, "time": decision.time / 1e9, "cause": decision.cause}

@@ -1,46 +1,169 @@
-"""``mdm team``: run a team, and ask it how it is."""
+"""``mdm team``: run a team, and ask it how it is; and what that takes."""
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import complete
+from mdm.cli.robots import add_arguments
+from mdm.cli.usage import add_import, complete, count, seconds
 
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["VERBS", "add_parser", "run"]
+__all__ = ["VERBS", "add_team"]
 
 VERBS = {
-    "up": "mdm.cli.team.up",
-    "run": "mdm.cli.team.agent",
-    "status": "mdm.cli.team.status",
-    "start": "mdm.cli.team.commands",
-    "stop": "mdm.cli.team.commands",
-    "reset": "mdm.cli.team.commands",
-    "release": "mdm.cli.team.commands",
-    "check": "mdm.cli.team.check",
-    "decisions": "mdm.cli.team.decisions",
-    "certificates": "mdm.cli.team.certificates",
+    "up": "run all agents on this machine",
+    "run": "run one agent in this process",
+    "status": "how every agent is",
+    "start": "have a running team begin to decide",
+    "stop": "have a running team decide no more",
+    "reset": "have a running team begin a new episode",
+    "release": "have a running team leave its safe mode",
+    "check": "list everything that keeps an agent from running",
+    "decisions": "compare files of decisions",
+    "certificates": "make certificates to try a team with",
+}
+"""The verbs, and a line of help for each."""
+
+_COMMANDS = {
+    "start": "Have a running team begin to decide: from the initial belief, in a new episode.",
+    "stop": "Have a running team decide no more and end its actions; the processes go on.",
+    "reset": "Have a running team begin a new episode now.",
+    "release": "Take a person's word that nothing holds any more that made agents safe.",
 }
 
 
-def add_parser(verbs: Any) -> argparse.ArgumentParser:
+def add_team(verbs: Any, line: str) -> None:
     """Add the verb, its own verbs and their arguments."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "team",
-        help="run a team, and ask it how it is",
+        help=line,
         description="Run the agents of a team's TOML file, one process per agent, and ask them how they are.",
         epilog="example: mdm team up examples/team/meeting.toml --seconds 20",
     )
     kinds = parser.add_subparsers(dest="team_verb", metavar="VERB", required=True)
-    for name, module in VERBS.items():
-        kind: argparse.ArgumentParser = importlib.import_module(module).add_parser(kinds, name)
-        complete(kind, f"team {name}")
+    own = {
+        "up": _add_up,
+        "run": _add_run,
+        "status": _add_status,
+        "check": _add_check,
+        "decisions": _add_decisions,
+        "certificates": _add_certificates,
+    }
+    for name in VERBS:
+        module = "agent" if name == "run" else "commands" if name in _COMMANDS else name
+        complete(own.get(name, _add_command)(kinds, name), f"team {name}", f"mdm.cli.team.{module}")
+
+
+def _add_up(verbs: Any, name: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=VERBS[name],
+        description=(
+            "Run all agents of a team on this machine, a process each, until Ctrl-C, SIGTERM or --seconds. A process "
+            "that fails is started again, five times within a minute at most; one that cannot start is not, and the "
+            "others go on without it. The exit status is 1 if any agent has failed."
+        ),
+        epilog="example: mdm team up examples/team/meeting.toml --seconds 20 --decisions decided",
+    )
+    parser.add_argument("file", metavar="FILE", help="the TOML file")
+    parser.add_argument("--seconds", metavar="N", type=seconds, help="end in order after N seconds")
+    parser.add_argument(
+        "--decisions", metavar="FOLDER", help="write each agent's joint steps to a file of its own in this folder"
+    )
+    parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
     return parser
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Run the verb; return the exit status."""
-    return int(importlib.import_module(VERBS[arguments.team_verb]).run(arguments))
+def _add_run(verbs: Any, name: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=VERBS[name],
+        description="Run one agent of a team until Ctrl-C, SIGTERM, --seconds, or --epochs of its decisions.",
+        epilog="example: mdm team run examples/team/meeting.toml --agent ada",
+    )
+    add_arguments(parser, virtual=False)
+    return parser
+
+
+def _add_status(verbs: Any, name: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=VERBS[name],
+        description=(
+            "Ask every agent of a running team for its mode, for how long it has had nothing to do, where it stands in "
+            "the agreement, how late messages reach it (the median, and the worst), by how much the clock that is most "
+            "off is ahead of its own, how many messages it dropped, and whom it sees. Times of more than a day are not "
+            "shown: a message told them that was forged, or a clock is set wrong (null with --json). The exit status "
+            "is 1 if an agent does not answer."
+        ),
+        epilog="example: mdm team status examples/team/meeting.toml",
+    )
+    parser.add_argument("file", metavar="FILE", help="the TOML file")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def _add_command(verbs: Any, name: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=VERBS[name],
+        description=(
+            f"{_COMMANDS[name]} It is said to every agent of the file, and waits until each says what it is by then. "
+            "The exit status is 1 if an agent did not confirm."
+        ),
+        epilog=f"example: mdm team {name} examples/team/meeting.toml",
+    )
+    parser.add_argument("file", metavar="FILE", help="the TOML file")
+    parser.add_argument("--ensemble", metavar="NAME", help="this ensemble of the team alone")
+    parser.add_argument("--wait", type=seconds, default=5.0, metavar="SECONDS", help="how long to wait (default: 5)")
+    return parser
+
+
+def _add_check(verbs: Any, name: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=VERBS[name],
+        description=(
+            "List everything that `mdm team run` would refuse, at every agent. Functions are looked for in the source "
+            "of their modules, which are not run, unless --import is given."
+        ),
+        epilog="example: mdm team check examples/team/meeting.toml",
+    )
+    parser.add_argument("file", metavar="FILE", help="the TOML file")
+    add_import(parser)
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def _add_decisions(verbs: Any, name: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=VERBS[name],
+        description=(
+            "Read the files that --decisions has made, and say whether all agents have decided the same, and what was "
+            "the longest time without a decision of any of them. The exit status is 1 if a step differs. Agents of a "
+            "communicating team decide by themselves, and so their steps may."
+        ),
+        epilog="example: mdm team decisions decided/",
+    )
+    parser.add_argument("paths", metavar="PATH", nargs="+", help="a file of decisions, or a folder of such files")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def _add_certificates(verbs: Any, name: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=VERBS[name],
+        description=(
+            "Write the certificate of an authority, and a certificate and key for each agent of a team, and for the "
+            "operator, as whom `mdm team status` asks. They are for trying; needs mdm[certificates]."
+        ),
+        epilog="example: mdm team certificates examples/team/meeting.toml -o certificates",
+    )
+    parser.add_argument("file", metavar="FILE", help="the TOML file")
+    parser.add_argument("-o", "--output", metavar="FOLDER", default="certificates", help="where to (certificates)")
+    parser.add_argument("--days", metavar="N", type=count, default=30, help="how long they are valid (30)")
+    return parser

@@ -6,6 +6,13 @@ import asyncio
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.team.file import ensembles_of
+from mdm.config import load_team_file
+from mdm.team.sharing.asking import asking
+from mdm.team.sharing.calls import ask
+from mdm.team.sharing.commanding import command
+from mdm.team.transport.access import OPERATOR
+
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
@@ -34,16 +41,12 @@ class Asker:
 
     async def ask(self, call: str, ensemble: str, agent: str = "*") -> dict[str, Any]:
         """Return what each agent says of an ensemble, or an `Error` in its place; who does not answer is left out."""
-        from mdm.team.sharing.calls import ask  # noqa: PLC0415 - `mdm --help` needs no numpy
-
         if not self.live:
             return {}
         return await ask(self._session, self._team, call, agent=agent, ensemble=ensemble, seconds=_ANSWER)
 
     async def command(self, name: str, ensemble: str, seconds: float) -> tuple[Confirmation, ...]:
         """Say a command to every agent of an ensemble; return what each is by then."""
-        from mdm.team.sharing.commanding import command  # noqa: PLC0415
-
         agents = self.ensembles[ensemble]
         return await command(self._session, self._team, name, ensemble=ensemble, agents=agents, seconds=seconds)
 
@@ -54,11 +57,6 @@ async def asker_of(file: str, team: Team) -> AsyncIterator[Asker]:
 
     Where the file has certificates, it shows that of the operator.
     """
-    from mdm.cli.team.file import ensembles_of  # noqa: PLC0415
-    from mdm.config import load_team_file  # noqa: PLC0415
-    from mdm.team.sharing.asking import asking  # noqa: PLC0415
-    from mdm.team.transport.access import OPERATOR  # noqa: PLC0415
-
     described = load_team_file(file)
     reading = asyncio.create_task(asyncio.to_thread(ensembles_of, file, team))
     try:

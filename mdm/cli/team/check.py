@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from mdm.cli.usage import add_import
+from mdm.cli.files.check import report
+from mdm.cli.robots.ensembles import load_ensembles
+from mdm.cli.team.file import check_zenoh, systems_of, team_of
+from mdm.config import load_team_file
+from mdm.errors import ConfigError, Error
+from mdm.team.transport.settings import exposed
 
 if TYPE_CHECKING:
     import argparse
@@ -14,31 +19,11 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.team import Team
 
-__all__ = ["add_parser", "examine", "run"]
-
-
-def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        name,
-        help="list everything that keeps an agent from running",
-        description=(
-            "List everything that `mdm team run` would refuse, at every agent. Functions are looked for in the source "
-            "of their modules, which are not run, unless --import is given."
-        ),
-        epilog="example: mdm team check examples/team/meeting.toml",
-    )
-    parser.add_argument("file", metavar="FILE", help="the TOML file")
-    add_import(parser)
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    return parser
+__all__ = ["examine", "run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the file; return the exit status."""
-    from mdm.cli.files.check import report  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.cli.team.file import team_of  # noqa: PLC0415
-    from mdm.errors import ConfigError  # noqa: PLC0415
 
     def examined() -> Findings:
         try:
@@ -57,12 +42,6 @@ def examine(file: str, team: Team, *, imports: bool) -> Findings:
         team: Its team.
         imports: Whether functions are imported.
     """
-    from mdm.cli.policies.inputs import load_ensembles  # noqa: PLC0415
-    from mdm.cli.team.file import check_zenoh, systems_of  # noqa: PLC0415
-    from mdm.config import load_team_file  # noqa: PLC0415
-    from mdm.errors import Error  # noqa: PLC0415
-    from mdm.team.transport.settings import exposed  # noqa: PLC0415
-
     models: dict[Path, MDP] = {}  # the same at all agents
     systems, problems = systems_of(team, lambda agent: load_ensembles(file, agent, imports=imports, models=models))
     notes = dict.fromkeys(

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable
 
-__all__ = ["Line", "Told", "add_parser", "read", "run", "tell"]
+__all__ = ["Line", "Told", "read", "run", "tell"]
 
 
 class Line(msgspec.Struct, frozen=True):
@@ -64,23 +64,6 @@ class Told(msgspec.Struct, frozen=True):
     pause: float
     before: str | None
     after: str | None
-
-
-def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        name,
-        help="compare files of decisions",
-        description=(
-            "Read the files that --decisions has made, and say whether all agents have decided the same, and what was "
-            "the longest time without a decision of any of them. The exit status is 1 if a step differs. Agents of a "
-            "communicating team decide by themselves, and so their steps may."
-        ),
-        epilog="example: mdm team decisions decided/",
-    )
-    parser.add_argument("paths", metavar="PATH", nargs="+", help="a file of decisions, or a folder of such files")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    return parser
 
 
 def run(arguments: argparse.Namespace) -> int:

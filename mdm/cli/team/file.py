@@ -5,6 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mdm.cli.usage import UsageError
+from mdm.config import load_system, load_team
+from mdm.errors import ConfigError, Error
+from mdm.runtime import VirtualClock
+from mdm.team import Network
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,8 +28,6 @@ def team_of(file: str) -> Team:
         UsageError: If it describes none.
         ConfigError: If its table ``team`` has problems.
     """
-    from mdm.config import load_team  # noqa: PLC0415 - `mdm --help` needs no numpy
-
     team = load_team(file)
     if team is None:
         raise UsageError(f"{file} describes no team: a table [team] is missing; `mdm run {file}` runs it alone")
@@ -38,8 +40,6 @@ def check_zenoh() -> None:
     Raises:
         Error: If it is not.
     """
-    from mdm.errors import Error  # noqa: PLC0415
-
     try:
         import zenoh  # noqa: F401, PLC0415 - an extra
     except ImportError:
@@ -55,8 +55,6 @@ def systems_of(team: Team, load: Callable[[str], System]) -> tuple[dict[str, Sys
         team: The team.
         load: Loads an agent's system.
     """
-    from mdm.errors import ConfigError  # noqa: PLC0415
-
     systems: dict[str, System] = {}
     at: dict[str, list[str]] = {}
     for agent in team.names:
@@ -76,11 +74,6 @@ def sound_systems_of(file: str, team: Team) -> dict[str, System]:
     Raises:
         ConfigError: With all problems of the file.
     """
-    from mdm.config import load_system  # noqa: PLC0415
-    from mdm.errors import ConfigError  # noqa: PLC0415
-    from mdm.runtime import VirtualClock  # noqa: PLC0415
-    from mdm.team import Network  # noqa: PLC0415
-
     nobody = Network(VirtualClock(), team=team.name)
     models: dict[Path, MDP] = {}  # the same at all agents
 

@@ -6,14 +6,21 @@ import asyncio
 import sys
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
+from mdm.cli.report import as_json
+from mdm.cli.team.asker import asker_of
+from mdm.cli.team.file import team_of
+from mdm.cli.team.table import table
 from mdm.errors import Error
+from mdm.runtime.statistics import Histogram
 
 if TYPE_CHECKING:
     import argparse
 
     from mdm.team import Team
 
-__all__ = ["add_parser", "run"]
+__all__ = ["run"]
 
 _COLUMNS = (
     *("agent", "ensemble", "mode", "role", "term", "step", "digest"),
@@ -22,31 +29,8 @@ _COLUMNS = (
 _DAY = 86400.0
 
 
-def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        name,
-        help="how every agent is",
-        description=(
-            "Ask every agent of a running team for its mode, for how long it has had nothing to do, where it stands in "
-            "the agreement, how late messages reach it (the median, and the worst), by how much the clock that is most "
-            "off is ahead of its own, how many messages it dropped, and whom it sees. Times of more than a day are not "
-            "shown: a message told them that was forged, or a clock is set wrong (null with --json). The exit status "
-            "is 1 if an agent does not answer."
-        ),
-        epilog="example: mdm team status examples/team/meeting.toml",
-    )
-    parser.add_argument("file", metavar="FILE", help="the TOML file")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    return parser
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Ask all agents; return the exit status."""
-    from mdm.cli.report import as_json  # noqa: PLC0415 - `mdm --help` needs no numpy
-    from mdm.cli.team.file import team_of  # noqa: PLC0415
-    from mdm.cli.team.table import table  # noqa: PLC0415
-
     team = team_of(arguments.file)
     found = asyncio.run(_ask(arguments.file, team))
     silent = [agent for agent in team.names if agent not in found]
@@ -65,8 +49,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 async def _ask(file: str, team: Team) -> dict[str, dict[str, Any]]:
     """Return what each agent says of each of its ensembles."""
-    from mdm.cli.team.asker import asker_of  # noqa: PLC0415
-
     found: dict[str, dict[str, Any]] = {}
     async with asker_of(file, team) as asker:
         questions = [(name, call) for name in asker.ensembles for call in ("status", "statistics")]
@@ -89,10 +71,6 @@ async def _ask(file: str, team: Team) -> dict[str, dict[str, Any]]:
 
 def _carried(transport: dict[str, Any]) -> dict[str, Any]:
     """Return what an agent's transport carried, in few numbers; times in seconds."""
-    import msgspec  # noqa: PLC0415
-
-    from mdm.runtime.statistics import Histogram  # noqa: PLC0415
-
     lateness = msgspec.convert(transport["lateness"], Histogram)
     carried = {
         way: {what: sum(traffic[what] for traffic in transport[way].values()) for what in ("messages", "bytes")}

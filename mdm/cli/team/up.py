@@ -9,9 +9,13 @@ import signal
 import socket
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from mdm.cli.usage import seconds
+from mdm.cli.team.console import Console
+from mdm.cli.team.crew import Crew
+from mdm.cli.team.file import check_zenoh, sound_systems_of, team_of
+from mdm.errors import Error
+from mdm.team.transport.settings import resolve
 
 if TYPE_CHECKING:
     import argparse
@@ -19,37 +23,14 @@ if TYPE_CHECKING:
 
     from mdm.team import Team
 
-__all__ = ["add_parser", "run"]
+__all__ = ["run"]
 
 _SLACK = 15.0
 """Seconds that an agent's process may take to end, beside the limits of its ensembles."""
 
 
-def add_parser(verbs: Any, name: str) -> argparse.ArgumentParser:
-    """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        name,
-        help="run all agents on this machine",
-        description=(
-            "Run all agents of a team on this machine, a process each, until Ctrl-C, SIGTERM or --seconds. A process "
-            "that fails is started again, five times within a minute at most; one that cannot start is not, and the "
-            "others go on without it. The exit status is 1 if any agent has failed."
-        ),
-        epilog="example: mdm team up examples/team/meeting.toml --seconds 20 --decisions decided",
-    )
-    parser.add_argument("file", metavar="FILE", help="the TOML file")
-    parser.add_argument("--seconds", metavar="N", type=seconds, help="end in order after N seconds")
-    parser.add_argument(
-        "--decisions", metavar="FOLDER", help="write each agent's joint steps to a file of its own in this folder"
-    )
-    parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
-    return parser
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Run the agents; return the exit status."""
-    from mdm.cli.team.file import check_zenoh, sound_systems_of, team_of  # noqa: PLC0415 - `mdm --help` needs no numpy
-
     team = team_of(arguments.file)
     systems = sound_systems_of(arguments.file, team)  # whatever is wrong is told once, and not by each agent
     patience = _SLACK + max(ensemble.patience for system in systems.values() for ensemble in system.top)
@@ -66,8 +47,6 @@ def _folder(name: str, agents: Sequence[str]) -> Path:
     Raises:
         Error: If an agent's file is in it already, or it is none.
     """
-    from mdm.errors import Error  # noqa: PLC0415
-
     folder = Path(name)
     try:
         if not name:
@@ -101,9 +80,6 @@ def _check_ports(team: Team) -> None:
     Raises:
         Error: If an agent's port is taken, or its address is none of this machine.
     """
-    from mdm.errors import Error  # noqa: PLC0415
-    from mdm.team.transport.settings import resolve  # noqa: PLC0415
-
     for agent in team.agents:
         protocol, _, address = (agent.endpoint or "").partition("/")
         host, _, port = re.split(r"[?#]", address, maxsplit=1)[0].rpartition(":")
@@ -127,9 +103,6 @@ def _check_ports(team: Team) -> None:
 
 
 async def _run(commands: Mapping[str, Sequence[str]], arguments: argparse.Namespace, patience: float) -> int:
-    from mdm.cli.team.console import Console  # noqa: PLC0415
-    from mdm.cli.team.crew import Crew  # noqa: PLC0415
-
     console = Console(list(commands), json=arguments.log == "json")
     crew = Crew(commands, console, patience)
     asked: list[tuple[int, float]] = []

@@ -22,7 +22,7 @@ from measurement import arguments, report, table
 from scipy import sparse
 
 import mdm
-from mdm.models.compilation import can_compile
+from mdm.compilation import can_compile
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,7 +18,7 @@ from measurement import arguments, report, table
 
 import mdm
 from mdm.beliefs import Support
-from mdm.models.compilation import can_compile
+from mdm.compilation import can_compile
 
 if TYPE_CHECKING:
     from collections.abc import Callable

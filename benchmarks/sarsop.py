@@ -22,7 +22,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported
 from measurement import parser, report, table
 
 import mdm
-from mdm.models.compilation import can_compile
+from mdm.compilation import can_compile
 from mdm.solvers import Limits
 from mdm.solvers.sarsop import sarsop
 

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from measurement import arguments, report, table
 
 import mdm
-from mdm.models.compilation import can_compile
+from mdm.compilation import can_compile
 from mdm.solvers import solve
 
 if TYPE_CHECKING:

@@ -22,9 +22,9 @@ from mdm.beliefs.choice import check_memory
 from mdm.beliefs.information import restore, snapshot
 from mdm.beliefs.tracker import checked_support
 from mdm.checks import check_choice
+from mdm.compilation import sparing
 from mdm.errors import ConfigError, ModelError
 from mdm.loading import model_of, policy_of, spared
-from mdm.models.compilation import sparing
 from mdm.models.digest import digest, of_parts
 from mdm.models.factored.flattening import RewardRow, RewardRows
 from mdm.options import ControllerOptions, OnImpossible, check_options

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mdm.beliefs import Support
+from mdm.compilation import can_compile
 from mdm.models import POMDP
-from mdm.models.compilation import can_compile
 
 
 def loaded(filter_, belief):

@@ -19,8 +19,8 @@ from mdm.beliefs.dense import FoldedFilter, LikelyFilter
 from mdm.beliefs.filter import Filter
 from mdm.beliefs.network import NetworkFilter
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
+from mdm.compilation import can_compile, may_compile
 from mdm.errors import ConfigError
-from mdm.models.compilation import can_compile, may_compile
 from mdm.models.dynamics import Dynamics
 from mdm.models.matrices import num_entries
 

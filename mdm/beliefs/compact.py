@@ -13,7 +13,7 @@ import numpy as np
 
 from mdm.beliefs.dense import folded
 from mdm.beliefs.filter import WholeFilter
-from mdm.models.compilation import direct
+from mdm.compilation import direct
 from mdm.models.dynamics import Dynamics, dense
 from mdm.models.matrices import csr, num_entries
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import mdm
 from mdm.cli.interruption import Interruption
 from mdm.cli.usage import UsageError
-from mdm.compile_time import COMPILE_TIME
+from mdm.compilation import COMPILE_TIME
 from mdm.errors import Error
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from mdm.actors import Binding, Ensemble, ObservationFactor, SafetyOptions, Stat
 from mdm.actors.control.drive import drive_of
 from mdm.actors.ensemble import MOST_LEVELS
 from mdm.beliefs.choice import check_memory
+from mdm.compilation import sparing
 from mdm.config.functions import nothing
 from mdm.config.share import Seat
 from mdm.config.tables import ActionTable, EnsembleTable, ObservationTable, RestartTable, SearchTable, StateTable
@@ -17,7 +18,6 @@ from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
 from mdm.loading import spared
 from mdm.logic import similar
-from mdm.models.compilation import sparing
 from mdm.policies import DeterministicPolicy
 from mdm.runtime import Restart, Supervision
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdm.models.compilation import compiled
+from mdm.compilation import compiled
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector

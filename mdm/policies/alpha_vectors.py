@@ -13,8 +13,8 @@ import numpy as np
 
 from mdm.beliefs import Support
 from mdm.beliefs.batch import product
+from mdm.compilation import can_compile, is_sparing
 from mdm.errors import ModelError
-from mdm.models.compilation import can_compile, is_sparing
 from mdm.models.matrices import numbers
 from mdm.policies.batch import BeliefBatch
 from mdm.policies.policy import BeliefPolicy, listed, whole

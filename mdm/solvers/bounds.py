@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from mdm.compilation import can_compile
 from mdm.errors import ModelError
-from mdm.models.compilation import can_compile
 from mdm.solvers.mdp.policy_iteration import steps
 from mdm.solvers.mdp.rounds import rounding, rounds, sweeping
 

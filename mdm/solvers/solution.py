@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 import msgspec
 import numpy as np
 
-from mdm.compile_time import working_time
+from mdm.compilation import working_time
 from mdm.errors import ConfigError, ModelError
 
 if TYPE_CHECKING:

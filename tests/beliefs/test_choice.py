@@ -14,8 +14,8 @@ from mdm.beliefs.choice import AdaptiveFilter, chosen_filter
 from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.compressed import CompressedFilter
 from mdm.beliefs.dense import FoldedFilter, LikelyFilter
+from mdm.compilation import can_compile
 from mdm.models import POMDP, Factor, Space
-from mdm.models.compilation import can_compile
 
 
 def dense_model(size, filled):

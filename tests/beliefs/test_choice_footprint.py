@@ -11,9 +11,9 @@ import mdm
 from mdm import Controller
 from mdm.beliefs import choice
 from mdm.beliefs.choice import check_memory, footprint
+from mdm.compilation import can_compile
 from mdm.errors import ConfigError
 from mdm.models import MDP, POMDP, FactoredPOMDP
-from mdm.models.compilation import can_compile
 from mdm.policies import ConstantPolicy
 
 MEGABYTE = 1e6

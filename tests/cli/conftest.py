@@ -11,7 +11,7 @@ from places import TIGER_VECTORS
 
 from mdm import load_policy, save_policy
 from mdm.cli import main
-from mdm.compile_time import COMPILE_TIME
+from mdm.compilation import COMPILE_TIME
 from mdm.policies import AlphaVectors
 
 

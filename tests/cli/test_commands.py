@@ -13,7 +13,7 @@ from places import EXAMPLES, TIGER, TIGER_VECTORS
 
 from mdm import FormatError
 from mdm.cli import main
-from mdm.compile_time import COMPILE_TIME
+from mdm.compilation import COMPILE_TIME
 
 TRACED = ["--model", str(TIGER), "--policy", str(TIGER_VECTORS)]
 VERBS = ("run", "check", "info", "show", "convert", "trace", "simulate", "solve", "evaluate", "compare", "plot")

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm.beliefs import Support
+from mdm.compilation import can_compile, sparing
 from mdm.errors import ModelError
-from mdm.models.compilation import can_compile, sparing
 from mdm.policies import AlphaVectors
 
 TABLES = [("broadcast_channel", 0.9), ("dec_tiger", 0.9), ("dec_tiger", 0.95), ("grid_small", 0.9)]

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, strategies as st
 from random_models import dense, flat_models
 
+from mdm.compilation import can_compile
 from mdm.errors import ModelError
 from mdm.models import MDP
-from mdm.models.compilation import can_compile
 from mdm.models.dynamics import Dynamics
 from mdm.problems import tiger
 from mdm.solvers import Limits, bounds

@@ -8,7 +8,7 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from mdm.compile_time import COMPILE_TIME
+from mdm.compilation import COMPILE_TIME
 from mdm.runtime.process.frames import HEADER, frame, unframed
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from mdm.models.compilation import can_compile
+from mdm.compilation import can_compile
 from mdm.policies import QTable
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.models.compilation import compiled
+from mdm.compilation import compiled
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from mdm.models.compilation import compiled
+from mdm.compilation import compiled
 
 if TYPE_CHECKING:
     from mdm.solvers.online.tables import SearchTables

@@ -15,7 +15,7 @@ import sys
 from contextlib import nullcontext
 from typing import Any
 
-from mdm.compile_time import COMPILE_TIME
+from mdm.compilation import COMPILE_TIME
 from mdm.runtime.process.frames import HEADER, frame, unframed
 from mdm.solvers.online.tables import received
 from mdm.solvers.online.tree_search import Search

@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mdm.compilation import can_compile, may_compile, plain
 from mdm.errors import ModelError, ModelWarning
 from mdm.models import POMDP
-from mdm.models.compilation import can_compile, may_compile, plain
 from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 from mdm.solvers.bounds import blind_values, informed_values

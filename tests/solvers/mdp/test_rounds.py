@@ -14,9 +14,9 @@ from random_models import factored_models, flat_models
 from scipy.optimize import linprog
 
 import mdm
+from mdm.compilation import can_compile
 from mdm.errors import ModelError
 from mdm.models import MDP
-from mdm.models.compilation import can_compile
 from mdm.models.dynamics import Dynamics
 from mdm.solvers import Limits
 from mdm.solvers.mdp import rounds as backups

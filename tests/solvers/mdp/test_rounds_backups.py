@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, strategies as st
 from random_models import flat_models
 
+from mdm.compilation import can_compile
 from mdm.models import dynamics as forms
-from mdm.models.compilation import can_compile
 from mdm.models.dynamics import Dynamics
 from mdm.solvers.mdp import rounds as backups
 from mdm.solvers.mdp.rounds import backup, kernels, sweep

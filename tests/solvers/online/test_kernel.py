@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from mdm.models.compilation import can_compile
+from mdm.compilation import can_compile
 
 
 @pytest.mark.skipif(not can_compile(), reason="numba is not there, or MDM_COMPILE is 0")

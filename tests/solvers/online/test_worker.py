@@ -43,7 +43,7 @@ def test_it_is_ready_then_answers_each_question():
 @pytest.mark.parametrize("tells", [False, True])
 def test_whoever_asked_is_told_that_it_compiles(tells):
     program = f"""if True:
-        from mdm.compile_time import COMPILE_TIME
+        from mdm.compilation import COMPILE_TIME
         from mdm.solvers.online import worker
 
         def compile_slowly(search):

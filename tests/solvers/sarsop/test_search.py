@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mdm.models.compilation import can_compile
+from mdm.compilation import can_compile
 from mdm.problems import rock_sample
 from mdm.solvers import solve
 from mdm.solvers.sarsop import search

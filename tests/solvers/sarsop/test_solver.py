@@ -19,8 +19,8 @@ from random_models import dense, distributions
 from sarsop_models import mixed
 
 from mdm import ConfigError, ModelError, ModelWarning, load_model, load_policy
+from mdm.compilation import plain
 from mdm.models import POMDP, MixedPOMDP
-from mdm.models.compilation import plain
 from mdm.problems import rock_sample
 from mdm.solvers import Limits, solve
 from mdm.solvers.sarsop import condensation, sarsop, solver

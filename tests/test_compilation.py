@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mdm import ModelWarning
-from mdm.compile_time import COMPILE_TIME
-from mdm.models import compilation
+from mdm import ModelWarning, compilation
+from mdm.compilation import COMPILE_TIME
 
 
 @pytest.fixture(autouse=True)
@@ -88,7 +87,7 @@ def bounds_checked(*arguments):
     There they are plain Python on arrays of numpy, which refuse the indices that numba would refuse if it checked them.
     To have numba check them takes a minute of compilation.
     """
-    tests = Path(__file__).parents[1]
+    tests = Path(__file__).parent
     run = subprocess.run(
         [sys.executable, str(tests / "kernels_program.py"), *map(str, arguments)],
         capture_output=True,

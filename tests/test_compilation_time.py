@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mdm.compile_time import COMPILE_TIME, CompileTime, working_time
+from mdm.compilation import COMPILE_TIME, CompileTime, working_time
 
 
 @pytest.fixture
@@ -70,6 +70,6 @@ def test_who_is_not_kept_waiting_is_told_nothing(watch):
 
 
 def test_working_time_stands_still_while_something_is_compiled(monkeypatch):
-    monkeypatch.setattr("mdm.compile_time.perf_counter", lambda: 50.0)
+    monkeypatch.setattr("mdm.compilation.perf_counter", lambda: 50.0)
     monkeypatch.setattr(COMPILE_TIME, "_compiling", COMPILE_TIME._compiling + 20)
     assert working_time() == 50 - COMPILE_TIME.seconds

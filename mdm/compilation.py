@@ -3,6 +3,9 @@
 numba is slow to import, so a module with kernels is imported only when one of them is chosen. Compiled code is cached
 on disk, beside the module or in the user's cache. ``MDM_COMPILE=0`` turns compilation off. To compile the first time
 takes many seconds, and so short work is done by the same functions as plain Python (`plain`).
+
+The time that compilation takes is not the work's own, and who waits for it is told. What is found in the cache takes
+none. The time goes on while something is compiled, and while the compiler itself is loaded.
 """
 
 from __future__ import annotations
@@ -13,16 +16,27 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 from importlib.util import find_spec, module_from_spec
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from mdm.compile_time import COMPILE_TIME
 from mdm.errors import ModelWarning
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import ModuleType
 
-__all__ = ["can_compile", "compiled", "direct", "is_sparing", "may_compile", "plain", "sparing"]
+__all__ = [
+    "COMPILE_TIME",
+    "CompileTime",
+    "can_compile",
+    "compiled",
+    "direct",
+    "is_sparing",
+    "may_compile",
+    "plain",
+    "sparing",
+    "working_time",
+]
 
 _Function = TypeVar("_Function", bound="Callable[..., Any]")
 
@@ -139,3 +153,82 @@ def direct(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
     typeof: Any = numba.typeof
     entry: Callable[..., Any] = compile_(tuple(map(typeof, arguments)))
     return entry
+
+
+_LONG = 1.0
+"""Seconds of compilation, in all, from which on somebody is told."""
+
+
+class CompileTime:
+    """A stopwatch for the compiler.
+
+    Args:
+        clock: Returns seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = perf_counter) -> None:
+        self._clock = clock
+        self._depth = 0
+        self._began = 0.0
+        self._loading = 0.0
+        self._compiling = 0.0
+        self._tell: Callable[[], object] | None = None
+
+    @property
+    def seconds(self) -> float:
+        """How long it took so far."""
+        return self._loading + self._compiled
+
+    @property
+    def _compiled(self) -> float:
+        return self._compiling + (self._clock() - self._began if self._depth else 0.0)
+
+    @property
+    def is_told(self) -> bool:
+        """Whether somebody is told when it takes long."""
+        return self._tell is not None
+
+    @contextmanager
+    def told(self, tell: Callable[[], object]) -> Iterator[None]:
+        """Call a function within, once, when compilation has taken a second."""
+        before, self._tell = self._tell, tell
+        try:
+            yield
+        finally:
+            self._tell = before
+
+    @contextmanager
+    def loading(self) -> Iterator[None]:
+        """Count the time within as that of loading the compiler, of which nobody is told."""
+        began = self._clock()
+        try:
+            yield
+        finally:
+            self._loading += self._clock() - began
+
+    def begin(self) -> None:
+        """Something is compiled from now on; what it calls may be compiled within."""
+        if not self._depth:
+            self._began = self._clock()
+        self._depth += 1
+
+    def go_on(self) -> None:
+        """Tell, if it is time to, that the compilation takes long."""
+        if self._tell is not None and self._depth and self._compiled > _LONG:
+            tell, self._tell = self._tell, None
+            tell()
+
+    def end(self) -> None:
+        """What was begun last is compiled."""
+        self._depth -= 1
+        if not self._depth:
+            self._compiling += self._clock() - self._began
+
+
+COMPILE_TIME = CompileTime()
+"""That of this process."""
+
+
+def working_time() -> float:
+    """Return seconds that do not go on while something is compiled."""
+    return perf_counter() - COMPILE_TIME.seconds

@@ -8,7 +8,7 @@ import mdm
 from mdm import problems
 from mdm.models import MDP, Factor, Space
 from mdm.policies import AlphaVectors, DeterministicPolicy
-from mdm.team.commits import Committed
+from mdm.team.decisions import Committed
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 

@@ -16,10 +16,10 @@ PACKAGE, TESTS = Path(mdm.__file__).parent, ROOT / "tests"  # the package may be
 UNTESTED_ALONE = {
     "messages.py": "declares types alone",
     "version.py": "a line: test_public",
+    "team/layer.py": "a base: the layers of each mode are tested",
     "actors/options.py": "declares types alone",
     "actors/layer.py": "a base: its layers are tested",
-    "team/centre.py": "with its outposts: test_centralised",
-    "team/layer.py": "a base: replicas and centralised teams are tested",
+    "team/centralised/messages.py": "declares messages: the leader and its followers are tested",
     "cli/map/floor.py": "with the verbs that load a floor: test_check",
     "cli/map/drawing.py": "with the verbs that draw: test_check, test_show",
     "simulation/building/drive.py": "what a robot keeps in mind: test_robot",

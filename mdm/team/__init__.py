@@ -12,7 +12,6 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mdm.team.commits import Committed
     from mdm.team.communicating.communication import (
         Always,
         Budget,
@@ -23,8 +22,9 @@ if TYPE_CHECKING:
     )
     from mdm.team.communicating.knowledge import Knowledge, SharedHistory
     from mdm.team.communicating.recollection import Experience, Recollection, RecollectionStatistics
+    from mdm.team.decisions import Committed
     from mdm.team.member import Member, MemberStatistics, Teammates
-    from mdm.team.placement import Placement
+    from mdm.team.ownership import Placement
     from mdm.team.sharing.commanding import Confirmation
     from mdm.team.sharing.remote import Exports, Imports
     from mdm.team.team import Agent, Team
@@ -58,14 +58,14 @@ __all__ = [
 ]
 
 _HOMES = {
-    "commits": ("Committed",),
     "communicating.communication": (
         *("Always", "Budget", "CommunicationPolicy", "Never", "OnChange", "ValueOfCommunication"),
     ),
     "communicating.knowledge": ("Knowledge", "SharedHistory"),
     "communicating.recollection": ("Experience", "Recollection", "RecollectionStatistics"),
+    "decisions": ("Committed",),
     "member": ("Member", "MemberStatistics", "Teammates"),
-    "placement": ("Placement",),
+    "ownership": ("Placement",),
     "sharing.commanding": ("Confirmation",),
     "sharing.remote": ("Exports", "Imports"),
     "team": ("Agent", "Team"),

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from mdm.actors import Ensemble
     from mdm.controller import Controller
-    from mdm.team.ownership import Parts
+    from mdm.team.ownership import Ownership
     from mdm.team.team import Team
 
 __all__ = ["ANY", "Configuration", "Standing", "brief", "difference", "facts"]
@@ -177,13 +177,13 @@ def brief(ensemble: str, facts: Mapping[str, str]) -> dict[str, str]:
     return told
 
 
-def facts(team: Team, ensemble: Ensemble, parts: Parts, start: bytes) -> dict[str, str]:
+def facts(team: Team, ensemble: Ensemble, ownership: Ownership, start: bytes) -> dict[str, str]:
     """Return what must be the same of an ensemble at every agent of a team, by what it is.
 
     Args:
         team: The team.
         ensemble: The ensemble.
-        parts: Its factors, and whose they are.
+        ownership: Its factors, and whose they are.
         start: The copy as it begins.
     """
     controller = ensemble.controller
@@ -195,7 +195,7 @@ def facts(team: Team, ensemble: Ensemble, parts: Parts, start: bytes) -> dict[st
         "team's quorum": team.quorum,
         "team's max_age": f"{team.max_age:g} s",
         **_words(controller),
-        **parts.facts(),
+        **ownership.facts(),
         "horizon": str(controller.horizon),
         "on_impossible": controller.on_impossible,
         "deadline": "none" if ensemble.control.deadline is None else f"{ensemble.control.deadline:g} s",

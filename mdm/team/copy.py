@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from mdm.actors import Ensemble
     from mdm.actors.control.source import JointProcess
-    from mdm.team.ownership import Parts
+    from mdm.team.ownership import Ownership
     from mdm.team.team import Team
 
 __all__ = ["BEGIN", "Copy", "Part"]
@@ -44,7 +44,7 @@ class Part(msgspec.Struct, frozen=True, array_like=True, gc=False):
     values: tuple[Number | None, ...]
 
 
-class Held(msgspec.Struct, frozen=True, array_like=True, gc=False):
+class Contents(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """All that a copy holds.
 
     Args:
@@ -70,7 +70,7 @@ class Held(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 _encode = msgspec.msgpack.Encoder().encode
 _decode = msgspec.msgpack.Decoder(Part).decode
-_held = msgspec.msgpack.Decoder(Held).decode
+_decode_contents = msgspec.msgpack.Decoder(Contents).decode
 
 
 class Copy:
@@ -84,7 +84,7 @@ class Copy:
         agent: Whose copy it is.
         ensemble: What decides here.
         process: As this agent's control layer decides on it.
-        parts: The factors, and whose they are.
+        ownership: The factors, and whose they are.
 
     Attributes:
         begun: Whether it was ever started.
@@ -92,8 +92,8 @@ class Copy:
         malformed: Parts that were none of its agent's; they count as missing.
     """
 
-    def __init__(self, team: Team, agent: str, ensemble: Ensemble, process: JointProcess, parts: Parts) -> None:
-        self.parts = parts
+    def __init__(self, team: Team, agent: str, ensemble: Ensemble, process: JointProcess, ownership: Ownership) -> None:
+        self.ownership = ownership
         self.begun = False
         self.malformed = 0
         self._agent = agent
@@ -101,16 +101,16 @@ class Copy:
         self._process = process
         self._event_driven = team.event_driven
         self._max_age = round(team.max_age * 1e9)
-        self._kept: list[int | None] = [None] * len(parts.names)
+        self._kept: list[int | None] = [None] * len(ownership.names)
         self._gone: dict[str, int] = {}
         self._silent: tuple[str, ...] = ()
         self._now = 0
         self._ahead: dict[str, int] = {}
         self._last: tuple[int | None, ...] | None = None
         self._digest: str | None = None
-        if parts.takes != "state":
-            self._kept = list(parts.idle)
-        self.facts = facts(team, ensemble, parts, self.snapshot())
+        if ownership.takes != "state":
+            self._kept = list(ownership.idle)
+        self.facts = facts(team, ensemble, ownership, self.snapshot())
 
     @property
     def running(self) -> bool:
@@ -124,12 +124,12 @@ class Copy:
     @property
     def aging(self) -> bool:
         """Whether the last word of an agent that is not there counts still."""
-        return any(agent not in self._silent and self.parts.of[agent] for agent in self._gone)
+        return any(agent not in self._silent and self.ownership.of[agent] for agent in self._gone)
 
-    def told(self, agent: str) -> tuple[int | None, ...]:
+    def last_values(self, agent: str) -> tuple[int | None, ...]:
         """Return the last values of an agent's factors; None where they count no more."""
         stale = agent in self._silent
-        return tuple(None if stale else self._kept[place] for place in self.parts.of[agent])
+        return tuple(None if stale else self._kept[place] for place in self.ownership.of[agent])
 
     # -- Steps ---------------------------------------------------------------------------------------------------
 
@@ -147,8 +147,8 @@ class Copy:
                 return
             command = "start"
         self.begun = self.begun or command != "reset"
-        if self.parts.takes != "state":
-            self._kept = list(self.parts.idle)
+        if self.ownership.takes != "state":
+            self._kept = list(self.ownership.idle)
         message = Control(time, cast('Literal["start", "stop", "reset", "resume"]', command))
         if still:
             self._process.take(message)
@@ -167,25 +167,25 @@ class Copy:
         said: dict[str, Part] = {}
         wrong: list[str] = []
         for agent, body in inputs.items():
-            part = self._opened(agent, body)
+            part = self._decode_part(agent, body)
             if part is None:
                 wrong.append(agent)
             else:
                 said[agent] = part
         silent = {*missing, *wrong}
-        if self.parts.takes == "state":
+        if self.ownership.takes == "state":
             self._see(said, silent, time)
         else:
             self._observe(said, silent, time)
 
-    def _opened(self, agent: str, body: bytes) -> Part | None:
+    def _decode_part(self, agent: str, body: bytes) -> Part | None:
         """Return a part; None where it is none of this agent's."""
-        places = self.parts.of.get(agent)
+        places = self.ownership.of.get(agent)
         try:
             part = _decode(body)
         except UNREADABLE:
             part = Part(0, ())
-        sizes = self.parts.sizes
+        sizes = self.ownership.sizes
         if places is not None and len(part.values) == len(places):
             for place, value in zip(places, part.values, strict=True):
                 if value is not None and not 0 <= value < sizes[place]:
@@ -196,29 +196,29 @@ class Copy:
         return None
 
     def _observe(self, said: Mapping[str, Part], silent: set[str], time: int) -> None:
-        parts, kept = self.parts, self._kept
+        ownership, kept = self.ownership, self._kept
         values: list[int | None] = [None] * len(kept)
         mask = [False] * len(kept)
         for agent, part in said.items():
-            for place, value in zip(parts.of[agent], part.values, strict=True):
+            for place, value in zip(ownership.of[agent], part.values, strict=True):
                 if value is not None:
                     values[place] = value
                     mask[place] = True
         if True in mask:  # else time has passed, and nobody has seen anything
-            for place, owner in enumerate(parts.owners):
+            for place, owner in enumerate(ownership.owners):
                 if not mask[place]:
                     values[place] = None if owner in silent else kept[place]
-                elif parts.hold[place]:
+                elif ownership.hold[place]:
                     kept[place] = values[place]
-        self._ensemble.take(Observation(time, parts.index(values), tuple(values), tuple(mask)))
+        self._ensemble.take(Observation(time, ownership.index(values), tuple(values), tuple(mask)))
 
     def _see(self, said: Mapping[str, Part], silent: set[str], time: int) -> None:
-        parts = self.parts
-        self._take_times(said)
+        ownership = self.ownership
+        self._advance_time(said)
         for agent, part in said.items():
-            for place, value in zip(parts.of[agent], part.values, strict=True):
+            for place, value in zip(ownership.of[agent], part.values, strict=True):
                 self._kept[place] = value
-        for agent in parts.of:
+        for agent in ownership.of:
             if agent not in silent:
                 self._gone.pop(agent, None)
             else:
@@ -226,13 +226,13 @@ class Copy:
         limit = self._now - self._max_age
         self._silent = tuple(agent for agent, since in self._gone.items() if since < limit)
         values = tuple(
-            None if owner in self._silent else value for owner, value in zip(parts.owners, self._kept, strict=True)
+            None if owner in self._silent else value for owner, value in zip(ownership.owners, self._kept, strict=True)
         )
         same, self._last = values == self._last, values
         if not (same and self._event_driven):
-            self._ensemble.take(State(time, parts.index(values), values))
+            self._ensemble.take(State(time, ownership.index(values), values))
 
-    def _take_times(self, said: Mapping[str, Part]) -> None:
+    def _advance_time(self, said: Mapping[str, Part]) -> None:
         """Move the time of this process on by the agents' clocks, which may differ: each counts from its first word.
 
         One that comes back counts anew, since its clock may have been set.
@@ -247,11 +247,11 @@ class Copy:
         """Return in names what agents say of a step: of one factor its symbol, of several a tuple."""
         names: dict[str, str | tuple[str | None, ...] | None] = {}
         for agent, body in inputs.items():
-            part = self._opened(agent, body)
+            part = self._decode_part(agent, body)
             if part is not None:
-                places = self.parts.of[agent]
+                places = self.ownership.of[agent]
                 symbols = tuple(
-                    None if value is None else self.parts.symbols[place][value]
+                    None if value is None else self.ownership.symbols[place][value]
                     for place, value in zip(places, part.values, strict=True)
                 )
                 names[agent] = symbols[0] if len(symbols) == 1 else symbols
@@ -267,7 +267,7 @@ class Copy:
 
     def snapshot(self) -> bytes:
         """Return the whole copy."""
-        held = Held(
+        held = Contents(
             self._process.snapshot(),
             self.begun,
             tuple(self._kept),
@@ -286,11 +286,11 @@ class Copy:
             ModelError: If it is no snapshot of this process; the copy is unchanged.
         """
         try:
-            held = _held(snapshot)
+            held = _decode_contents(snapshot)
         except UNREADABLE as error:
             raise ModelError(f"this is not a copy of an ensemble: {error}") from None
         agents = {*held.silent, *(agent for agent, _ in (*held.gone, *held.ahead))}
-        if strangers := agents - self.parts.of.keys():
+        if strangers := agents - self.ownership.of.keys():
             raise ModelError(f"this is not a copy of an ensemble: it has agents {', '.join(sorted(strangers))}")
         if not self._fit(held.kept) or (held.last is not None and not self._fit(held.last)):
             raise ModelError("this is not a copy of an ensemble: its factors have other values")
@@ -310,7 +310,7 @@ class Copy:
 
     def _fit(self, values: tuple[int | None, ...]) -> bool:
         """Return whether these are values of the factors."""
-        sizes = self.parts.sizes
+        sizes = self.ownership.sizes
         return len(values) == len(sizes) and all(
             value is None or value < size for value, size in zip(values, sizes, strict=True)
         )

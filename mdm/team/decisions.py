@@ -1,4 +1,4 @@
-"""Files of decisions: each joint step that an agent has applied, as a line of JSON."""
+"""What a team decides, step by step: the message of each joint step that an agent has applied, and files of them."""
 
 from __future__ import annotations
 
@@ -8,20 +8,60 @@ from typing import IO, TYPE_CHECKING, TypeAlias
 import msgspec
 
 from mdm.errors import Error
+from mdm.messages import Message
 from mdm.runtime import Actor
 from mdm.runtime.process.writer import Writer
-from mdm.team.commits import Committed
 
 if TYPE_CHECKING:
     from mdm.runtime import Channel
 
-__all__ = ["Decisions"]
+__all__ = ["Committed", "Decisions"]
 
 Place: TypeAlias = "tuple[str, tuple[int, str, int], int, str | None]"
 """Which step a line tells: of which ensemble, the term, the number, and the command where it is one."""
 
 _TAIL = 4 << 20
 """Bytes at the end of a file whose steps are known; an agent that returns is told a few hundred anew at most."""
+
+
+class Committed(Message, frozen=True, gc=False):
+    """A joint step that this agent has applied.
+
+    Args:
+        agent: Which agent's copy.
+        ensemble: Of which ensemble.
+        term: The number of its term, the term's leader, and which life of it.
+        step: Counted from 1.
+        input: What the agents said, by agent and in names; those who saw nothing are left out.
+        missing: Agents of which it is not known what they saw.
+        command: ``start``, ``stop``… where the step is one; else None.
+        action: The joint action after it, None where there is none.
+        digest: Of the copy after it.
+        caught_up: Whether others took it before this agent heard of it, which did nothing of it then; of the last one
+            of these it does the action from now on.
+    """
+
+    agent: str
+    ensemble: str
+    term: tuple[int, str, int]
+    step: int
+    input: dict[str, str | tuple[str | None, ...] | None]
+    missing: tuple[str, ...]
+    command: str | None
+    action: str | None
+    digest: str
+    caught_up: bool = False
+
+    def line(self) -> bytes:
+        """Return it as a line of JSON, with its time in seconds."""
+        told: dict[str, object] = {"agent": self.agent, "ensemble": self.ensemble, "term": self.term}
+        told |= {"step": self.step, "time": self.time / 1e9, "input": self.input, "missing": self.missing}
+        if self.command is not None:
+            told["command"] = self.command
+        told |= {"action": self.action, "digest": self.digest}
+        if self.caught_up:
+            told["caught_up"] = True
+        return msgspec.json.encode(told) + b"\n"
 
 
 class Decisions(Actor):
@@ -77,9 +117,9 @@ class Decisions(Actor):
         if self._known and place in self._known:
             return
         self._writer.put(self._file.write, committed.line())
-        self._tell_lost()
+        self._report_lost()
 
-    def _tell_lost(self) -> None:
+    def _report_lost(self) -> None:
         if self.lost and not self._told:
             self._told = True
             self.report("decisions", f"lines cannot be written to {self.path_of_file}: what is decided goes on untold")
@@ -87,7 +127,7 @@ class Decisions(Actor):
     def on_stop(self) -> None:
         """Write what waits, and close the file."""
         self._writer.close()
-        self._tell_lost()
+        self._report_lost()
         self._lost, self._writer = self.lost, Writer()
         if self._file is not None:
             self._file.close()

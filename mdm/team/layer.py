@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError
 from mdm.messages import Observation, State
 from mdm.runtime.time.scheduler import next_tick
-from mdm.team import centralised
-from mdm.team.commands import DONE, PENDING, Commands
-from mdm.team.commits import Committed
 from mdm.team.copy import Copy
-from mdm.team.ownership import Parts, acting
+from mdm.team.decisions import Committed
+from mdm.team.ownership import Ownership, acting
+from mdm.team.sharing.commanding import DONE, PENDING, Commands
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from mdm.messages import Tick
     from mdm.runtime import Channel, Subscription
     from mdm.team.link import Link
-    from mdm.team.placement import Placement
+    from mdm.team.ownership import Placement
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
@@ -51,14 +52,14 @@ class TeamLayer(Layer):
         ConfigError: If the ensemble does not fit the team.
 
     Attributes:
-        parts: The factors of what the ensemble decides on, and whose they are.
+        ownership: The factors of what the ensemble decides on, and whose they are.
         process: The joint process, as this agent's control layer decides on it.
         copy: This agent's copy of it, and what it is decided on.
         commits: Where each step is told; set before the start.
         lost: The teammates that are lost.
         tick: The number of the last tick.
         commands: What became of commands.
-        told_held: Whether it has reported that it stays stopped.
+        reported_held: Whether it has reported that it stays stopped.
     """
 
     def __init__(self, name: str, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
@@ -71,19 +72,19 @@ class TeamLayer(Layer):
         _check(team, self.agent, ensemble, agents)
         if not team.event_driven:
             ensemble.controller.step_by_step()
-        self.parts = Parts(team, ensemble, placement)
-        self.process = ensemble.follow(self, self.parts.named(self.agent), acts=self.agent in agents)
-        self.copy = Copy(team, self.agent, ensemble, self.process, self.parts)
+        self.ownership = Ownership(team, ensemble, placement)
+        self.process = ensemble.follow(self, self.ownership.named(self.agent), acts=self.agent in agents)
+        self.copy = Copy(team, self.agent, ensemble, self.process, self.ownership)
         link.configuration.add(ensemble.name, self.copy.facts)
         self.commits: Channel[Committed] | None = None
         self.lost: frozenset[str] = frozenset()
         self.malformed = 0
         self.tick = 0
         self.commands = Commands(self.agent, link.transport.incarnation)
-        self._places = self.parts.of[self.agent]
+        self._places = self.ownership.of[self.agent]
         self._own: tuple[int | None, ...] = (None,) * len(self._places)
         self._seen: list[int | None] = [None] * len(self._places)
-        self._held = self._shows = self.told_held = False
+        self._held = self._shows = self.reported_held = False
         self._hears: list[Subscription[Any]] = []
 
     # -- Life ----------------------------------------------------------------------------------------------------
@@ -93,7 +94,7 @@ class TeamLayer(Layer):
         channel = self.owner.channel
         self._held = False
         self._now = self.runtime.clock.reader()
-        if self.parts.takes == "state":
+        if self.ownership.takes == "state":
             self.subscribe(channel("own_state", State, retain=True), self._on_own_state)
         else:
             self.subscribe(channel("own_observation", Observation), self._on_own_observation)
@@ -101,13 +102,13 @@ class TeamLayer(Layer):
             self.tick = next_tick(self._now(), 1 / self.team.period) - 1
             self.every(1 / self.team.period, self._on_tick)
         self._hears = [self.link.watch(self._on_live, self)]
-        self.show_configuration()
+        self.serve_configuration()
 
     def on_stop(self) -> None:
         """Listen no more."""
         self.link.drop(self._hears)
 
-    def hear(self, expression: str, handler: Callable[[Sample], None]) -> None:
+    def listen(self, expression: str, handler: Callable[[Sample], None]) -> None:
         """Handle what other agents put under the keys of an expression, until this layer stops."""
         self._hears.append(self.link.listen(expression, handler, self))
 
@@ -119,13 +120,13 @@ class TeamLayer(Layer):
     def _on_live(self, link: Link) -> None:
         if link.refusal is not None:
             self.pause()
-        self.take_live(link)
+        self.update_live(link)
         self.assess(self.runtime.clock.now())
 
     def pause(self) -> None:
         """Decide on nothing that was begun: this agent takes no part in the team now."""
 
-    def tell_loss(self, gone: Iterable[str], kind: str, text: str, lasts: Callable[[], bool]) -> None:
+    def report_loss(self, gone: Iterable[str], kind: str, text: str, lasts: Callable[[], bool]) -> None:
         """Report that agents are not there; where all of them have left in order, only if this one does not end, too.
 
         Args:
@@ -146,11 +147,11 @@ class TeamLayer(Layer):
 
     # -- What a kind of team does --------------------------------------------------------------------------------
 
-    def offer(self, part: bytes | None) -> None:
+    def propose(self, part: bytes | None) -> None:
         """Say what this agent saw, for the next step; None where it saw nothing."""
         raise NotImplementedError
 
-    def ask_for(self, command: str, token: str) -> None:
+    def request(self, command: str, token: str) -> None:
         """Have all agents do what was asked for here.
 
         Args:
@@ -174,14 +175,14 @@ class TeamLayer(Layer):
         """What is the same at agents that know of the same commands; plain values."""
         raise NotImplementedError
 
-    def show_configuration(self) -> None:
+    def serve_configuration(self) -> None:
         """Tell whoever asks what must be the same at all agents."""
         if not self._shows:
             self._shows = True
-            facts = centralised.encode(self.copy.facts)
+            facts = msgspec.msgpack.encode(self.copy.facts)
             self.link.serve(self.link.key(self.ensemble.name, "configuration"), lambda _: facts)
 
-    def take_live(self, link: Link) -> None:
+    def update_live(self, link: Link) -> None:
         """Take note of who is live."""
         raise NotImplementedError
 
@@ -198,18 +199,18 @@ class TeamLayer(Layer):
             self.ensemble.safety.stop(self.runtime.clock.now())
         elif token is not None and self.commands.outcomes.get(token) in {DONE, PENDING}:
             return  # another agent was asked for the same, and has told this one
-        self.ask_for(command, self.commands.ask(command, token))
+        self.request(command, self.commands.ask(command, token))
 
-    def tell_void(self, token: str, reason: str) -> None:
+    def report_void(self, token: str, reason: str) -> None:
         """Report that a command which was asked for here will not be done."""
         command = self.commands.name(token)
         self.commands.void(token, reason)
         after = "; this agent stays stopped until a start is asked for" if command == "stop" and self.still else ""
         self.report("void_command", f"{command}, asked for at {self.agent}, is void: {reason}{after}")
 
-    def say(self, values: Iterable[int | None]) -> None:
+    def propose_values(self, values: Iterable[int | None]) -> None:
         """Offer the values of this agent's factors."""
-        self.offer(self.copy.part(self._now(), values))
+        self.propose(self.copy.part(self._now(), values))
 
     @property
     def own(self) -> tuple[int | None, ...]:
@@ -225,7 +226,7 @@ class TeamLayer(Layer):
         if own != self._own:
             self._own = own
             if self.team.event_driven:
-                self.say(own)
+                self.propose_values(own)
 
     def _on_own_observation(self, observation: Observation) -> None:
         new = [observation.values[place] if observation.mask[place] else None for place in self._places]
@@ -234,24 +235,24 @@ class TeamLayer(Layer):
         if not self.team.event_driven:
             self._seen = [old if value is None else value for old, value in zip(self._seen, new, strict=True)]
         elif self.copy.running:
-            self.say(new)
+            self.propose_values(new)
 
     def _on_tick(self, tick: Tick) -> None:
         self.tick = tick.number
         if not self.copy.running:
             return
-        if self.parts.takes == "state":
-            self.say(self._own)
+        if self.ownership.takes == "state":
+            self.propose_values(self._own)
         elif any(value is not None for value in self._seen):
             seen = self._seen
             self.forget()
-            self.say(seen)
+            self.propose_values(seen)
         else:
-            self.offer(None)
+            self.propose(None)
 
     # -- Lost teammates ------------------------------------------------------------------------------------------
 
-    def take_lost(self, lost: Iterable[str]) -> None:
+    def update_lost(self, lost: Iterable[str]) -> None:
         """Take note of the teammates that are lost."""
         self.lost = frozenset(lost)
         self.assess(self.runtime.clock.now())
@@ -276,24 +277,24 @@ class TeamLayer(Layer):
 
     # -- Steps ---------------------------------------------------------------------------------------------------
 
-    def tell_held(self, *, settled: bool) -> None:
+    def report_held(self, *, settled: bool) -> None:
         """Report once that this agent stays stopped while the others decide.
 
         Args:
             settled: Whether the team knows of the stop that it took.
         """
         held = settled and self.holds
-        if held and not self.told_held:
+        if held and not self.reported_held:
             self.report("held", f"{self.agent} was stopped, and stays so while the team decides: start the team again")
-        self.told_held = held
+        self.reported_held = held
 
-    def take_command(self, command: str, token: str, now: int) -> None:
+    def apply_command(self, command: str, token: str, now: int) -> None:
         """Do what all do; an agent that stays stopped decides as they do, and does nothing of it."""
         self.copy.command(command, now, still=self.still and command != "stop")
         self.forget()
         self.commands.done(token)
 
-    def tell(
+    def publish_commit(
         self,
         term: tuple[int, str, int],
         step: int,

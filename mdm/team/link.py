@@ -11,6 +11,7 @@ refused besides: it takes no part until they agree, or the other has gone. No me
 
 from __future__ import annotations
 
+import struct
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from mdm.team.team import Team
     from mdm.team.transport.transport import Priority, Sample, Transport
 
-__all__ = ["Link"]
+__all__ = ["Clocks", "Link", "Offset"]
 
 FAREWELL = "leaving"
 """The channel on which an agent says that it leaves in order."""
@@ -48,6 +49,10 @@ _MOST_STRANGERS = 8
 _SETTLED = 4.0
 """Seconds, beside a lease, after which an agent has been there longer than one that has just come."""
 
+
+_TIME = struct.Struct("<q")
+_CLOCK_PERIOD = 5.0
+_CLOCK_ANSWER = 1.0
 
 T = TypeVar("T")
 
@@ -143,9 +148,9 @@ class Link(Actor):
         self.opened = True
         self._since = self.runtime.clock.now()
         self._beat()
-        self._tell()
+        self._notify()
 
-    def say_farewell(self) -> None:
+    def send_farewell(self) -> None:
         """Tell the others that this agent leaves in order: it puts nothing more, and they do not wait for it."""
         if self.opened and not self._leaving:
             self.transport.put(self.key(FAREWELL), b"", priority="step")
@@ -183,7 +188,7 @@ class Link(Actor):
 
     # -- Messages ------------------------------------------------------------------------------------------------
 
-    def put(self, key: str, body: bytes, *, priority: Priority = "value") -> bool:
+    def send(self, key: str, body: bytes, *, priority: Priority = "value") -> bool:
         """Send a message under a key of this agent; False where it was not sent.
 
         One that is too large for every receiver is reported, once for each key.
@@ -266,14 +271,14 @@ class Link(Actor):
         self.left = {agent: life for agent, life in self.left.items() if seen.get(agent, life) == life}
         if self.opened:
             self._beat()
-            self._tell()
+            self._notify()
 
     def _beat(self) -> None:
         """Say whom this agent hears."""
         hears = {agent: life for agent, (life, _) in self._beats.items()}
         settled, company = self._standing()
         beat = Beat(self.team.names, hears, self.configuration.facts, settled, company)
-        self.put(self.key(BEAT), _encode(beat), priority="step")
+        self.send(self.key(BEAT), _encode(beat), priority="step")
 
     def _standing(self) -> tuple[bool, int]:
         return self.runtime.clock.now() - self._since > self._lease + _SETTLED * 1e9, max(len(self.live), 1)
@@ -292,7 +297,7 @@ class Link(Actor):
         beat = self._opened(sample)
         stranger = sample.owner not in self.team.names
         if stranger:
-            self._tell_stranger(sample.owner)
+            self._report_stranger(sample.owner)
         many = len(self.configuration.differing) > _MOST_STRANGERS
         if beat is None or (stranger and (many or self.agent not in beat.agents)):
             return
@@ -305,7 +310,7 @@ class Link(Actor):
         if stranger or told is not None:
             return
         if self.configuration.agree(sample.owner):
-            self._tell(refused=True)
+            self._notify(refused=True)
         back = self.left.get(sample.owner) == sample.incarnation and sample.time > self._left_at[sample.owner]
         if back:
             del self.left[sample.owner]  # who beats has not left: another said so in its name
@@ -315,9 +320,9 @@ class Link(Actor):
         if old is None or old[0] != new[0]:
             self._beat()  # so that it soon knows that it is heard
         if old != new or back:
-            self._tell()
+            self._notify()
 
-    def _tell_stranger(self, name: str) -> None:
+    def _report_stranger(self, name: str) -> None:
         """Say once that there is one who takes himself for an agent of this team; nobody lives for him here."""
         self._heard_at.pop(name, None)
         if name not in self._strangers and len(self._strangers) < _MOST_STRANGERS:
@@ -336,10 +341,10 @@ class Link(Actor):
         theirs = (beat.settled, beat.company)
         if configuration.part(other, life, told, self._standing(), theirs, self.runtime.clock.now()):
             self._beats.pop(other, None)
-            self.spawn(self._tell_difference(other, life, beat.facts), name="compare")
-            self._tell(refused=True)
+            self.spawn(self._report_difference(other, life, beat.facts), name="compare")
+            self._notify(refused=True)
 
-    async def _tell_difference(self, other: str, life: int, facts: Mapping[str, str]) -> None:
+    async def _report_difference(self, other: str, life: int, facts: Mapping[str, str]) -> None:
         """Report in words what is another at another agent; of an ensemble, what that says of it."""
         configuration = self.configuration
         told = configuration.difference(other, facts) or ""
@@ -353,7 +358,7 @@ class Link(Actor):
             if refused:
                 configuration.refuse(other, told)
             self.report("refused", f"{self.agent if refused else other} cannot take part in the team: {told}")
-            self._tell(refused=refused)
+            self._notify(refused=refused)
 
     def _on_tick(self, tick: Tick) -> None:
         if not tick.missed:  # else what came meanwhile has yet to be heard
@@ -363,7 +368,7 @@ class Link(Actor):
                 del self._beats[agent]
             gone = self.configuration.expire(now - self._lease)
             if silent or gone:
-                self._tell(refused=gone)
+                self._notify(refused=gone)
         if self.opened:
             self._beat()
 
@@ -373,9 +378,9 @@ class Link(Actor):
             return
         self.left[sample.owner] = sample.incarnation
         self._left_at[sample.owner] = min(sample.time, self.runtime.clock.now())
-        self._tell(refused=self.configuration.agree(sample.owner))
+        self._notify(refused=self.configuration.agree(sample.owner))
 
-    def _tell(self, *, refused: bool = False) -> None:
+    def _notify(self, *, refused: bool = False) -> None:
         """Tell who is live, where that has changed, or whether this agent is refused may have."""
         if not self.opened:
             return
@@ -394,3 +399,100 @@ class Link(Actor):
             self.live = live
             for subscription in tuple(self._watching):
                 self.runtime.dispatcher.deliver(subscription, self)
+
+
+class Offset(msgspec.Struct, frozen=True):
+    """How far a clock is ahead of this agent's.
+
+    Args:
+        seconds: The offset; negative where it is behind.
+        error: By how many seconds it may be wrong.
+    """
+
+    seconds: float
+    error: float
+
+
+class Clocks(Actor):
+    """Measures the clocks of live agents, at first and then every five seconds.
+
+    An agent asks another for its time. The answer was given somewhere between question and answer, so that half of what
+    both took is how much the offset may be wrong.
+
+    Ticks are at multiples of the period on each agent's own clock. Where a clock is off by more than half a period, or
+    by more than a step waits, what its agent sees comes too late or counts for another step: it reports a fault
+    ``clock``, once until it agrees again.
+
+    Args:
+        link: What connects the agent with the others.
+
+    Attributes:
+        offsets: The last measurement of each live agent.
+        limit: Seconds by which a clock may be off.
+    """
+
+    def __init__(self, link: Link, *, name: str = "clocks") -> None:
+        super().__init__(name)
+        self.offsets: dict[str, Offset] = {}
+        team = link.team
+        self.limit = team.deadline if team.period is None else min(team.period / 2, team.deadline)
+        self._link = link
+        self._lives: dict[str, int] = {}
+        self._off: set[str] = set()
+        self._serves = False
+
+    def on_start(self) -> None:
+        """Tell the time to whoever asks, and ask the others."""
+        if not self._serves:
+            self._serves = True
+            self._link.serve(self._link.key("clock"), lambda _: _TIME.pack(self.time()))
+        self._lives.clear()
+        self._watching = self._link.watch(self._on_live, self)
+        self.every(1 / _CLOCK_PERIOD, self._on_tick)
+
+    def on_stop(self) -> None:
+        """Ask no more."""
+        self._link.drop([self._watching])
+
+    def time(self) -> int:
+        """Return the time by this agent's clock, in nanoseconds."""
+        return self.runtime.clock.now()
+
+    def _on_live(self, link: Link) -> None:
+        new = [agent for agent, life in link.live.items() if agent != link.agent and self._lives.get(agent) != life]
+        self._lives = dict(link.live)
+        self.offsets = {agent: offset for agent, offset in self.offsets.items() if agent in link.live}
+        self._off &= link.live.keys()
+        self._ask(new)
+
+    def _on_tick(self, _: Tick) -> None:
+        self._ask([agent for agent in self._link.live if agent != self._link.agent])
+
+    def _ask(self, agents: list[str]) -> None:
+        if self._link.opened:
+            for agent in agents:
+                self.spawn(self._measure(agent), name=f"clock of {agent}")
+
+    async def _measure(self, agent: str) -> None:
+        began, answers = self.time(), {}
+        with suppress(Error):  # the transport has closed meanwhile
+            answers = await self._link.ask(join(self._link.team.name, agent, "clock"), seconds=_CLOCK_ANSWER)
+        ended = self.time()
+        answer = answers.get(agent, b"")
+        if len(answer) == _TIME.size and agent in self._link.live:
+            [theirs] = _TIME.unpack(answer)
+            self._note(agent, Offset((theirs - (began + ended) / 2) / 1e9, (ended - began) / 2e9))
+
+    def _note(self, agent: str, offset: Offset) -> None:
+        self.offsets[agent] = offset
+        off = abs(offset.seconds)
+        if off + offset.error <= self.limit:
+            self._off.discard(agent)
+        elif off - offset.error > self.limit and agent not in self._off:
+            self._off.add(agent)
+            way = "ahead of" if offset.seconds > 0 else "behind"
+            self.report(
+                "clock",
+                f"the clock of {agent} is {off:.3f} s {way} that of {self._link.agent}, and the team allows for "
+                f"{self.limit:g} s: what they see counts for other steps, or for none: synchronise the clocks",
+            )

@@ -10,18 +10,16 @@ from mdm.actors import Ensemble
 from mdm.errors import ConfigError
 from mdm.messages import Message
 from mdm.runtime import Actor, ActorStatistics
-from mdm.team.centralised import CentralisedStatistics, controlling
-from mdm.team.centre import Centre
-from mdm.team.clocks import Clocks
-from mdm.team.commits import Committed
-from mdm.team.communicating.talker import Talker
-from mdm.team.decisions import Decisions
-from mdm.team.link import Link
-from mdm.team.outpost import Outpost
-from mdm.team.placement import Placement, placement_of
-from mdm.team.replica import Replica, ReplicaStatistics
+from mdm.team.centralised.follower import CentralisedFollower
+from mdm.team.centralised.leader import CentralisedLeader
+from mdm.team.centralised.messages import CentralisedStatistics, controlling
+from mdm.team.communicating.layer import CommunicatingLayer
+from mdm.team.decisions import Committed, Decisions
+from mdm.team.link import Clocks, Link
+from mdm.team.ownership import Placement, placement_of
+from mdm.team.replicated import ReplicatedLayer, ReplicatedStatistics
 from mdm.team.sharing.calls import Answers
-from mdm.team.sharing.predicates import Followed, Told, wanted
+from mdm.team.sharing.predicates import PredicatePublisher, PredicateSubscriber, wanted
 from mdm.team.sharing.remote import Exports, Imports, typed
 from mdm.team.transport.access import access_settings
 from mdm.team.transport.ceilings import ceiling_settings
@@ -32,7 +30,7 @@ if TYPE_CHECKING:
 
     from mdm.actors import PredicateManager
     from mdm.runtime import Channel, Runtime
-    from mdm.team.communicating.episode import TalkerStatistics
+    from mdm.team.communicating.episode import CommunicatingStatistics
     from mdm.team.team import Team
     from mdm.team.transport.access import Access
     from mdm.team.transport.allowance import Allowance
@@ -64,7 +62,7 @@ class MemberStatistics(ActorStatistics, frozen=True):
 
     live: tuple[str, ...]
     lost: tuple[str, ...]
-    layers: dict[str, ReplicaStatistics | CentralisedStatistics | TalkerStatistics]
+    layers: dict[str, ReplicatedStatistics | CentralisedStatistics | CommunicatingStatistics]
     transport: TransportStatistics
 
 
@@ -128,14 +126,14 @@ class Member(Actor):
             raise ConfigError(f"the transport is that of agent {transport.agent!r}, not of {agent!r}", key="transport")
         given = {name: placement_of(one) for name, one in (placement or {}).items()}
         self.link = Link(team, transport, _facts(team, self.ensembles, given))
-        self.layers: dict[str, Replica | Centre | Outpost | Talker] = {}
+        self.layers: dict[str, ReplicatedLayer | CentralisedLeader | CentralisedFollower | CommunicatingLayer] = {}
         self.lost: tuple[str, ...] = ()
         self._live: tuple[str, ...] = ()
         self._met: set[str] = set()
         self.managers = _managers(self.ensembles.values())
         self.exports = Exports(self.link, typed(exports, "exports"))
         self.imports = Imports(self.link, typed(imports, "imports"))
-        told = Told(self.link, self.managers)
+        told = PredicatePublisher(self.link, self.managers)
         self.clocks = Clocks(self.link)
         self._followed = _followed(team, self.link, self.managers, told)
         self.decisions = None if decisions is None else Decisions(decisions)
@@ -189,7 +187,7 @@ class Member(Actor):
 
     async def on_stopping(self) -> None:
         """Tell the others that this agent leaves, before anything of it ends."""
-        self.link.say_farewell()
+        self.link.send_farewell()
 
     def failings(self) -> list[str]:
         """Return in words what it did not do that it was to do."""
@@ -220,7 +218,7 @@ class Member(Actor):
         self._met.update(live, link.left)
         self._teammates.publish(Teammates(self.runtime.clock.now(), self.agent, live, self.lost))
         for layer in self.layers.values():
-            layer.take_lost(lost)
+            layer.update_lost(lost)
 
     def _tell_missing(self) -> None:
         """Say whom this agent has never seen: where a team goes on without him, nothing else would."""
@@ -247,12 +245,14 @@ class Member(Actor):
         )
 
 
-def _layer(team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> Replica | Centre | Outpost | Talker:
+def _layer(
+    team: Team, ensemble: Ensemble, link: Link, placement: Placement
+) -> ReplicatedLayer | CentralisedLeader | CentralisedFollower | CommunicatingLayer:
     """Return what connects an ensemble with those of its name at the other agents."""
     if team.mode == "centralised" or placement.control is not None:
         decides = controlling(team, ensemble, placement) == link.agent
-        return (Centre if decides else Outpost)(team, ensemble, link, placement)
-    return (Talker if team.mode == "communicating" else Replica)(team, ensemble, link, placement)
+        return (CentralisedLeader if decides else CentralisedFollower)(team, ensemble, link, placement)
+    return (CommunicatingLayer if team.mode == "communicating" else ReplicatedLayer)(team, ensemble, link, placement)
 
 
 def _facts(team: Team, ensembles: Iterable[str], placement: Mapping[str, Placement]) -> dict[str, str]:
@@ -301,7 +301,9 @@ def _managers(ensembles: Iterable[Ensemble]) -> tuple[PredicateManager, ...]:
     return tuple(found)
 
 
-def _followed(team: Team, link: Link, managers: Sequence[PredicateManager], told: Told) -> list[Followed]:
+def _followed(
+    team: Team, link: Link, managers: Sequence[PredicateManager], told: PredicatePublisher
+) -> list[PredicateSubscriber]:
     """Return what keeps other agents' predicates and events up to date, one for each manager and agent."""
     found = []
     for number, manager in enumerate(managers):
@@ -310,7 +312,9 @@ def _followed(team: Team, link: Link, managers: Sequence[PredicateManager], told
             if slash and manager.declared.knows(name) == "predicate" and name not in manager.declared.names:
                 team.check_agent(agent, key=f"predicates.{name}")
         for agent, names in wanted(manager, team.names).items():
-            found.append(Followed(link, agent, manager, names, told, name=f"{agent} for {manager.name} {number}"))
+            found.append(
+                PredicateSubscriber(link, agent, manager, names, told, name=f"{agent} for {manager.name} {number}")
+            )
     return found
 
 

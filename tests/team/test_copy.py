@@ -13,7 +13,7 @@ import mdm
 from mdm import problems
 from mdm.messages import Observation, State
 from mdm.team.copy import BEGIN, Copy
-from mdm.team.ownership import Parts
+from mdm.team.ownership import Ownership
 from mdm.team.team import Team
 from mdm.testing import probe, run_virtual
 
@@ -26,9 +26,9 @@ class Lead:
 async def copied(runtime, team, build, agent=0, **options):
     robot = SimpleNamespace(act=lambda name: lambda: None)
     ensemble = build(robot, agent, **options)
-    parts = Parts(team, ensemble)
-    process = ensemble.follow(Lead(), parts.named(team.names[agent]))
-    copy = Copy(team, team.names[agent], ensemble, process, parts)
+    ownership = Ownership(team, ensemble)
+    process = ensemble.follow(Lead(), ownership.named(team.names[agent]))
+    copy = Copy(team, team.names[agent], ensemble, process, ownership)
     await runtime.start(ensemble)
     return copy, ensemble
 
@@ -223,10 +223,10 @@ def test_the_last_state_of_who_is_missing_counts_for_a_while():
         await in_turn(ensemble, copy.step, {"a": copy.part(0, [0]), "b": copy.part(0, [1])}, (), 1)
         await in_turn(ensemble, copy.step, {"a": copy.part(9 * second, [1])}, ("b",), 2)
         assert copy.aging
-        assert copy.told("b") == (1,)
+        assert copy.last_values("b") == (1,)
         await in_turn(ensemble, copy.step, {"a": copy.part(11 * second, [0])}, ("b",), 3)
         await in_turn(ensemble, copy.step, {"a": copy.part(12 * second, [0])}, ("b",), 4)
-        assert copy.told("b") == (None,)
+        assert copy.last_values("b") == (None,)
         assert not copy.aging
         await in_turn(ensemble, copy.step, {"a": copy.part(13 * second, [0])}, (), 5)
         assert [state.values for state in heard] == [(0, 1), (1, 1), (0, 1), (0, None), (0, 1)]

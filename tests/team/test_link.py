@@ -34,11 +34,11 @@ def test_messages_come_in_turns_of_who_listens_until_it_stops():
         await runtime.start(user)
         first = b.listen(join("team", "*", "news"), lambda sample: heard.append((sample.owner, sample.body)), user)
         b.listen(join("team", "*", "news"), lambda _: heard.append(runtime.dispatcher.active), user)
-        assert a.put(a.key("news"), b"1")
+        assert a.send(a.key("news"), b"1")
         await asyncio.sleep(0.1)
         assert heard == [("a", b"1"), True]
         b.drop([first])
-        a.put(a.key("news"), b"2")
+        a.send(a.key("news"), b"2")
         await asyncio.sleep(0.1)
         assert heard[2:] == [True]
 
@@ -77,9 +77,9 @@ def test_who_is_live_is_told_at_each_change_and_who_leaves_is_not_lost():
         a.watch(lambda link: seen.append((tuple(link.live), tuple(link.left))), user)
         b = await linked(runtime, network, "b")
         c = await linked(runtime, network, "c")
-        b.say_farewell()
+        b.send_farewell()
         await asyncio.sleep(0.1)
-        assert not b.put(b.key("news"), b"late")
+        assert not b.send(b.key("news"), b"late")
         assert seen == [(("a",), ()), (("a", "b"), ()), (("a", "b", "c"), ()), (("a", "c"), ("b",))]
         await runtime.stop(b)
         network.crash("c")
@@ -98,7 +98,7 @@ def test_nothing_is_sent_before_it_is_open_and_a_second_close_does_nothing():
         network = Network(runtime.clock)
         link = Link(TEAM, network.transport("a"))
         await runtime.start(link)
-        assert not link.put(link.key("news"), b"")
+        assert not link.send(link.key("news"), b"")
         link.connect()
         await asyncio.sleep(0.1)
         assert link.live == {"a": 1}
@@ -129,9 +129,9 @@ def test_what_is_too_large_is_told_and_harms_nothing():
         link.connect()
         await asyncio.sleep(0.1)
         faults = probe(runtime.faults)
-        assert not link.put(link.key("news"), bytes(2000))
-        assert not link.put(link.key("news"), bytes(2000))
-        assert link.put(link.key("news"), b"short")
+        assert not link.send(link.key("news"), bytes(2000))
+        assert not link.send(link.key("news"), bytes(2000))
+        assert link.send(link.key("news"), b"short")
         assert [fault.kind for fault in faults] == ["oversize"]
         assert link.life == "running"
 

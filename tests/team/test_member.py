@@ -13,7 +13,7 @@ from teams import team as random_team
 import mdm
 from mdm import problems
 from mdm.team.member import Teammates
-from mdm.team.placement import Placement
+from mdm.team.ownership import Placement
 from mdm.team.team import Team
 from mdm.team.transport.ceilings import Ceiling
 from mdm.team.transport.network import Network

@@ -9,8 +9,7 @@ from team_robots import over_beliefs, over_states
 
 import mdm
 from mdm import problems
-from mdm.team.ownership import Parts, acting
-from mdm.team.placement import Placement
+from mdm.team.ownership import Ownership, Placement, acting
 from mdm.team.team import Team
 
 
@@ -28,37 +27,37 @@ def tigers():
 
 
 def test_observations_belong_to_the_agents_in_their_order_where_names_say_nothing():
-    parts = Parts(tigers(), joint())
-    assert parts.names == ("agent0", "agent1")
-    assert parts.owners == ("left", "right")
-    assert parts.of == {"left": (0,), "right": (1,)}
-    assert parts.named("right") == ("agent1",)
-    assert parts.index((1, 0)) == 2
-    assert parts.index((1, None)) is None
+    ownership = Ownership(tigers(), joint())
+    assert ownership.names == ("agent0", "agent1")
+    assert ownership.owners == ("left", "right")
+    assert ownership.of == {"left": (0,), "right": (1,)}
+    assert ownership.named("right") == ("agent1",)
+    assert ownership.index((1, 0)) == 2
+    assert ownership.index((1, None)) is None
 
 
 def test_a_name_or_an_owner_says_whose_a_factor_is():
-    assert Parts(Team("t", ["agent1", "agent0"]), joint()).owners == ("agent0", "agent1")
-    assert Parts(Team("rooms", ["a", "b"]), states()).owners == ("a", "b")
-    assert Parts(Team("rooms", ["a", "b"]), states(1)).names == ("room_a", "room_b")
+    assert Ownership(Team("t", ["agent1", "agent0"]), joint()).owners == ("agent0", "agent1")
+    assert Ownership(Team("rooms", ["a", "b"]), states()).owners == ("a", "b")
+    assert Ownership(Team("rooms", ["a", "b"]), states(1)).names == ("room_a", "room_b")
 
 
 def test_a_placement_gives_factors_to_an_agent_that_nobody_else_owns():
-    parts = Parts(tigers(), joint(), Placement(inputs="right"))
-    assert parts.owners == ("right", "right")
+    ownership = Ownership(tigers(), joint(), Placement(inputs="right"))
+    assert ownership.owners == ("right", "right")
 
 
 def test_factors_of_nobody_are_refused():
     with pytest.raises(mdm.ConfigError, match="no agent .* tells the observation factor 'agent0': give it an owner"):
-        Parts(Team("t", ["a", "b", "c"]), joint())
+        Ownership(Team("t", ["a", "b", "c"]), joint())
     with pytest.raises(mdm.ConfigError, match="has no agent 'a'"):
-        Parts(tigers(), states())
+        Ownership(tigers(), states())
     with pytest.raises(mdm.ConfigError, match="declare them"):
-        Parts(tigers(), mdm.Ensemble("e", policy=[0, 1], actions={0: print, 1: print}))
+        Ownership(tigers(), mdm.Ensemble("e", policy=[0, 1], actions={0: print, 1: print}))
 
 
 def test_facts_tell_what_must_be_the_same():
-    facts = Parts(Team("rooms", ["a", "b"]), states()).facts()
+    facts = Ownership(Team("rooms", ["a", "b"]), states()).facts()
     assert facts["state factor 'room_a'"] == "2 values, of a, idle None, held"
 
 

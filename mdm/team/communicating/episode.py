@@ -13,7 +13,7 @@ from mdm.team.transport.bounds import Name, Number, Text
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = ["Episode", "Stops", "TalkerStatistics", "Word", "decode", "encode"]
+__all__ = ["CommunicatingStatistics", "Episode", "Stops", "Update", "decode", "encode"]
 
 _MOST = 1 << 62
 """No stop has a number as great: they are about as many as nanoseconds have passed since 1970."""
@@ -83,7 +83,7 @@ class Stops:
         return episode.running and all(episode.stops.get(agent, 0) >= number for agent, number in self.last.items())
 
 
-class Word(msgspec.Struct, frozen=True, array_like=True, gc=False):
+class Update(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """What an agent says to all others.
 
     Args:
@@ -100,10 +100,10 @@ class Word(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 encode = msgspec.msgpack.Encoder().encode
-decode = msgspec.msgpack.Decoder(Word).decode
+decode = msgspec.msgpack.Decoder(Update).decode
 
 
-class TalkerStatistics(ActorStatistics, frozen=True):
+class CommunicatingStatistics(ActorStatistics, frozen=True):
     """Where an agent of a communicating team stands.
 
     Attributes:

@@ -23,9 +23,8 @@ if TYPE_CHECKING:
     from typing import Literal
 
     from mdm.actors import Ensemble
-    from mdm.team.clocks import Clocks
     from mdm.team.layer import TeamLayer
-    from mdm.team.link import Link
+    from mdm.team.link import Clocks, Link
     from mdm.team.team import Team
     from mdm.team.transport.transport import Transport
 
@@ -141,12 +140,12 @@ class Answers(Actor):
         return {**found, "transport": msgspec.structs.asdict(self._link.transport.statistics())}
 
     def _wiring(self, name: str) -> dict[str, Any]:
-        ensemble, parts = self._ensembles[name], self._layers[name].parts
+        ensemble, ownership = self._ensembles[name], self._layers[name].ownership
         wires = [
             wire for layer in (ensemble.state, ensemble.observation) if layer is not None for wire in layer.wires()
         ]
         return {
-            "factors": dict(zip(parts.names, parts.owners, strict=True)),
+            "factors": dict(zip(ownership.names, ownership.owners, strict=True)),
             "symbols": [wire._asdict() for wire in wires],
             "actions": list(ensemble.action.names),
         }

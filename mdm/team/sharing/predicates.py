@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mdm.team.link import Link
     from mdm.team.transport.transport import Sample
 
-__all__ = ["Followed", "Told", "wanted"]
+__all__ = ["PredicatePublisher", "PredicateSubscriber", "wanted"]
 
 PREDICATES = "predicates"
 
@@ -80,7 +80,7 @@ def wanted(manager: PredicateManager, agents: Iterable[str]) -> dict[str, Reques
     return {agent: Request(tuple(names), tuple(events)) for agent, (names, events) in found.items()}
 
 
-class Told(Actor):
+class PredicatePublisher(Actor):
     """Tells others of this agent's predicates and events, where they ask for them.
 
     Args:
@@ -100,7 +100,7 @@ class Told(Actor):
         self._topics: list[Subscription[Any]] = []
         self._number = 0
         self._serves = False
-        self.here: list[Callable[[Change], None]] = []
+        self.local: list[Callable[[Change], None]] = []
 
     def on_start(self) -> None:
         """Answer who asks, and say all values now and then."""
@@ -109,7 +109,7 @@ class Told(Actor):
             self._serves = True
             self._link.serve(self._link.key(PREDICATES, "follow"), self._answer)
         self._listen()
-        self.every(4 / self._link.team.max_age, lambda _: self._say_all())
+        self.every(4 / self._link.team.max_age, lambda _: self._send_all())
 
     def on_stop(self) -> None:
         """Tell nothing more."""
@@ -149,29 +149,29 @@ class Told(Actor):
         for manager, names in self._names.items():
             updates = self.runtime.channel(f"{manager.path}/updates", PredicateUpdate)
             events = self.runtime.channel(f"{manager.path}/events", EventUpdate)
-            self._topics.append(updates.subscribe(self._tell_predicates, self, topics=names))
-            self._topics.append(events.subscribe(self._tell_events, self, topics=names))
+            self._topics.append(updates.subscribe(self._publish_predicates, self, topics=names))
+            self._topics.append(events.subscribe(self._publish_events, self, topics=names))
 
     def _names_of_all(self) -> set[str]:
         return set().union(*self._names.values())
 
-    def _tell_predicates(self, update: PredicateUpdate) -> None:
+    def _publish_predicates(self, update: PredicateUpdate) -> None:
         names = self._names_of_all()
         values: dict[str, bool | None] = {name: True for name in update.rising if name in names}
         values |= {name: False for name in update.falling if name in names}
         values |= {name: None for name in update.unknown if name in names}
         if values:
-            self._put(update.time, values, ())
+            self._publish(update.time, values, ())
 
-    def _tell_events(self, update: EventUpdate) -> None:
+    def _publish_events(self, update: EventUpdate) -> None:
         names = self._names_of_all()
-        self._put(update.time, {}, tuple(name for name in update.events if name in names))
+        self._publish(update.time, {}, tuple(name for name in update.events if name in names))
 
-    def _put(self, time: int, values: Mapping[str, bool | None], events: tuple[str, ...]) -> None:
+    def _publish(self, time: int, values: Mapping[str, bool | None], events: tuple[str, ...]) -> None:
         self._number += 1
-        self._say(Change(self._number, time, dict(values), events))
+        self._send(Change(self._number, time, dict(values), events))
 
-    def _say_all(self) -> None:
+    def _send_all(self) -> None:
         if self._names:
             values = {
                 name: manager.value(name)
@@ -179,15 +179,15 @@ class Told(Actor):
                 for name in names
                 if manager.declared.names[name] == "predicate"
             }
-            self._say(Change(self._number, self.runtime.clock.now(), values))
+            self._send(Change(self._number, self.runtime.clock.now(), values))
 
-    def _say(self, change: Change) -> None:
-        for tell in self.here:
+    def _send(self, change: Change) -> None:
+        for tell in self.local:
             tell(change)
-        self._link.put(self._key, _encode(change))
+        self._link.send(self._key, _encode(change))
 
 
-class Followed(Actor):
+class PredicateSubscriber(Actor):
     """Keeps what a predicate manager uses of one agent up to date; that may be its own, since all run one file.
 
     Args:
@@ -195,14 +195,21 @@ class Followed(Actor):
         agent: The agent.
         manager: The predicate manager.
         names: What it uses.
-        told: What tells of this agent's own.
+        publisher: What tells of this agent's own.
     """
 
     def __init__(
-        self, link: Link, agent: str, manager: PredicateManager, names: Request, told: Told, *, name: str
+        self,
+        link: Link,
+        agent: str,
+        manager: PredicateManager,
+        names: Request,
+        publisher: PredicatePublisher,
+        *,
+        name: str,
     ) -> None:
         super().__init__(name)
-        self._told = told if agent == link.agent else None
+        self._publisher = publisher if agent == link.agent else None
         self._link = link
         self._agent = agent
         self._manager = manager
@@ -229,9 +236,9 @@ class Followed(Actor):
     def on_start(self) -> None:
         """Listen to the agent."""
         self._life, self._asking, self._old = 0, None, None
-        if self._told is not None:
-            self._take_reply(self._told.reply(self._names))
-            self._told.here.append(self._take)
+        if self._publisher is not None:
+            self._receive_reply(self._publisher.reply(self._names))
+            self._publisher.local.append(self._receive)
             return
         key = join(self._link.team.name, self._agent, PREDICATES, "changes")
         self._hears = [self._link.listen(key, self._on_sample, self), self._link.watch(self._on_live, self)]
@@ -239,8 +246,8 @@ class Followed(Actor):
     def on_stop(self) -> None:
         """Listen no more."""
         self._link.drop(self._hears)
-        if self._told is not None and self._take in self._told.here:
-            self._told.here.remove(self._take)
+        if self._publisher is not None and self._receive in self._publisher.local:
+            self._publisher.local.remove(self._receive)
 
     def _on_live(self, link: Link) -> None:
         life = link.live.get(self._agent, 0)
@@ -263,18 +270,18 @@ class Followed(Actor):
         """Ask the other agent to tell what it is followed for."""
         key = join(self._link.team.name, self._agent, PREDICATES, "follow")
         answer = await self._link.ask_one(self._agent, key, _encode(self._names), _reply)
-        self._take_reply(answer)
+        self._receive_reply(answer)
 
-    def _take_reply(self, reply: Reply) -> None:
-        if self._answered != self._life or self._told is not None:
+    def _receive_reply(self, reply: Reply) -> None:
+        if self._answered != self._life or self._publisher is not None:
             for name, hint in reply.unknown.items():
                 self.report("follow", f"agent {self._agent!r} has no predicate or event {name!r}{hint}")
         self._answered = self._life
         if reply.number >= self._number:  # else what has changed since has come before it
             self._number = reply.number
             self._update(reply.values)
-            self._tell_map()
-        if self._told is None:
+            self._publish_map()
+        if self._publisher is None:
             self._watch()
 
     def _watch(self) -> None:
@@ -295,12 +302,12 @@ class Followed(Actor):
         if sample.incarnation == self._life:
             self._watch()
             self._number = max(change.number, self._number)
-            self._take(change)
+            self._receive(change)
 
-    def _take(self, change: Change) -> None:
+    def _receive(self, change: Change) -> None:
         self._update(change.values)
         if not change.events:
-            self._tell_map()
+            self._publish_map()
         events = [f"{self._agent}/{name}" for name in change.events if name in self._names.events]
         if events:
             self._manager.occur(*events)
@@ -320,6 +327,6 @@ class Followed(Actor):
             self._count += 1
             self._updates.publish(PredicateUpdate(self.runtime.clock.now(), self._count, rising, falling, unknown))
 
-    def _tell_map(self) -> None:
+    def _publish_map(self) -> None:
         """Tell a manager that has just begun anew of all."""
         self._map.publish(PredicateMap(self.runtime.clock.now(), self._count, dict(self._values)))

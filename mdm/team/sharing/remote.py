@@ -151,7 +151,7 @@ class Exports(Actor):
         self._serves = True
 
     def _sender(self, name: str, wire: Wire) -> Callable[[Any], None]:
-        key, put, encode = self._link.key(*name.split("/")), self._link.put, wire.encode
+        key, put, encode = self._link.key(*name.split("/")), self._link.send, wire.encode
         refused: list[str] = []
 
         def send(message: Any) -> None:

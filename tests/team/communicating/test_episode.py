@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, strategies as st
 
 from mdm.team import Experience
-from mdm.team.communicating.episode import Episode, Word, decode, encode
+from mdm.team.communicating.episode import Episode, Update, decode, encode
 
 STOPS = st.dictionaries(st.sampled_from("abc"), st.integers(0, 2))
 EPISODES = st.builds(
@@ -41,5 +41,5 @@ def test_all_end_in_the_same_episode_in_whatever_order_they_hear(episodes, rando
 
 
 def test_words_are_sent_as_they_are():
-    word = Word(Episode(1, 10, "a", True), "digest", (Experience(1, 0, None),))
+    word = Update(Episode(1, 10, "a", True), "digest", (Experience(1, 0, None),))
     assert decode(encode(word)) == word

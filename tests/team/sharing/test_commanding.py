@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from team.test_commands import MODES, NAMES, Squad
+from team.sharing.test_commanding_outcomes import MODES, NAMES, Squad
 
 import mdm
 from mdm.team.sharing.commanding import command

@@ -13,7 +13,7 @@ import mdm
 from mdm import P, problems
 from mdm.messages import EventUpdate, PredicateUpdate
 from mdm.team.link import Link
-from mdm.team.sharing.predicates import Change, Followed, Reply, Request, Told
+from mdm.team.sharing.predicates import Change, PredicatePublisher, PredicateSubscriber, Reply, Request
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 from mdm.testing import probe, run_virtual
@@ -217,8 +217,8 @@ def told_of(manager, network, runtime):
     put = []
     transport = network.transport("robot1")
     link = Link(walkers(), transport, name="link")
-    link.put = lambda key, body, **_: put.append(body) or True
-    return Told(link, [manager]), put
+    link.send = lambda key, body, **_: put.append(body) or True
+    return PredicatePublisher(link, [manager]), put
 
 
 def test_what_has_stopped_tells_no_more_of_a_manager_that_goes_on():
@@ -267,7 +267,7 @@ def test_a_reply_counts_unless_it_is_older_than_what_was_heard_meanwhile(number,
         link.listen = lambda _, handler, __: heard.setdefault("sample", handler)
         link.watch = lambda handler, _: heard.setdefault("live", handler)
         link.drop = lambda _: None
-        followed = Followed(link, "robot2", manager, names, Told(link, []), name="followed")
+        followed = PredicateSubscriber(link, "robot2", manager, names, PredicatePublisher(link, []), name="followed")
         followed.prepare(runtime)
         await runtime.start(manager)
         await runtime.start(followed)
@@ -288,7 +288,7 @@ def test_nobody_has_an_agent_look_for_names_without_end():
     manager = mdm.PredicateManager()
     for number in range(100):
         manager.sensor(f"Door{number}")
-    told = Told(SimpleNamespace(key=lambda *parts: "/".join(parts)), [manager])
+    told = PredicatePublisher(SimpleNamespace(key=lambda *parts: "/".join(parts)), [manager])
     told._listen = lambda: None
     assert told._answer(msgspec.msgpack.encode([[f"Door{number}x" for number in range(2000)], []])) == b""
     answer = msgspec.msgpack.decode(told._answer(msgspec.msgpack.encode([[f"Door{n}x" for n in range(1000)], []])))

@@ -7,8 +7,8 @@ from hypothesis import given, strategies as st
 from mdm.controller import Held, opened
 from mdm.errors import Error
 from mdm.messages import Belief
-from mdm.team import centralised
 from mdm.team.agreement import log, messages
+from mdm.team.centralised import messages as centralised
 from mdm.team.communicating import episode
 from mdm.team.sharing.remote import Wire
 from mdm.team.transport.bounds import HOUR, UNREADABLE, Life, Name, Number, Text, can_be
@@ -50,8 +50,8 @@ DEEP = b"\x91" * 100_000 + b"\xc0"
     ("decode", "whole"),
     [
         (messages.decode, messages.encode(messages.Stale(log.START.term))),
-        (_opened_by(centralised.said), centralised.encode(centralised.Said(0, 0, None, None))),
-        (_opened_by(episode.decode), episode.encode(episode.Word(episode.Episode(0, 0, "a", running=True), ""))),
+        (_opened_by(centralised.decode_proposal), centralised.encode(centralised.Proposal(0, 0, None, None))),
+        (_opened_by(episode.decode), episode.encode(episode.Update(episode.Episode(0, 0, "a", running=True), ""))),
         (opened, msgspec.msgpack.encode(Held("", 0, None, False, None, None, None))),
         (Wire(Belief).decode, msgspec.msgpack.encode({"time": 0, "probabilities": None})),
     ],

@@ -7,8 +7,8 @@ import asyncio
 import pytest
 from team_robots import over_beliefs, started, three
 
-from mdm.team.commands import Commands
 from mdm.team.sharing.calls import ask
+from mdm.team.sharing.commanding import Commands
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual

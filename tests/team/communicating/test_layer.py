@@ -14,7 +14,7 @@ import mdm
 from mdm import problems
 from mdm.errors import ConfigError
 from mdm.team import Always, Budget, Knowledge, Never, OnChange, Team, ValueOfCommunication
-from mdm.team.communicating.episode import Word, encode
+from mdm.team.communicating.episode import Update, encode
 from mdm.team.transport.envelope import Packer
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
@@ -78,12 +78,12 @@ def components(robots, model=TIGER):
 def lose(robot, lost):
     """Have what a robot shares at some steps be lost on the way."""
     talker = robot.replica
-    say = talker._say
+    say = talker._send
 
     def say_or_lose(experiences=()):
         return bool(experiences and lost(talker._step, talker.ensemble.agent)) or say(experiences)
 
-    talker._say = say_or_lose
+    talker._send = say_or_lose
 
 
 def talk(communication, joints, *, delay=0.01, loss=0.0, lost=None, model=TIGER, names=("left", "right"), **options):
@@ -303,8 +303,8 @@ def test_what_was_really_done_is_told():
         left, right = await two(runtime, build)
         await observe([left, right], seen(2))
         told = []
-        network_word = right.replica._hear
-        right.replica._hear = lambda agent, experiences: (told.extend(experiences), network_word(agent, experiences))
+        network_word = right.replica._receive
+        right.replica._receive = lambda agent, experiences: (told.extend(experiences), network_word(agent, experiences))
         left.ensemble.safety.endanger("test", "a test", runtime.clock.now())
         await asyncio.sleep(3.0)
         assert left.ensemble.mode == "safe"
@@ -367,8 +367,8 @@ def test_who_returns_with_another_configuration_takes_no_part_and_says_why():
 def test_garbage_is_counted():
     async def main(runtime):
         left, right = await two(runtime)
-        right.member.link.put("mdm/tigers/right/joint/word", b"garbage", priority="step")
-        word = right.replica._say
+        right.member.link.send("mdm/tigers/right/joint/word", b"garbage", priority="step")
+        word = right.replica._send
         word((mdm.team.Experience(1, 99, 0),))
         word((mdm.team.Experience(1, 0, 0), mdm.team.Experience(1, 0, 1)))
         word((mdm.team.Experience(5000, 0, 0),))
@@ -488,7 +488,7 @@ def test_two_in_episodes_that_another_made_unlike_agree_and_do_not_shout_at_each
         robots = left, right = await two(runtime)
         new = msgspec.structs.replace(left.replica.episode, number=7)
         for owner, hearer, episode in ((left, right, new), (right, left, msgspec.structs.replace(new, **changed))):
-            word = Word(episode, owner.replica._configuration, (), owner.replica.stops.last)
+            word = Update(episode, owner.replica._configuration, (), owner.replica.stops.last)
             packer, key = Packer(owner.name, owner.transport.incarnation, runtime.clock.now), owner.replica._key
             packer._numbers[key] = hearer.transport.router.unpacker._last[key].number
             hearer.transport.arrive(key, packer.pack(key, encode(word)))
@@ -523,8 +523,8 @@ def test_what_no_agent_says_of_episodes_and_stops_is_dropped(episode, stops, wor
     async def main(runtime):
         left, right = await two(runtime)
         before = left.replica.episode
-        word = Word(msgspec.structs.replace(before, **episode), left.replica._configuration, (), stops)
-        right.member.link.put(right.replica._key, encode(word), priority="step")
+        word = Update(msgspec.structs.replace(before, **episode), left.replica._configuration, (), stops)
+        right.member.link.send(right.replica._key, encode(word), priority="step")
         await asyncio.sleep(0.2)
         assert left.replica.episode == before
         assert left.replica.stops.last == {}

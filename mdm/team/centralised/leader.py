@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from mdm.runtime import Subscription
-from mdm.team import centralised
 from mdm.team.agreement.proposals import BARS, HOLD, STARTS, STOP
-from mdm.team.centralised import CentralisedStatistics, Decided, encode
+from mdm.team.centralised.messages import CentralisedStatistics, Decision, decode_proposal, encode
 from mdm.team.copy import BEGIN
 from mdm.team.layer import TeamLayer
 from mdm.team.transport.bounds import UNREADABLE, can_be
@@ -19,13 +18,13 @@ if TYPE_CHECKING:
     from mdm.actors import Ensemble
     from mdm.messages import Action
     from mdm.runtime import Timer
-    from mdm.team.centralised import Said
+    from mdm.team.centralised.messages import Proposal
     from mdm.team.link import Link
-    from mdm.team.placement import Placement
+    from mdm.team.ownership import Placement
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
-__all__ = ["Centre"]
+__all__ = ["CentralisedLeader"]
 
 _MOST_TICKS = 8
 """Ticks for which parts are kept, such as those of an agent ahead of time."""
@@ -33,7 +32,7 @@ _MOST_TICKS = 8
 _NOT_READY = "the configurations of the agents that are there were not compared yet, or most of them differ"
 
 
-class Centre(TeamLayer):
+class CentralisedLeader(TeamLayer):
     """The layer at the agent that decides: it collects what all have seen.
 
     At a fixed rate it decides when all live agents have said what they saw since the last tick, or the deadline after
@@ -54,7 +53,7 @@ class Centre(TeamLayer):
         self._open: int | None = None
         self._closed = -1
         self._late = 0
-        self._last = self._spread_last = Decided(0, False, 0, None, None, {}, (), None, "", {})
+        self._last = self._last_sent = Decision(0, False, 0, None, None, {}, (), None, "", {})
         self._on: tuple[dict[str, bytes], tuple[str, ...], str | None, str] = ({}, (), None, "")
         self._started = self._barred = 0
         self._asked = self._stopped = False
@@ -63,30 +62,30 @@ class Centre(TeamLayer):
         self._timer: Timer | None = None
         self._ready = self._waited = self._outvoted = False
         self._patient = True
-        self._saying: Subscription[Decided] = Subscription(None, self, self._spread)
-        self._seeing = tuple(agent for agent in team.names if self.parts.of[agent])
+        self._sending: Subscription[Decision] = Subscription(None, self, self._send_new)
+        self._seeing = tuple(agent for agent in team.names if self.ownership.of[agent])
 
     def on_start(self) -> None:
         """Listen to the own layers and to the other agents."""
         self._open = self._timer = None
         super().on_start()
         self.ensemble.control.output.relay(self._publish)
-        self.hear(join(self.team.name, "*", self.ensemble.name, "part"), self._on_said)
+        self.listen(join(self.team.name, "*", self.ensemble.name, "part"), self._on_proposal)
         self._waited = False
-        self.every(4 / self.team.lease, lambda _: self._put())
+        self.every(4 / self.team.lease, lambda _: self._send_again())
 
     def on_running(self) -> None:
         """Begin anew after a failure; a team that was stopped stays so. At first configurations are compared."""
         if self._ready:
             self._command("stop" if self._stopped else "start" if self.copy.begun else BEGIN)
 
-    def take_live(self, _link: Link) -> None:
+    def update_live(self, _link: Link) -> None:
         """Take note of who is live: who has just come is told what is decided; nobody waits for who is gone."""
         if not self._waited:
             self._waited = True
             self.call_later(self.team.lease / 2, self._wait_no_more)
         self._begin()
-        self._put()
+        self._send_again()
         self._close(late=False)
         self.assess(self.runtime.clock.now())
 
@@ -117,12 +116,12 @@ class Centre(TeamLayer):
 
     # -- What the agents say -------------------------------------------------------------------------------------
 
-    def ask_for(self, command: str, token: str) -> None:
+    def request(self, command: str, token: str) -> None:
         """Do what was asked for, at all agents."""
         if self.refusal is not None:
-            self.tell_void(token, f"{self.agent} takes no part in the team")
+            self.report_void(token, f"{self.agent} takes no part in the team")
         elif not self._ready and command not in BARS:
-            self.tell_void(token, _NOT_READY)
+            self.report_void(token, _NOT_READY)
         else:
             self._asked = True
             self._command(command, token)
@@ -137,7 +136,7 @@ class Centre(TeamLayer):
         """The last decision."""
         return [self.link.transport.incarnation, self._last.step]
 
-    def offer(self, part: bytes | None) -> None:
+    def propose(self, part: bytes | None) -> None:
         """Take what this agent has seen."""
         if self.refusal is not None:
             return
@@ -150,56 +149,56 @@ class Centre(TeamLayer):
         elif part is not None:
             self._decide({self.agent: part})
 
-    def _on_said(self, sample: Sample) -> None:
+    def _on_proposal(self, sample: Sample) -> None:
         if self.refusal is not None:
             return
         try:
-            said = centralised.said(sample.body)
+            proposal = decode_proposal(sample.body)
         except UNREADABLE as error:
             self._drop(sample, f"is none of a centralised team: {error}")
             return
-        if not self._can_be(said):
-            self._drop(sample, f"is of tick {said.tick} and number {said.number}, which cannot be yet")
+        if not self._is_possible(proposal):
+            self._drop(sample, f"is of tick {proposal.tick} and number {proposal.number}, which cannot be yet")
             return
-        if said.tick > self.tick + _MOST_TICKS:
+        if proposal.tick > self.tick + _MOST_TICKS:
             self._late += 1  # a clock that is ahead of this one; no part waits for so long
             return
         if not self.link.is_live(sample):
             return
-        if said.number == 0:
-            self._collect(sample.owner, said.tick, said.part)
+        if proposal.number == 0:
+            self._collect(sample.owner, proposal.tick, proposal.part)
             return
         life, last = self._taken.get(sample.owner, (0, 0))
-        if life == sample.incarnation and last >= said.number:
-            self._put()  # it was taken before, and the word of that was lost
+        if life == sample.incarnation and last >= proposal.number:
+            self._send_again()  # it was taken before, and the word of that was lost
             return
-        self._taken[sample.owner] = (sample.incarnation, said.number)
-        if said.command is not None:
-            self._take_said(sample, said, said.command)
-        elif said.part is not None:
-            self._decide({sample.owner: said.part})
+        self._taken[sample.owner] = (sample.incarnation, proposal.number)
+        if proposal.command is not None:
+            self._receive_command(sample, proposal, proposal.command)
+        elif proposal.part is not None:
+            self._decide({sample.owner: proposal.part})
 
-    def _can_be(self, said: Said) -> bool:
+    def _is_possible(self, proposal: Proposal) -> bool:
         """Return whether there was time for what an agent has counted, where its clock is an hour ahead at most."""
         period = round((self.team.period or 1.0) * 1e9)
-        return can_be(said.tick - self.tick, 0, period) and can_be(said.number, self.runtime.clock.now(), 1000)
+        return can_be(proposal.tick - self.tick, 0, period) and can_be(proposal.number, self.runtime.clock.now(), 1000)
 
-    def _take_said(self, sample: Sample, said: Said, command: str) -> None:
+    def _receive_command(self, sample: Sample, proposal: Proposal, command: str) -> None:
         """Do what was asked for at another agent, unless a stop came between."""
         agent = sample.owner
         if command not in BARS:
-            known = said.step if said.life == self.link.transport.incarnation else -1
+            known = proposal.step if proposal.life == self.link.transport.incarnation else -1
             if known < self._barred or not self._ready:
-                self._void[agent] = said.token
-                self._put()
+                self._void[agent] = proposal.token
+                self._send_again()
             else:
                 self._asked = True
-                self._command(command, said.token)
+                self._command(command, proposal.token)
             return
         if command == HOLD and not self._asked:
             command = STOP  # this life of the controller began by itself, and knows of no stop before
-        self._bars[agent] = (sample.incarnation, said.number, self._last.step + 1)
-        self._command(command, said.token)
+        self._bars[agent] = (sample.incarnation, proposal.number, self._last.step + 1)
+        self._command(command, proposal.token)
 
     def _drop(self, sample: Sample, reason: str) -> None:
         self.malformed += 1
@@ -219,17 +218,17 @@ class Centre(TeamLayer):
         """Decide on the open tick, where all have said what they saw or it is too late for the others."""
         if self._open is None:
             return
-        said = self._ticks.get(self._open, {})
+        heard = self._ticks.get(self._open, {})
         waited_for = (agent for agent in self._seeing if agent in self.link.live)
-        if not late and any(agent not in said for agent in waited_for):
+        if not late and any(agent not in heard for agent in waited_for):
             return
         self._closed, self._open = self._open, None
         self._ticks = {tick: parts for tick, parts in self._ticks.items() if tick > self._closed}
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        missing = tuple(agent for agent in self._seeing if agent not in said)
-        self._decide({agent: part for agent, part in said.items() if part is not None}, missing)
+        missing = tuple(agent for agent in self._seeing if agent not in heard)
+        self._decide({agent: part for agent, part in heard.items() if part is not None}, missing)
 
     # -- Decisions -----------------------------------------------------------------------------------------------
 
@@ -243,7 +242,7 @@ class Centre(TeamLayer):
         if known and self.ensemble.control.blind:
             self._publish(None)
         elif self._last.step == before:
-            self._put()  # a search will decide later, or nothing is to be decided
+            self._send_again()  # a search will decide later, or nothing is to be decided
 
     def _command(self, command: str, token: str = "") -> None:
         self._on = ({}, (), command, token)
@@ -255,7 +254,7 @@ class Centre(TeamLayer):
         if command != HOLD:
             self._open = None
             self._stopped = self._stopped or command == STOP
-            self.take_command(command, token, self.runtime.clock.now())
+            self.apply_command(command, token, self.runtime.clock.now())
         if self._last.step == before and runs and (command == HOLD or command in STARTS):
             self._publish_again()
         elif self._last.step == before:
@@ -265,7 +264,7 @@ class Centre(TeamLayer):
         """Have a decision sent to all."""
         controller = self.ensemble.controller
         inputs, missing, command, token = self._on
-        self._last = Decided(
+        self._last = Decision(
             step=self._last.step + 1,
             running=self.copy.running,
             epoch=0 if action is None else action.epoch,
@@ -280,39 +279,39 @@ class Centre(TeamLayer):
             started=self._started,
         )
         # Behind this agent's callback, which does not wait for what is for the others.
-        self.runtime.dispatcher.deliver(self._saying, self._last)
+        self.runtime.dispatcher.deliver(self._sending, self._last)
 
     def _publish_again(self) -> None:
-        """Have a command sent to all that changes nothing of what is decided."""
+        """Have a command sent to all that changes nothing of what is decision."""
         _, _, command, token = self._on
         told = {"step": self._last.step + 1, "inputs": {}, "missing": (), "command": command, "token": token}
         self._last = msgspec.structs.replace(self._last, started=self._started, **told)
-        self.runtime.dispatcher.deliver(self._saying, self._last)
+        self.runtime.dispatcher.deliver(self._sending, self._last)
 
-    def _spread(self, decided: Decided) -> None:
+    def _send_new(self, decision: Decision) -> None:
         """Send a new decision to all, and tell of it here."""
-        decided = msgspec.structs.replace(decided, digest=self.copy.digest())
-        if self._last.step == decided.step:
-            self._last = decided
-        self._spread_last = decided
-        self._say(decided)
+        decision = msgspec.structs.replace(decision, digest=self.copy.digest())
+        if self._last.step == decision.step:
+            self._last = decision
+        self._last_sent = decision
+        self._send(decision)
         life = (1, self.agent, self.link.transport.incarnation)
-        self.tell(
-            *(life, decided.step, decided.inputs, decided.missing, decided.command),
-            action=decided.action,
-            digest=decided.digest,
+        self.publish_commit(
+            *(life, decision.step, decision.inputs, decision.missing, decision.command),
+            action=decision.action,
+            digest=decision.digest,
         )
 
-    def _put(self) -> None:
+    def _send_again(self) -> None:
         """Send the last decision once more; not one that waits to be sent, for they are sent in order."""
-        self._say(self._spread_last)
+        self._send(self._last_sent)
 
-    def _say(self, decided: Decided) -> None:
+    def _send(self, decision: Decision) -> None:
         """Send a decision, with what was taken from each agent."""
         live = self.link.live
         taken = {agent: number for agent, (life, number) in self._taken.items() if live.get(agent, life) == life}
-        told = msgspec.structs.replace(decided, taken=taken, bars=self._bars, void=self._void)
-        self.link.put(self._key, encode(told), priority="step")
+        told = msgspec.structs.replace(decision, taken=taken, bars=self._bars, void=self._void)
+        self.link.send(self._key, encode(told), priority="step")
 
     @property
     def _role(self) -> str:

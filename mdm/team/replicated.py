@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from mdm.runtime import Timer
     from mdm.team.agreement import Commit, Send, Standing
     from mdm.team.link import Link
-    from mdm.team.placement import Placement
+    from mdm.team.ownership import Placement
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
-__all__ = ["Replica", "ReplicaStatistics"]
+__all__ = ["ReplicatedLayer", "ReplicatedStatistics"]
 
 _PATIENCE = 1.0
 _ALL = "all"
@@ -44,7 +44,7 @@ _BEHIND = (Entries, Snapshot)
 """Messages that tell of steps which others took before."""
 
 
-class ReplicaStatistics(ActorStatistics, frozen=True):
+class ReplicatedStatistics(ActorStatistics, frozen=True):
     """Where a replica stands in the agreement.
 
     Attributes:
@@ -72,7 +72,7 @@ class ReplicaStatistics(ActorStatistics, frozen=True):
     malformed: int
 
 
-class Replica(TeamLayer):
+class ReplicatedLayer(TeamLayer):
     """The last layer of an ensemble in a replicated team: what decides is the same at all of its agents.
 
     Args:
@@ -120,12 +120,12 @@ class Replica(TeamLayer):
         self._complaint: tuple[str, int] | None = None
         self._timer: Timer | None = None
         self._age: Timer | None = None
-        self._saying: Subscription[list[Send]] = Subscription(None, self, self._say)
-        self._concluding: Subscription[None] = Subscription(None, self, self._conclude)
-        self._concludes = False
-        self._affirming: Subscription[None] = Subscription(None, self, self._affirm)
-        self._word: Send | None = None
-        self._affirms = False
+        self._sending: Subscription[list[Send]] = Subscription(None, self, self._send_all)
+        self._ending_turn: Subscription[None] = Subscription(None, self, self._end_turn)
+        self._turn_ends = False
+        self._acknowledging: Subscription[None] = Subscription(None, self, self._acknowledge)
+        self._acknowledgement: Send | None = None
+        self._acknowledges = False
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
@@ -133,35 +133,35 @@ class Replica(TeamLayer):
         """Listen to the own layers and to the other agents."""
         self._dispatcher = self.runtime.dispatcher
         self._timer = self._age = None
-        self._asked = self._behind = self._concludes = False
+        self._asked = self._behind = self._turn_ends = False
         if self._saved is not None:  # the ensemble has failed, and begins anew: the team has gone on
             self.restore(self._saved)
             self._resume(self.runtime.clock.now())
         super().on_start()
         for to in (_ALL, self.agent):
-            self.hear(join(self.team.name, "*", self.ensemble.name, "agreement", to), self._on_message)
+            self.listen(join(self.team.name, "*", self.ensemble.name, "agreement", to), self._on_message)
         self.call_later(_PATIENCE, self._on_patience)
 
     def on_stop(self) -> None:
         """Keep the copy for the next start."""
         super().on_stop()
-        self._concludes, self._word, self._affirms = False, None, False
+        self._turn_ends, self._acknowledgement, self._acknowledges = False, None, False
         self._saved = self.copy.snapshot()
 
     # -- What this agent says ------------------------------------------------------------------------------------
 
-    def offer(self, part: bytes | None) -> None:
+    def propose(self, part: bytes | None) -> None:
         """Propose what this agent saw, for the next step; without a majority nobody would take it while it is new."""
         if self._role == "waiting" and self.team.event_driven:
             self._unsaid += 1
             self._withheld = True
             return
         self._withheld = False
-        self._send(self.agreement.propose(part, self._now()))
+        self._process(self.agreement.propose(part, self._now()))
 
-    def ask_for(self, command: str, token: str) -> None:
+    def request(self, command: str, token: str) -> None:
         """Propose a command, for a step of its own."""
-        self._send(self.agreement.propose(None, self.runtime.clock.now(), command, token))
+        self._process(self.agreement.propose(None, self.runtime.clock.now(), command, token))
 
     @property
     def still(self) -> bool:
@@ -174,7 +174,7 @@ class Replica(TeamLayer):
         position = self.agreement.log.position
         return [position.term.number, position.term.leader, position.term.incarnation, position.step]
 
-    def _send(self, sends: list[Send]) -> None:
+    def _process(self, sends: list[Send]) -> None:
         """Have said what the agreement says, and done what follows from where it stands.
 
         Both come behind this agent's callback, but for what may keep it from being called.
@@ -183,40 +183,40 @@ class Replica(TeamLayer):
         if self._behind or agreement.reports or agreement.proposals.void or agreement.role != self._role:
             self._follow_up()
         if sends:
-            self._dispatcher.deliver(self._saying, sends)
-        if not self._concludes:
-            self._concludes = True
-            self._dispatcher.deliver_behind(self._concluding, None)
+            self._dispatcher.deliver(self._sending, sends)
+        if not self._turn_ends:
+            self._turn_ends = True
+            self._dispatcher.deliver_behind(self._ending_turn, None)
 
-    def _say(self, sends: list[Send]) -> None:
+    def _send_all(self, sends: list[Send]) -> None:
         for send in sends:
             if isinstance(send.message, Applied):
-                self._word = send  # said at the end of the turn, where nothing says the same by then
+                self._acknowledgement = send  # said at the end of the turn, where nothing says the same by then
                 continue
             if isinstance(send.message, _OFFERS):
-                self._word = None
-            self._put(send)
+                self._acknowledgement = None
+            self._send(send)
 
-    def _affirm(self, _: None) -> None:
+    def _acknowledge(self, _: None) -> None:
         """Say that a step was applied, where nothing has said so meanwhile."""
-        word, self._word, self._affirms = self._word, None, False
+        word, self._acknowledgement, self._acknowledges = self._acknowledgement, None, False
         if word is not None:
-            self._put(word)
+            self._send(word)
 
-    def _put(self, send: Send) -> None:
-        self.link.put(self._keys[send.to], encode(send.message), priority="step")
+    def _send(self, send: Send) -> None:
+        self.link.send(self._keys[send.to], encode(send.message), priority="step")
 
-    def _conclude(self, _: None) -> None:
+    def _end_turn(self, _: None) -> None:
         """Do at the end of a turn what nobody waits for."""
-        if not self._concludes:  # the layer has stopped meanwhile
+        if not self._turn_ends:  # the layer has stopped meanwhile
             return
-        self._concludes = False
+        self._turn_ends = False
         self._follow_up()
         self.copy.digest()  # for which the next step then need not wait
-        if self._word is not None and not self._affirms:
+        if self._acknowledgement is not None and not self._acknowledges:
             # Who observes something as soon as it was called offers it to the next step, and says the same by that.
-            self._affirms = True
-            get_running_loop().call_soon(self._dispatcher.deliver, self._affirming, None)
+            self._acknowledges = True
+            get_running_loop().call_soon(self._dispatcher.deliver, self._acknowledging, None)
 
     # -- What the others say -------------------------------------------------------------------------------------
 
@@ -236,7 +236,7 @@ class Replica(TeamLayer):
             self.process.catch_up(now, over=False)
         sends = agreement.receive(sample.owner, sample.incarnation, message, now)
         if sends or not isinstance(message, _AWAITED) or message.term != agreement.term:
-            self._send(sends)
+            self._process(sends)
         else:
             self._set_timer(now)
 
@@ -244,13 +244,13 @@ class Replica(TeamLayer):
         self.malformed += 1
         self.link.refuse_sample(sample, reason)
 
-    def take_live(self, link: Link) -> None:
+    def update_live(self, link: Link) -> None:
         """Take note of who is live."""
-        self._send(self.agreement.members(link.live, self.runtime.clock.now(), barred=link.refusal is not None))
+        self._process(self.agreement.members(link.live, self.runtime.clock.now(), barred=link.refusal is not None))
 
     def _on_time(self) -> None:
         self._timer = None
-        self._send(self.agreement.tick(self._now()))
+        self._process(self.agreement.tick(self._now()))
 
     # -- Where it stands -----------------------------------------------------------------------------------------
 
@@ -259,15 +259,15 @@ class Replica(TeamLayer):
         if self._restored:
             self._resume(now)
         if agreement.proposals.void:
-            self._tell_void()
-        if agreement.hold.still or self.told_held:
-            self.tell_held(settled=not agreement.hold.waits)
+            self._report_void()
+        if agreement.hold.still or self.reported_held:
+            self.report_held(settled=not agreement.hold.waits)
         if agreement.reports:
             reports, agreement.reports = agreement.reports, []
             for kind, text in reports:
                 if kind == "majority":
                     gone = [agent for agent in agreement.state.members if agent not in self.link.live]
-                    self.tell_loss(gone, "lost_majority", text, lambda: self._role == "waiting")
+                    self.report_loss(gone, "lost_majority", text, lambda: self._role == "waiting")
                 else:
                     self.report(kind, text)
         self._role = agreement.role
@@ -278,18 +278,18 @@ class Replica(TeamLayer):
         self.assess(now)
         if self._role == "leading" and not self.copy.begun and not self._asked and not self.still:
             self._asked = True
-            self.ask_for(BEGIN, "")
-        if self.parts.takes == "state" and self.team.event_driven:
-            self._speak_up(now)
+            self.request(BEGIN, "")
+        if self.ownership.takes == "state" and self.team.event_driven:
+            self._propose_again(now)
 
-    def _tell_void(self) -> None:
+    def _report_void(self) -> None:
         """Tell which commands, asked for here, will be no step."""
         void, self.agreement.proposals.void = self.agreement.proposals.void, []
         for asked, reason in void:
             if asked.command == BEGIN:
                 self._asked = False
             elif asked.command != HOLD:
-                self.tell_void(asked.token, reason)
+                self.report_void(asked.token, reason)
 
     def _set_timer(self, now: int) -> None:
         times, timer = self.agreement.state.timers, self._timer
@@ -302,28 +302,30 @@ class Replica(TeamLayer):
             timer.cancel()
         self._timer = self.call_at(max(when, now), self._on_time)
 
-    def _speak_up(self, now: int) -> None:
+    def _propose_again(self, now: int) -> None:
         """Where events alone make steps: say anew what the team has forgotten, and let what it has not grow old."""
         agreement = self.agreement
         if agreement.term.number != self._term and self._role in {"leading", "following"} and not self._behind:
             self._term = agreement.term.number
             # What waits to be decided on is older than what was withheld, and would be the last word.
             waits = bool(agreement.proposals.components)
-            if self._withheld if waits else self.copy.told(self.agent) != self.own:
-                self.say(self.own)
+            if self._withheld if waits else self.copy.last_values(self.agent) != self.own:
+                self.propose_values(self.own)
         elif (
             self._role in _STEADY
             and not (self._behind or agreement.proposals.components)
-            and self.copy.told(self.agent) != self.own
+            and self.copy.last_values(self.agent) != self.own
         ):
-            self.say(self.own)  # a step without this agent, taken before it was back, was too long after its word
+            self.propose_values(
+                self.own
+            )  # a step without this agent, taken before it was back, was too long after its word
         if self._role == "leading" and self.copy.aging and self._age is None:
             self._age = self.call_at(now + round(self.team.max_age * 1e9) + 1, self._on_age)
 
     def _on_age(self) -> None:
         self._age = None
         if self._role == "leading" and self.copy.aging:
-            self.say(self.own)
+            self.propose_values(self.own)
 
     def _on_patience(self) -> None:
         if self._role in {"joining", "waiting"} and not self.copy.begun and self.refusal is None:
@@ -359,27 +361,27 @@ class Replica(TeamLayer):
         self._applied += 1
         try:
             if commit.command is not None:
-                self._take_command(commit, now)
+                self._apply_command(commit, now)
             else:
                 self.copy.step(commit.inputs, commit.missing, now)
         except Exception as error:  # a policy or tracker of the user's: the step counts, and this agent fails
             self.fail(error)
         if self.commits is not None and self.commits.heard:
             term = (commit.term.number, commit.term.leader, commit.term.incarnation)
-            self.tell(
+            self.publish_commit(
                 *(term, commit.step, commit.inputs, commit.missing, commit.command),
                 action=self.ensemble.control.acted,
                 digest=self.copy.digest(),
                 caught_up=self._behind,
             )
 
-    def _take_command(self, commit: Commit, now: int) -> None:
+    def _apply_command(self, commit: Commit, now: int) -> None:
         """Do what a step orders; a hold of one agent orders nothing."""
         command = commit.command
         if command is None or command == HOLD:
             return
         alone = self.copy.running and self.ensemble.mode == "stopped"
-        self.take_command(command, commit.token, now)
+        self.apply_command(command, commit.token, now)
         if alone and self.ensemble.mode == "deciding":
             self.process.repeat(now)  # it does what was decided while it alone was stopped
 
@@ -402,7 +404,7 @@ class Replica(TeamLayer):
         try:
             self.copy.restore(snapshot)
         except Exception as error:
-            self._complain(describe(error), now)
+            self._report_snapshot(describe(error), now)
             return
         self._complaint = None
         self._restored = True
@@ -415,16 +417,16 @@ class Replica(TeamLayer):
         else:
             self.ensemble.safety.stop(now)
 
-    def _complain(self, text: str, now: int) -> None:
+    def _report_snapshot(self, text: str, now: int) -> None:
         """Report why a snapshot cannot be taken; it comes again and again, and is told once a second at most."""
         if self._complaint is None or (self._complaint[0] != text and now - self._complaint[1] >= 1_000_000_000):
             self._complaint = text, now
             self.report("snapshot", text)
 
-    def statistics(self) -> ReplicaStatistics:
+    def statistics(self) -> ReplicatedStatistics:
         """Return where it stands."""
         agreement = self.agreement
-        return ReplicaStatistics(
+        return ReplicatedStatistics(
             **msgspec.structs.asdict(super().statistics()),
             role=agreement.role if self.refusal is None else "refused",
             term=agreement.term.number,

@@ -16,7 +16,7 @@ from mdm.messages import Fault
 from mdm.models.digest import of_parts
 from mdm.runtime import Subscription
 from mdm.runtime.time.scheduler import next_tick
-from mdm.team.communicating.episode import Episode, Stops, TalkerStatistics, Word, decode, encode
+from mdm.team.communicating.episode import CommunicatingStatistics, Episode, Stops, Update, decode, encode
 from mdm.team.communicating.knowledge import Knowledge, SharedHistory
 from mdm.team.communicating.recollection import Experience
 from mdm.team.layer import TeamLayer
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from mdm.messages import Tick
     from mdm.runtime import Timer
     from mdm.team.link import Link
-    from mdm.team.placement import Placement
+    from mdm.team.ownership import Placement
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
-__all__ = ["Talker"]
+__all__ = ["CommunicatingLayer"]
 
 _LONGEST_GAP = 1_000
 """Steps without an observation that an agent goes through to come to the present one; it leaves out those before."""
@@ -42,7 +42,7 @@ _MOST_EARLY = 256
 """Experiences that are kept until the first step comes."""
 
 
-class Talker(TeamLayer):
+class CommunicatingLayer(TeamLayer):
     """The last layer of an ensemble in a communicating team.
 
     At each tick the agent observes, shares what its communication policy chooses, hears the others, and decides: as
@@ -68,10 +68,10 @@ class Talker(TeamLayer):
         _check_options(ensemble, key)
         super().__init__("talker", team, ensemble, link, placement)
         self._agents = acting(team, ensemble, placement)
-        if self.parts.owners != self._agents:
+        if self.ownership.owners != self._agents:
             raise ConfigError(
                 f"in a communicating team each agent tells its own component of the observation; of ensemble "
-                f"{ensemble.name!r} the components are told by {', '.join(self.parts.owners)}, and the agents are "
+                f"{ensemble.name!r} the components are told by {', '.join(self.ownership.owners)}, and the agents are "
                 f"{', '.join(self._agents)}",
                 key=f"{key}.observations",
             )
@@ -91,12 +91,12 @@ class Talker(TeamLayer):
         self._open: tuple[int, int] | None = None
         self._timer: Timer | None = None
         self._asked = False
-        self._told_of: dict[str, int] = {}
+        self._last_step_of: dict[str, int] = {}
         self._early: list[tuple[str, Experience]] = []
         self._did: int | None = None
         self._reported: set[tuple[str, str]] = set()
         self._problem: str | None = None
-        self._symbol = self.parts.idle[ensemble.agent]
+        self._symbol = self.ownership.idle[ensemble.agent]
         self._sent = self._held_back = self._before = 0
 
     # -- Life ----------------------------------------------------------------------------------------------------
@@ -106,8 +106,8 @@ class Talker(TeamLayer):
         self._open = self._timer = None
         self._asked = False
         super().on_start()
-        self.hear(join(self.team.name, "*", self.ensemble.name, "word"), self._on_word)
-        self.every(1 / self.team.lease, lambda _: self._say())
+        self.listen(join(self.team.name, "*", self.ensemble.name, "word"), self._on_update)
+        self.every(1 / self.team.lease, lambda _: self._send())
         self.call_later(self.team.lease, self._begin)  # by when this agent has heard of an episode that there is
 
     def on_running(self) -> None:
@@ -116,9 +116,9 @@ class Talker(TeamLayer):
             self.ensemble.control.running = True
             self.ensemble.safety.start(self.runtime.clock.now())
 
-    def take_live(self, _link: Link) -> None:
+    def update_live(self, _link: Link) -> None:
         """Take note of who is live: who has just come is told of the episode; nobody waits for who is gone."""
-        self._say()
+        self._send()
         self._close()
 
     def pause(self) -> None:
@@ -131,17 +131,17 @@ class Talker(TeamLayer):
         """Begin the first episode where there is none, if this is the first of the agents that are there."""
         if self.episode is None and self.refusal is None:
             if next((agent for agent in self._agents if agent in self.link.live), self.agent) == self.agent:
-                self.ask_for("start", "")
+                self.request("start", "")
             else:
                 self.call_later(self.team.lease, self._begin)
 
-    def ask_for(self, command: str, token: str) -> None:
+    def request(self, command: str, token: str) -> None:
         """Begin an episode, or end it, at all agents."""
         if command == "stop":
             self.stops.take(self.agent, self.link.transport.incarnation)
         if self.refusal is not None:
             if token:
-                self.tell_void(token, f"{self.agent} takes no part in the team")
+                self.report_void(token, f"{self.agent} takes no part in the team")
             return
         number, running = 0 if self.episode is None else self.episode.number, self._decides
         if command in {"start", "resume"} and running:
@@ -177,7 +177,7 @@ class Talker(TeamLayer):
         now = self.runtime.clock.now()
         self.episode, self._offset = episode, None
         self._shut()
-        self._told_of.clear()
+        self._last_step_of.clear()
         self._early.clear()
         self._problem = None
         self.forget()
@@ -187,12 +187,12 @@ class Talker(TeamLayer):
         else:
             self.ensemble.safety.stop(now)
         self.commands.done(episode.token)
-        self._tell_commit(0, (), "start" if decides else "stop", None)
+        self._publish_commit(0, (), "start" if decides else "stop", None)
         if self.still:
-            self._tell_beaten(episode)
-        self._say()
+            self._report_void_start(episode)
+        self._send()
 
-    def _hear_stops(self, word: Word) -> None:
+    def _receive_stops(self, word: Update) -> None:
         """Take note of the stops that another agent knows of; one that beats the episode's start ends it."""
         decided = self._decides
         self.stops.hear(word.stops)
@@ -201,27 +201,27 @@ class Talker(TeamLayer):
             self._shut()
             self.ensemble.control.running = False
             self.ensemble.safety.stop(self.runtime.clock.now())
-            self._tell_beaten(self.episode)
-            self._say()
+            self._report_void_start(self.episode)
+            self._send()
 
-    def _tell_beaten(self, episode: Episode) -> None:
+    def _report_void_start(self, episode: Episode) -> None:
         """Tell that the start of an episode is void, where it was asked for here."""
         if episode.by == self.agent and episode.token:
-            self.tell_void(episode.token, "a stop was asked for elsewhere before it was known there")
+            self.report_void(episode.token, "a stop was asked for elsewhere before it was known there")
 
-    def _say(self, experiences: tuple[Experience, ...] = ()) -> bool:
+    def _send(self, experiences: tuple[Experience, ...] = ()) -> bool:
         """Say in which episode this agent is, and what it shares."""
         if self.episode is None:
             return False
-        word = Word(self.episode, self._configuration, experiences, self.stops.last)
-        return self.link.put(self._key, encode(word), priority="step")
+        word = Update(self.episode, self._configuration, experiences, self.stops.last)
+        return self.link.send(self._key, encode(word), priority="step")
 
     # -- Steps ---------------------------------------------------------------------------------------------------
 
     def forget(self) -> None:
         """Forget what was observed in another episode."""
         super().forget()
-        self._symbol = self.parts.idle[self.ensemble.agent]
+        self._symbol = self.ownership.idle[self.ensemble.agent]
 
     def _on_tick(self, tick: Tick) -> None:
         self.tick = tick.number
@@ -260,7 +260,7 @@ class Talker(TeamLayer):
         self.forget()
         early, self._early = self._early, []
         for agent, experience in early:
-            self._hear(agent, (experience,))
+            self._receive(agent, (experience,))
 
     def _go_on(self, step: int) -> None:
         """Go on to a step, with what was seen since the last one, and what was done."""
@@ -276,7 +276,7 @@ class Talker(TeamLayer):
         super().forget()
         if seen is None:
             return self._symbol
-        if self.parts.hold[place]:
+        if self.ownership.hold[place]:
             self._symbol = seen
         return seen
 
@@ -302,7 +302,7 @@ class Talker(TeamLayer):
             offset = self._offset
             self._sent += 1
             shared = tuple(Experience(e.step + offset, e.action, e.observation) for e in history.experiences)
-            self._held_back += not self._say(shared)
+            self._held_back += not self._send(shared)
 
     def _close(self) -> None:
         """Decide, where nothing is to be waited for any more."""
@@ -312,7 +312,7 @@ class Talker(TeamLayer):
         if step and not getattr(self.team.communication, "silent", False):
             for agent in self._agents:
                 waited_for = agent != self.agent and agent in self.link.live
-                if waited_for and self._told_of.get(agent, 0) < step:
+                if waited_for and self._last_step_of.get(agent, 0) < step:
                     return
         self._decide()
 
@@ -330,8 +330,8 @@ class Talker(TeamLayer):
         self.process.announce(decided, time, "tick", self.knowledge.own.observed)
         self._did = self._doing()
         others = (agent for agent in self._agents if agent != self.agent)
-        missing = tuple(agent for agent in others if self._told_of.get(agent, 0) < step)
-        self._tell_commit(step, missing, None, decided.action)
+        missing = tuple(agent for agent in others if self._last_step_of.get(agent, 0) < step)
+        self._publish_commit(step, missing, None, decided.action)
 
     def _shut(self) -> None:
         self._open = None
@@ -339,7 +339,7 @@ class Talker(TeamLayer):
             self._timer.cancel()
             self._timer = None
 
-    def _tell_commit(self, step: int, missing: tuple[str, ...], command: str | None, action: int | None) -> None:
+    def _publish_commit(self, step: int, missing: tuple[str, ...], command: str | None, action: int | None) -> None:
         if self.commits is None or not self.commits.heard or self.episode is None:
             return
         inputs = {}
@@ -352,35 +352,35 @@ class Talker(TeamLayer):
             }
         episode = self.episode
         term = (episode.number, episode.by, episode.origin)
-        self.tell(term, step, inputs, missing, command, action=action, digest=self._digest())
+        self.publish_commit(term, step, inputs, missing, command, action=action, digest=self._digest())
 
     def _digest(self) -> str:
         return of_parts([self.process.snapshot()])
 
     # -- What the others say -------------------------------------------------------------------------------------
 
-    def _on_word(self, sample: Sample) -> None:
+    def _on_update(self, sample: Sample) -> None:
         try:
             word = decode(sample.body)
         except UNREADABLE as error:
             self._drop(sample, f"is no word: {error}")
             return
-        if (reason := self._doubt(word)) is not None:
+        if (reason := self._is_impossible(word)) is not None:
             self._drop(sample, reason)
             return
         if word.configuration != self._configuration or self.refusal is not None:
             return  # the link says so
         agent = sample.owner
-        self._hear_stops(word)
+        self._receive_stops(word)
         if word.episode.supersedes(self.episode):
             self._enter(word.episode)
         elif word.episode != self.episode:
-            self._say()
+            self._send()
             return
         if word.experiences and agent in self._agents:
-            self._hear(agent, word.experiences)
+            self._receive(agent, word.experiences)
 
-    def _doubt(self, word: Word) -> str | None:
+    def _is_impossible(self, word: Update) -> str | None:
         """Return why what an agent says cannot be, if it cannot."""
         now, episode = self.runtime.clock.now(), word.episode
         assert self.team.period is not None
@@ -399,7 +399,7 @@ class Talker(TeamLayer):
         self.malformed += 1
         self.link.refuse_sample(sample, reason)
 
-    def _hear(self, agent: str, experiences: tuple[Experience, ...]) -> None:
+    def _receive(self, agent: str, experiences: tuple[Experience, ...]) -> None:
         """Take what another agent shares."""
         if self._offset is None:
             self._early += ((agent, experience) for experience in experiences)
@@ -423,7 +423,7 @@ class Talker(TeamLayer):
             )
         steps = [experience.step for experience in known if experience.step <= self.knowledge.step + 1]
         if steps:
-            self._told_of[agent] = max(self._told_of.get(agent, 0), max(steps) + self._offset)
+            self._last_step_of[agent] = max(self._last_step_of.get(agent, 0), max(steps) + self._offset)
         if self._open is not None and unapplied < len(known) and not self._asked:
             self._asked = True  # and it may answer, behind what else has just arrived
             turn: Subscription[None] = Subscription(None, self, self._on_heard)
@@ -440,11 +440,11 @@ class Talker(TeamLayer):
 
     # -- Where it stands -----------------------------------------------------------------------------------------
 
-    def statistics(self) -> TalkerStatistics:
+    def statistics(self) -> CommunicatingStatistics:
         """Return where it stands."""
         counts = self.knowledge.own.statistics()
         episode = self.episode
-        return TalkerStatistics(
+        return CommunicatingStatistics(
             **msgspec.structs.asdict(super().statistics()),
             role="refused" if self.refusal is not None else "joining" if episode is None else "talking",
             term=0 if episode is None else episode.number,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from mdm.team.commits import Committed
+from mdm.team.decisions import Committed
 
 
 def committed(**changed):

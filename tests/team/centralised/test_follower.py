@@ -9,8 +9,7 @@ import pytest
 from team_robots import over_beliefs, started
 
 from mdm import problems
-from mdm.team import centralised
-from mdm.team.centralised import Said
+from mdm.team.centralised.messages import Proposal, encode
 from mdm.team.team import Team
 from mdm.team.transport.envelope import Packer
 from mdm.team.transport.keys import join
@@ -41,7 +40,7 @@ def speak(owner, receiver, channel, body):
     packer = Packer(owner.name, owner.transport.incarnation, clock.now)
     last = transport.router.unpacker._last.get(key)
     packer._numbers[key] = 0 if last is None else last.number
-    transport.arrive(key, packer.pack(key, centralised.encode(body), step=True))
+    transport.arrive(key, packer.pack(key, encode(body), step=True))
 
 
 def forge(left, right, **changed):
@@ -98,7 +97,7 @@ def test_what_no_controller_says_is_dropped(changed):
 @pytest.mark.parametrize("number", [1, 2, 1000, 2**40])
 def test_a_stop_is_heard_though_another_spoke_under_its_number(number):
     async def main(left, right):
-        speak(right, left, "part", Said(number, 0, right.replica.copy.part(0, [0]), None))
+        speak(right, left, "part", Proposal(number, 0, right.replica.copy.part(0, [0]), None))
         right.ensemble.stop()
         await asyncio.sleep(2.0)
         assert left.ensemble.mode == right.ensemble.mode == "stopped"
@@ -130,7 +129,7 @@ def test_no_word_but_the_commands_starts_a_team(word):
         left.ensemble.stop()
         await asyncio.sleep(1.0)
         step = left.replica._last.step
-        speak(right, left, "part", Said(100, 0, None, word, "token", left.transport.incarnation, step))
+        speak(right, left, "part", Proposal(100, 0, None, word, "token", left.transport.incarnation, step))
         await asyncio.sleep(1.0)
         assert left.ensemble.mode == right.ensemble.mode == "stopped"
         assert left.transport.statistics().dropped["incredible"] == 1

@@ -12,8 +12,8 @@ from team_robots import Robot, over_beliefs, over_states, started, three
 import mdm
 from mdm import problems
 from mdm.runtime.time.scheduler import next_tick
-from mdm.team import centralised
-from mdm.team.placement import Placement
+from mdm.team.centralised.messages import Proposal, encode
+from mdm.team.ownership import Placement
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 from mdm.testing import probe, run_virtual
@@ -347,8 +347,8 @@ def test_what_is_said_after_a_stop_that_lasted_is_not_taken_for_forged(ahead):
         await asyncio.sleep(10.0 + ahead)
         before = len(left.commits)
         # a tick that the controller has not had yet, as a clock that is a little ahead says it
-        said = centralised.Said(0, next_tick(runtime.clock.now(), 10.0), None, None)
-        right.member.link.put(right.replica._key, centralised.encode(said), priority="step")
+        proposal = Proposal(0, next_tick(runtime.clock.now(), 10.0), None, None)
+        right.member.link.send(right.replica._key, encode(proposal), priority="step")
         left.ensemble.start()
         await asyncio.sleep(2.0)
         assert len(left.commits) > before + 10

@@ -17,13 +17,21 @@ from mdm.team.transport.bounds import Life, Name, Number, Order, Text
 
 if TYPE_CHECKING:
     from mdm.actors import Ensemble
-    from mdm.team.placement import Placement
+    from mdm.team.ownership import Placement
     from mdm.team.team import Team
 
-__all__ = ["CentralisedStatistics", "Decided", "Said", "controlling", "decided", "encode", "said"]
+__all__ = [
+    "CentralisedStatistics",
+    "Decision",
+    "Proposal",
+    "controlling",
+    "decode_decision",
+    "decode_proposal",
+    "encode",
+]
 
 
-class Said(msgspec.Struct, frozen=True, array_like=True, gc=False):
+class Proposal(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """What an agent says to the controller.
 
     Args:
@@ -46,7 +54,7 @@ class Said(msgspec.Struct, frozen=True, array_like=True, gc=False):
     step: Number = 0
 
 
-class Decided(msgspec.Struct, frozen=True, array_like=True, gc=False):
+class Decision(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The last decision of the controller.
 
     Args:
@@ -84,8 +92,8 @@ class Decided(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 encode = msgspec.msgpack.Encoder().encode
-said = msgspec.msgpack.Decoder(Said).decode
-decided = msgspec.msgpack.Decoder(Decided).decode
+decode_proposal = msgspec.msgpack.Decoder(Proposal).decode
+decode_decision = msgspec.msgpack.Decoder(Decision).decode
 
 
 class CentralisedStatistics(ActorStatistics, frozen=True):

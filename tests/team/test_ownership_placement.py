@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import mdm
-from mdm.team.placement import Placement, placement_of
+from mdm.team.ownership import Placement, placement_of
 
 
 def test_nothing_is_placed_by_default():

@@ -8,11 +8,17 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from mdm.messages import Action, Fault
-from mdm.team import centralised
 from mdm.team.agreement.proposals import BARS, HOLD, STARTS, STOP
-from mdm.team.centralised import CentralisedStatistics, Decided, Said, controlling, encode
-from mdm.team.commands import PENDING
+from mdm.team.centralised.messages import (
+    CentralisedStatistics,
+    Decision,
+    Proposal,
+    controlling,
+    decode_decision,
+    encode,
+)
 from mdm.team.layer import TeamLayer
+from mdm.team.sharing.commanding import PENDING
 from mdm.team.transport.bounds import UNREADABLE, can_be
 from mdm.team.transport.keys import join
 
@@ -20,11 +26,11 @@ if TYPE_CHECKING:
     from mdm.actors import Ensemble
     from mdm.runtime import Timer
     from mdm.team.link import Link
-    from mdm.team.placement import Placement
+    from mdm.team.ownership import Placement
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
-__all__ = ["Outpost"]
+__all__ = ["CentralisedFollower"]
 
 _RETRY = 0.05
 _RETRY_NS = round(_RETRY * 1e9)
@@ -33,7 +39,7 @@ _MOST_WAITING = 64
 _CONTROLLER = frozenset({"lost_controller"})
 
 
-class Outpost(TeamLayer):
+class CentralisedFollower(TeamLayer):
     """The layer at an agent for which another one decides: it says what is seen here, and has its part carried out.
 
     Where the controller is not there, the ensemble is safe, until it decides again.
@@ -49,12 +55,12 @@ class Outpost(TeamLayer):
         super().__init__("outpost", team, ensemble, link, placement)
         self._key = link.key(ensemble.name, "part")
         self._controller = controlling(team, ensemble, placement)
-        self._waiting: deque[Said] = deque()
+        self._pending: deque[Proposal] = deque()
         self._number = 0
         self._retry: Timer | None = None
-        self._said = 0
+        self._sent_at = 0
         self._life = 0
-        self._last: Decided | None = None
+        self._last: Decision | None = None
         self._here = False
         self._still = False
         self._waits: int | None = None
@@ -68,18 +74,18 @@ class Outpost(TeamLayer):
         self._retry = None
         self._last = None
         super().on_start()
-        self.hear(join(self.team.name, self._controller, self.ensemble.name, "decision"), self._on_decided)
+        self.listen(join(self.team.name, self._controller, self.ensemble.name, "decision"), self._on_decision)
         self.call_later(_PATIENCE, self._on_patience)
 
     # -- What this agent says ------------------------------------------------------------------------------------
 
-    def ask_for(self, command: str, token: str) -> None:
+    def request(self, command: str, token: str) -> None:
         """Ask the controller for it, if it is there; a stop holds here until a start that was asked for after it."""
         if command == STOP:
             self._still, self._waits = True, 0
             self._discard("a stop was asked for after it")
         if not self._here or self._last is None:
-            self.tell_void(token, f"agent {self._controller!r}, which decides, is not there")
+            self.report_void(token, f"agent {self._controller!r}, which decides, is not there")
             return
         self._queue(None, command, token)
         if command == STOP:
@@ -87,7 +93,7 @@ class Outpost(TeamLayer):
 
     @property
     def still(self) -> bool:
-        """Whether this agent does nothing of what is decided."""
+        """Whether this agent does nothing of what is decision."""
         return self._still
 
     @property
@@ -97,64 +103,66 @@ class Outpost(TeamLayer):
 
     def _discard(self, reason: str) -> None:
         """Drop the commands that wait, but for stops, and tell whoever asked for them."""
-        for said in [said for said in self._waiting if said.command is not None and said.command not in BARS]:
-            self._waiting.remove(said)
-            self.tell_void(said.token, reason)
+        for proposal in [
+            proposal for proposal in self._pending if proposal.command is not None and proposal.command not in BARS
+        ]:
+            self._pending.remove(proposal)
+            self.report_void(proposal.token, reason)
 
-    def offer(self, part: bytes | None) -> None:
+    def propose(self, part: bytes | None) -> None:
         """Say what this agent has seen."""
         if not self.team.event_driven:
-            self.link.put(self._key, encode(Said(0, self.tick, part, None)), priority="step")
-        elif part is not None and (self._here or self.parts.takes == "state"):
+            self.link.send(self._key, encode(Proposal(0, self.tick, part, None)), priority="step")
+        elif part is not None and (self._here or self.ownership.takes == "state"):
             self._queue(part, None)
         elif part is not None:
             self._unsaid += 1
 
     def _queue(self, part: bytes | None, command: str | None, token: str = "") -> None:
         """Say something until the controller says that it has it; of states what was not said yet gives way."""
-        waiting = self._waiting
-        if self.parts.takes == "state" and len(waiting) > 1 and waiting[-1].command is None and command is None:
+        waiting = self._pending
+        if self.ownership.takes == "state" and len(waiting) > 1 and waiting[-1].command is None and command is None:
             waiting.pop()
         elif len(waiting) == _MOST_WAITING:
             del waiting[next((place for place in range(1, len(waiting)) if waiting[place].command is None), 1)]
             self._unsaid += 1
         self._number += 1
         step = 0 if self._last is None else self._last.step
-        waiting.append(Said(self._number, 0, part, command, token, self._life, step))
+        waiting.append(Proposal(self._number, 0, part, command, token, self._life, step))
         if len(waiting) == 1:
-            self._say()
+            self._send()
 
-    def _say(self) -> None:
+    def _send(self) -> None:
         """Say what has waited longest, now and every 50 ms until the controller has it."""
-        if self._waiting:
-            self.link.put(self._key, encode(self._waiting[0]), priority="step")
-            self._said = self.runtime.clock.now()
+        if self._pending:
+            self.link.send(self._key, encode(self._pending[0]), priority="step")
+            self._sent_at = self.runtime.clock.now()
             if self._retry is None:
-                self._retry = self.call_at(self._said + _RETRY_NS, self._say_again)
+                self._retry = self.call_at(self._sent_at + _RETRY_NS, self._resend)
 
-    def _say_again(self) -> None:
-        due, self._retry = self._said + _RETRY_NS, None
-        if self._waiting and due > self.runtime.clock.now():  # it is another one, said since
-            self._retry = self.call_at(due, self._say_again)
+    def _resend(self) -> None:
+        due, self._retry = self._sent_at + _RETRY_NS, None
+        if self._pending and due > self.runtime.clock.now():  # it is another one, said since
+            self._retry = self.call_at(due, self._resend)
         else:
-            self._say()
+            self._send()
 
     # -- What the controller says --------------------------------------------------------------------------------
 
-    def _on_decided(self, sample: Sample) -> None:
+    def _on_decision(self, sample: Sample) -> None:
         try:
-            decided = centralised.decided(sample.body)
+            decision = decode_decision(sample.body)
         except UNREADABLE as error:
             self.malformed += 1
             self.link.refuse_sample(sample, f"is no decision: {error}")
             return
-        if decided.action is not None and decided.action >= self.ensemble.controller.policy.num_actions:
+        if decision.action is not None and decision.action >= self.ensemble.controller.policy.num_actions:
             self.malformed += 1
-            self.link.refuse_sample(sample, f"decides on action {decided.action}, which the model has not")
+            self.link.refuse_sample(sample, f"decides on action {decision.action}, which the model has not")
             return
-        if decided.started > decided.step:
+        if decision.started > decision.step:
             self.malformed += 1
-            self.link.refuse_sample(sample, f"tells at step {decided.step} of a start at step {decided.started}")
+            self.link.refuse_sample(sample, f"tells at step {decision.step} of a start at step {decision.started}")
             return
         if not self.link.is_live(sample):
             return  # it is not there yet, or has another configuration
@@ -164,127 +172,131 @@ class Outpost(TeamLayer):
             self._leave_term()
             if self._still:
                 self._waits = 0  # it knows of no stop that a life of the controller before it decided
-            if self.parts.takes == "state" and self.team.event_driven:
-                self.say(self.own)  # a controller that has just begun knows nothing
-        self._take_taken(decided)
-        if (void := decided.void.get(self.agent)) and self.commands.outcomes.get(void) == PENDING:
-            self.tell_void(void, "a stop came before it")
-        self._obey(decided)
+            if self.ownership.takes == "state" and self.team.event_driven:
+                self.propose_values(self.own)  # a controller that has just begun knows nothing
+        self._receive_acknowledgement(decision)
+        if (void := decision.void.get(self.agent)) and self.commands.outcomes.get(void) == PENDING:
+            self.report_void(void, "a stop came before it")
+        self._apply(decision)
 
-    def _take_taken(self, decided: Decided) -> None:
+    def _receive_acknowledgement(self, decision: Decision) -> None:
         """Take note of what the controller has from this agent, and say what is next.
 
         Where it has more than was said, or has a command under that number which is none, another has spoken in this
         agent's name: what waits is then said under new numbers.
         """
-        taken, waiting = decided.taken.get(self.agent, 0), self._waiting
+        taken, waiting = decision.taken.get(self.agent, 0), self._pending
         if not can_be(taken, self.runtime.clock.now(), 1000):
             return
         if not waiting:
             self._number = max(self._number, taken)
         elif taken >= waiting[0].number:
             first = waiting[0]
-            life, number, _ = decided.bars.get(self.agent, (0, 0, 0))
+            life, number, _ = decision.bars.get(self.agent, (0, 0, 0))
             barred = life == self.link.transport.incarnation and number >= first.number
             if taken <= self._number and (barred or first.command not in BARS):
                 waiting.popleft()
             else:
                 self._renumber(max(taken, self._number))
-            self._say()
+            self._send()
 
     def _renumber(self, last: int) -> None:
         """Give what waits the numbers after another."""
-        numbers = {said.number: last + place for place, said in enumerate(self._waiting, 1)}
-        self._waiting = deque(msgspec.structs.replace(said, number=numbers[said.number]) for said in self._waiting)
+        numbers = {proposal.number: last + place for place, proposal in enumerate(self._pending, 1)}
+        self._pending = deque(
+            msgspec.structs.replace(proposal, number=numbers[proposal.number]) for proposal in self._pending
+        )
         self._number = last + len(numbers)
         if self._waits is not None:
             self._waits = numbers.get(self._waits, self._waits)
 
-    def _obey(self, decided: Decided) -> None:
+    def _apply(self, decision: Decision) -> None:
         """Carry out this agent's component of what was decided, once.
 
         The messages of a life come in order. Where the controller is at an earlier step than it said before, or has
         decided something else at the same, it did not say that: what it decides now counts as when it is heard first.
         """
         now = self.runtime.clock.now()
-        last, self._last = self._last, decided
-        if last is not None and (decided.step < last.step or (decided.step == last.step and not _same(decided, last))):
+        last, self._last = self._last, decision
+        if last is not None and (
+            decision.step < last.step or (decision.step == last.step and not _same(decision, last))
+        ):
             last = None
-            self._since = min(self._since, decided.step)
+            self._since = min(self._since, decision.step)
         control, safety = self.ensemble.control, self.ensemble.safety
         held = self._still
-        self._settle(decided)
-        if last is not None and decided.step == last.step:
+        self._settle(decision)
+        if last is not None and decision.step == last.step:
             safety.reopen(_CONTROLLER, now)
             return
-        control.running = decided.running
-        self.tell_held(settled=self._waits is None)
-        if decided.command is not None:
+        control.running = decision.running
+        self.report_held(settled=self._waits is None)
+        if decision.command is not None:
             self.forget()
-            self.commands.done(decided.token)
-        if not decided.running:
+            self.commands.done(decision.token)
+        if not decision.running:
             safety.stop(now)
         elif self.ensemble.mode == "stopped" and not self._still:
             safety.start(now)
-        action = decided.action
-        goes_on = last is not None and last.running and decided.command in {HOLD, *STARTS} and not held
+        action = decision.action
+        goes_on = last is not None and last.running and decision.command in {HOLD, *STARTS} and not held
         if self._still or goes_on:
             pass  # nothing new is decided, or nothing of it is for this agent
-        elif decided.running and action is not None:
-            if decided.impossible is not None:
-                safety.alarm(Fault(now, self.ensemble.path, "impossible_observation", decided.impossible))
-            self.process.carry_out(Action(now, decided.epoch, action))
-        elif decided.running and self.parts.takes == "state":
+        elif decision.running and action is not None:
+            if decision.impossible is not None:
+                safety.alarm(Fault(now, self.ensemble.path, "impossible_observation", decision.impossible))
+            self.process.carry_out(Action(now, decision.epoch, action))
+        elif decision.running and self.ownership.takes == "state":
             safety.blind(now)
         safety.reopen(_CONTROLLER, now)
         term = (1, self._controller, self._life)
-        self.tell(
-            *(term, decided.step, decided.inputs, decided.missing, decided.command),
-            action=decided.action,
-            digest=decided.digest,
+        self.publish_commit(
+            *(term, decision.step, decision.inputs, decision.missing, decision.command),
+            action=decision.action,
+            digest=decision.digest,
         )
         self.assess(now)
 
-    def _settle(self, decided: Decided) -> None:
+    def _settle(self, decision: Decision) -> None:
         """Take note of stops, and of starts that were asked for after them."""
-        life, number, step = decided.bars.get(self.agent, (0, 0, 0))
+        life, number, step = decision.bars.get(self.agent, (0, 0, 0))
         if self._waits is not None:
             if self._waits == 0:
                 self._queue(None, HOLD)
                 self._waits = self._number
             elif life == self.link.transport.incarnation and number >= self._waits:
-                self._waits, self._since = None, min(step, decided.step)
-        elif not decided.running:
-            self._still, self._since = True, decided.step
-        if self._still and self._waits is None and decided.running and decided.started > self._since:
+                self._waits, self._since = None, min(step, decision.step)
+        elif not decision.running:
+            self._still, self._since = True, decision.step
+        if self._still and self._waits is None and decision.running and decision.started > self._since:
             self._still = False
 
     # -- Who is there --------------------------------------------------------------------------------------------
 
-    def take_live(self, link: Link) -> None:
+    def update_live(self, link: Link) -> None:
         """Take note of whether the controller is live."""
         was, self._here = self._here, self._controller in link.live
         if was and not self._here:
             self._leave_term()
             self._forget_events()
             text = f"agent {self._controller!r}, which decides, is gone"
-            self.tell_loss([self._controller], "lost_controller", text, lambda: not self._here)
+            self.report_loss([self._controller], "lost_controller", text, lambda: not self._here)
         self.assess(self.runtime.clock.now())
 
     def _forget_events(self) -> None:
         """Take it that what was observed here is too old for whoever decides next."""
-        if self.parts.takes != "state":
-            self._unsaid += len(self._waiting)
-            self._waiting.clear()
+        if self.ownership.takes != "state":
+            self._unsaid += len(self._pending)
+            self._pending.clear()
 
     def _leave_term(self) -> None:
         """Drop the commands that the controller has not taken: they were asked for before it was lost."""
         reason = f"agent {self._controller!r}, which decides, was lost before it had it"
-        void = [said for said in self._waiting if said.command is not None]
-        self._waiting = deque(said for said in self._waiting if said.command is None)
-        for said in void:
-            if said.command != HOLD:
-                self.tell_void(said.token, reason)
+        void = [proposal for proposal in self._pending if proposal.command is not None]
+        self._pending = deque(proposal for proposal in self._pending if proposal.command is None)
+        for proposal in void:
+            if proposal.command != HOLD:
+                self.report_void(proposal.token, reason)
         if self._waits is not None:
             self._waits = 0
 
@@ -312,7 +324,7 @@ class Outpost(TeamLayer):
         )
 
 
-def _same(one: Decided, other: Decided) -> bool:
+def _same(one: Decision, other: Decision) -> bool:
     """Return whether two decisions of the same step are the same, whatever they tell of the agents besides."""
     return (one.running, one.epoch, one.action, one.command, one.token, one.started) == (
         *(other.running, other.epoch, other.action),

@@ -149,7 +149,7 @@ def test_the_values_in_the_page_are_those_of_the_docstrings():
 
 
 def test_the_programs_of_the_page_about_replicated_and_centralised_teams_run():
-    page = read("docs/teams.md").partition("\n## Agreement\n")[0]
+    page = read("docs/teams.md").partition("\n## Communicating\n")[0]
     scope: dict[str, object] = {"stand_still": print, "open_left": print, "open_right": print}
     for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
         program = block.replace('mdm.run(robot("left"))', 'member = robot("left")')

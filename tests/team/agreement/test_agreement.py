@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+import inspect
+import re
+
 import pytest
+from places import ROOT
 from team.lockstep import PATIENCE, RETRY, Lockstep
 
-from mdm.team.agreement import Term
+from mdm.team.agreement import Agreement, Term
 from mdm.team.agreement.log import START, Position
 from mdm.team.agreement.messages import (
     Applied,
@@ -109,3 +113,12 @@ def test_a_thousand_steps_leave_nothing_behind():
         assert not machine.state.components
         assert not machine.proposals.components
         assert len(machine.log.lineage) == 2
+
+
+@pytest.mark.parametrize("role", ["leading", "calling", "following", "joining"])
+def test_each_role_takes_the_messages_that_the_page_says(role):
+    page = (ROOT / "docs" / "design" / "agreement.md").read_text(encoding="utf-8")
+    taken = re.search(rf"^\| {role} \|[^|]*\|([^|]*)\|", page, re.MULTILINE).group(1)
+    source = inspect.getsource(getattr(Agreement, f"_step_{role}"))
+    cases = {name for line in re.findall(r"case (.*):", source) for name in re.findall(r"[A-Z]\w+(?=\()", line)}
+    assert set(re.findall(r"`(\w+)`", taken)) == cases

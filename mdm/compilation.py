@@ -40,13 +40,11 @@ __all__ = [
 
 _Function = TypeVar("_Function", bound="Callable[..., Any]")
 
-
 _COMPILATION, _PASS = "numba:compile", "numba:run_pass"
 """What numba tells of: functions that are not in its cache, and the passes over each of them."""
 
 _uncompiled: list[str] = []
 """The modules that are being imported as plain Python."""
-
 
 _sparing: ContextVar[bool] = ContextVar("sparing", default=False)
 """Whether what is made now is for a process whose memory counts for more than microseconds."""

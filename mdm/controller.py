@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from mdm.policies import Policy
 
 __all__ = ["Controller", "Step"]
+
 _MOST = (1 << 62) - 1
 _ONE = 1 + 1e-6
 """A probability at most, with what rounding adds."""

@@ -44,7 +44,6 @@ _BY_FORM = {
 }
 """The modules that read these forms."""
 
-
 _ARCHIVE, _JOINT = "archive.policy", "madp.joint_policy"
 _TABLE = {".policy": "mdm1"}
 _VECTORS = {".policy": "sarsop.policy", ".policyx": "sarsop.policy"}

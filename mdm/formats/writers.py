@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from mdm.models.factored.two_slice import Potential
 
 __all__ = ["Speller", "closed", "initial", "unused", "utilities"]
+
 _CLOSE = 1e-14
 """MADP takes a sum within 5e-13, added one number after the other."""
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from mdm.solvers.solution import Solution
 
 __all__ = ["fast_informed_bound", "qmdp"]
+
 _ROUNDING = 1e-14
 """Backups go on while they change the vectors by more than this share."""
 _SETTLED = 1e-3

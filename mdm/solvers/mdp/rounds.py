@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from mdm.solvers.solution import Limits, Solution
 
 __all__ = ["Round", "backup", "bounded", "kernels", "rounding", "rounds", "sweep", "sweeping", "sweeps_of"]
+
 _PASS = 200_000
 """The sweeps of a round read at least so many entries, so that a report costs little beside them."""
 _SWEEPS = 3, 64

@@ -11,7 +11,7 @@ from hypothesis import assume, given, strategies as st
 
 from mdm.errors import MapError, MapWarning
 from mdm.maps import Frame, Graph, Node, Pose
-from mdm.maps.files.zones import frame_of, labels_of
+from mdm.maps.files.load import frame_of, labels_of
 
 COORDINATES = st.floats(-3, 8)
 CORNERS = st.lists(st.tuples(COORDINATES, COORDINATES), min_size=3, max_size=7)

@@ -1,4 +1,4 @@
-"""Teams: one process per agent, which share what they see and decide as one, or each on what it knows.
+"""Teams: one process per agent, which share their input and decide as one, or each on its own knowledge.
 
 A `Transport` carries the messages: a session of Zenoh between processes (`mdm.team.transport.session`, which needs
 ``pip install 'markov-decision-making[team]'``), or a simulated network within one (`mdm.team.transport.network`). A

@@ -1,8 +1,8 @@
 """The configuration of an agent: the facts that must be the same at every agent of a team, and their one comparison.
 
-A fact is a name and what it is here, in words. Those that one can read come first, then hashes of what is too long.
+A fact is a name and its value here, in words. Facts that one can read come first, then hashes of long ones.
 Beats carry the facts of the team and a hash for each ensemble; only where that differs, the facts behind it are asked
-for. What is compared elsewhere is asked of `Configuration`, too.
+for. Every other comparison is asked of `Configuration`, too.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["ANY", "Configuration", "Standing", "brief", "difference", "facts"]
 
 ANY = ""
-"""What a fact is at an agent that it does not concern: no difference to anything."""
+"""The value of a fact at an agent that it does not concern: no difference to anything."""
 
 _SAFE_ACTION = "safe_action"
 """The one fact that is no matter of an agent's own where it does not act."""
@@ -41,14 +41,14 @@ class Configuration:
     """The configuration of one agent, and which other agents have another one.
 
     Of two agents that differ, one is refused: that which came later, or has less company, or else the later one by
-    name. Each of them comes to the same by what the other sends of itself.
+    name. Each of them comes to the same result by the other's beats.
 
     Args:
         agent: This agent.
-        facts: What must be the same at all agents that have it, by what it is.
+        facts: Facts by name, which must be the same at all agents that have them.
 
     Attributes:
-        facts: The same, with a hash for each ensemble: what beats carry.
+        facts: The same, with a hash for each ensemble: the facts in beats.
         differing: The agents of another configuration, with the incarnation that has it.
         last_refusal: Why this agent was refused last.
     """
@@ -133,7 +133,7 @@ class Configuration:
         return True
 
     def refuse(self, other: str, told: str) -> None:
-        """Take it that this agent is refused, for what another has differently."""
+        """Take it that this agent is refused, because of a difference to another."""
         self._outranking[other] = self.last_refusal = told
 
     def agree(self, other: str) -> bool:
@@ -178,12 +178,12 @@ def brief(ensemble: str, facts: Mapping[str, str]) -> dict[str, str]:
 
 
 def facts(team: Team, ensemble: Ensemble, ownership: Ownership, start: bytes) -> dict[str, str]:
-    """Return what must be the same of an ensemble at every agent of a team, by what it is.
+    """Return the facts of an ensemble, by name, which must be the same at every agent of a team.
 
     Args:
         team: The team.
         ensemble: The ensemble.
-        ownership: Its factors, and whose they are.
+        ownership: Its factors, and their owners.
         start: The copy as it begins.
     """
     controller = ensemble.controller
@@ -211,7 +211,7 @@ def facts(team: Team, ensemble: Ensemble, ownership: Ownership, start: bytes) ->
 
 
 def _words(controller: Controller) -> dict[str, str]:
-    """Return what the model and the policy are, and which value the policy has at its beginning."""
+    """Return a description of the model and the policy, and the policy's value at its beginning."""
     model, policy = controller.model, controller.policy
     told = {"model": "none", "policy": _sizes(type(policy).__name__, getattr(policy, "facts", dict)())}
     if model is not None:
@@ -239,7 +239,7 @@ def _belief(controller: Controller) -> str:
 
 
 def _safe_action(ensemble: Ensemble) -> str:
-    """Return what the safe action is, where it is one that all agents of the model have by its name."""
+    """Return the name of the safe action, where it is one that all agents of the model have."""
     action, space = ensemble.action, ensemble.controller.symbols.action_space
     if action.safe is None:
         return "none"

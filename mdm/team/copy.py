@@ -35,7 +35,7 @@ _DECISION = 1_000
 
 
 class Part(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What one agent says of a step: when, in nanoseconds of its clock, and the value of each factor that it owns.
+    """One agent's part of a step: the time, in nanoseconds of its clock, and the value of each factor that it owns.
 
     A value is None where nothing is new (of observations), or where it is unknown (of states).
     """
@@ -82,13 +82,13 @@ class Copy:
     Args:
         team: The team.
         agent: Whose copy it is.
-        ensemble: What decides here.
+        ensemble: The ensemble that decides here.
         process: As this agent's control layer decides on it.
-        ownership: The factors, and whose they are.
+        ownership: The factors, and their owners.
 
     Attributes:
         begun: Whether it was ever started.
-        facts: What must be the same at every agent, by what it is.
+        facts: The configuration, by name, which must be the same at every agent.
         malformed: Parts that were none of its agent's; they count as missing.
     """
 
@@ -118,7 +118,7 @@ class Copy:
         return self._ensemble.control.running
 
     def part(self, time: int, values: Iterable[int | None]) -> bytes:
-        """Return what this agent says of a step: a value for each factor that it owns."""
+        """Return this agent's part of a step: a value for each factor that it owns."""
         return _encode(Part(time, tuple(values)))
 
     @property
@@ -134,12 +134,12 @@ class Copy:
     # -- Steps ---------------------------------------------------------------------------------------------------
 
     def command(self, command: str, time: int, *, still: bool = False) -> None:
-        """Start, stop, reset or resume; what was observed before counts no more.
+        """Start, stop, reset or resume; earlier observations count no more.
 
         Args:
             command: Which.
             time: For the messages here.
-            still: Whether this agent does nothing of what is decided: its actions wait for another start.
+            still: Whether this agent carries out no decisions: its actions wait for another start.
         """
         self._digest = None
         if command == BEGIN:
@@ -159,7 +159,7 @@ class Copy:
         """Decide on a joint step.
 
         Args:
-            inputs: What agents say of it; of those that are in neither, nothing is new.
+            inputs: The parts of agents; of those that are in neither, nothing is new.
             missing: Agents of which it is not known.
             time: For the messages here; it decides nothing.
         """
@@ -244,7 +244,7 @@ class Copy:
             self._now = max(self._now, part.time - self._ahead[agent])
 
     def named(self, inputs: Mapping[str, bytes]) -> dict[str, str | tuple[str | None, ...] | None]:
-        """Return in names what agents say of a step: of one factor its symbol, of several a tuple."""
+        """Return the parts of a step in names: of one factor its symbol, of several a tuple."""
         names: dict[str, str | tuple[str | None, ...] | None] = {}
         for agent, body in inputs.items():
             part = self._decode_part(agent, body)
@@ -260,7 +260,7 @@ class Copy:
     # -- Copies of the copy --------------------------------------------------------------------------------------
 
     def digest(self) -> str:
-        """Return a hash of all that decides what further steps do; the same at every agent that took the same ones."""
+        """Return a hash of all that determines further steps; the same at every agent that took the same ones."""
         if self._digest is None:
             self._digest = of_bytes(self.snapshot())
         return self._digest

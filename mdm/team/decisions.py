@@ -1,4 +1,4 @@
-"""What a team decides, step by step: the message of each joint step that an agent has applied, and files of them."""
+"""Decisions of a team, step by step: the message of each joint step that an agent has applied, and files of them."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Committed(Message, frozen=True, gc=False):
         ensemble: Of which ensemble.
         term: The number of its term, the term's leader, and which life of it.
         step: Counted from 1.
-        input: What the agents said, by agent and in names; those who saw nothing are left out.
-        missing: Agents of which it is not known what they saw.
+        input: The parts, by agent and in names; agents that saw nothing are left out.
+        missing: Agents whose part is not known.
         command: ``start``, ``stop``… where the step is one; else None.
         action: The joint action after it, None where there is none.
         digest: Of the copy after it.
@@ -65,7 +65,7 @@ class Committed(Message, frozen=True, gc=False):
 
 
 class Decisions(Actor):
-    """Writes what an agent's team decides to a file, on a thread of its own; what was there before stays.
+    """Appends the decisions of an agent's team to a file, on a thread of its own.
 
     An agent that returns is told steps that it had applied before: each step is written once. A last line that was
     broken off, as by a crash, is removed.
@@ -125,7 +125,7 @@ class Decisions(Actor):
             self.report("decisions", f"lines cannot be written to {self.path_of_file}: what is decided goes on untold")
 
     def on_stop(self) -> None:
-        """Write what waits, and close the file."""
+        """Write the pending lines, and close the file."""
         self._writer.close()
         self._report_lost()
         self._lost, self._writer = self.lost, Writer()
@@ -135,7 +135,7 @@ class Decisions(Actor):
 
 
 class _Line(msgspec.Struct):
-    """What a line of a file says of its place."""
+    """The place of a line in a file."""
 
     ensemble: str
     term: tuple[int, str, int]

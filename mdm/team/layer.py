@@ -1,4 +1,4 @@
-"""The layer that a team adds to an ensemble: it takes what the agent's own layers say, and leads the control layer."""
+"""The layer that a team adds to an ensemble: it takes the input of the own layers, and leads the control layer."""
 
 from __future__ import annotations
 
@@ -37,28 +37,28 @@ _TEAMMATE = frozenset({"lost_teammate"})
 
 
 class TeamLayer(Layer):
-    """What the layers of a team have in common: the last layer of an ensemble, between it and the other agents.
+    """The base of a team's layers: the last layer of an ensemble, between it and the other agents.
 
-    At a fixed rate it offers at each tick what its agent has seen since the last one; where events make steps, at once.
+    At a fixed rate it proposes at each tick its agent's input since the last one; where events make steps, at once.
 
     Args:
         name: Its name.
         team: The team.
         ensemble: The ensemble, whose control layer it leads.
-        link: What connects this agent with the others.
+        link: The connection of this agent to the others.
         placement: Where the ensemble's layers are.
 
     Raises:
         ConfigError: If the ensemble does not fit the team.
 
     Attributes:
-        ownership: The factors of what the ensemble decides on, and whose they are.
+        ownership: The factors of the ensemble's input, and their owners.
         process: The joint process, as this agent's control layer decides on it.
-        copy: This agent's copy of it, and what it is decided on.
+        copy: This agent's copy of it, and its input.
         commits: Where each step is told; set before the start.
         lost: The teammates that are lost.
         tick: The number of the last tick.
-        commands: What became of commands.
+        commands: The outcomes of commands.
         reported_held: Whether it has reported that it stays stopped.
     """
 
@@ -105,11 +105,11 @@ class TeamLayer(Layer):
         self.serve_configuration()
 
     def on_stop(self) -> None:
-        """Listen no more."""
+        """Cancel the subscriptions."""
         self.link.drop(self._hears)
 
     def listen(self, expression: str, handler: Callable[[Sample], None]) -> None:
-        """Handle what other agents put under the keys of an expression, until this layer stops."""
+        """Handle the messages of other agents under the keys of an expression, until this layer stops."""
         self._hears.append(self.link.listen(expression, handler, self))
 
     @property
@@ -132,7 +132,7 @@ class TeamLayer(Layer):
         Args:
             gone: The agents.
             kind: Of the report.
-            text: What it says.
+            text: The sentence.
             lasts: Whether it is so still.
         """
         if not all(agent in self.link.left for agent in gone):
@@ -148,21 +148,21 @@ class TeamLayer(Layer):
     # -- What a kind of team does --------------------------------------------------------------------------------
 
     def propose(self, part: bytes | None) -> None:
-        """Say what this agent saw, for the next step; None where it saw nothing."""
+        """Propose this agent's part of the next step; None where it saw nothing."""
         raise NotImplementedError
 
     def request(self, command: str, token: str) -> None:
-        """Have all agents do what was asked for here.
+        """Have all agents carry out a command that was asked for here.
 
         Args:
             command: ``start``, ``stop``, ``reset`` or ``resume``.
-            token: What it is known by.
+            token: Its identifier.
         """
         raise NotImplementedError
 
     @property
     def still(self) -> bool:
-        """Whether this agent does nothing of what is decided, since it took a stop that the team knows nothing of."""
+        """Whether this agent carries out no decisions, since it took a stop that the team knows nothing of."""
         raise NotImplementedError
 
     @property
@@ -172,28 +172,28 @@ class TeamLayer(Layer):
 
     @property
     def knows(self) -> object:
-        """What is the same at agents that know of the same commands; plain values."""
+        """A plain value that is the same at agents that know of the same commands."""
         raise NotImplementedError
 
     def serve_configuration(self) -> None:
-        """Tell whoever asks what must be the same at all agents."""
+        """Answer requests for the configuration, which must be the same at all agents."""
         if not self._shows:
             self._shows = True
             facts = msgspec.msgpack.encode(self.copy.facts)
             self.link.serve(self.link.key(self.ensemble.name, "configuration"), lambda _: facts)
 
     def update_live(self, link: Link) -> None:
-        """Take note of who is live."""
+        """Update the live agents."""
         raise NotImplementedError
 
     # -- What the own layers say ---------------------------------------------------------------------------------
 
     def command(self, command: Literal["start", "stop", "reset", "resume"], token: str | None = None) -> None:
-        """Have the team do what was asked for here; a stop stops this agent at once, too.
+        """Have the team carry out a command that was asked for here; a stop stops this agent at once, too.
 
         Args:
-            command: What was asked for.
-            token: What it is known by; by default one of its own.
+            command: The command.
+            token: Its identifier; by default a new one.
         """
         if command == "stop":
             self.ensemble.safety.stop(self.runtime.clock.now())
@@ -218,7 +218,7 @@ class TeamLayer(Layer):
         return self._own
 
     def forget(self) -> None:
-        """Forget what was observed since the last tick: a command has come between."""
+        """Discard the observations since the last tick: a command has come between."""
         self._seen = [None] * len(self._places)
 
     def _on_own_state(self, state: State) -> None:
@@ -289,7 +289,7 @@ class TeamLayer(Layer):
         self.reported_held = held
 
     def apply_command(self, command: str, token: str, now: int) -> None:
-        """Do what all do; an agent that stays stopped decides as they do, and does nothing of it."""
+        """Carry out a command of the team; an agent that stays stopped decides as the others do, without acting."""
         self.copy.command(command, now, still=self.still and command != "stop")
         self.forget()
         self.commands.done(token)
@@ -306,7 +306,7 @@ class TeamLayer(Layer):
         digest: str,
         caught_up: bool = False,
     ) -> None:
-        """Tell of a step, where somebody listens."""
+        """Publish a step, if the channel has a subscriber."""
         if self.commits is None or not self.commits.heard:
             return
         self.commits.publish(

@@ -1,12 +1,12 @@
-"""The link: connects an agent with its team. It owns the transport, and brings what that hears to actors, in turns.
+"""The link: connects an agent with its team. It owns the transport, and delivers received messages to actors, in turns.
 
-Who is live is told by beats: each agent says several times a lease whom it hears. The event loop itself says it, so
+Liveness is by beats: each agent sends the agents that it hears several times a lease, from the event loop itself, so
 that an agent whose loop is held is not taken for live, however well its transport keeps the connection. An agent is
 live for another where both hear each other.
 
-A beat says besides what must be the same at all agents for them to decide together at all; of each ensemble, a hash of
-it. Agents in which that differs are not live for each other. One of two, that which came later or has less company, is
-refused besides: it takes no part until they agree, or the other has gone. No message ends an agent for that.
+A beat has the configuration, too, which must be the same at all agents for them to decide together; of each ensemble,
+a hash. Agents in which that differs are not live for each other. One of two, that which came later or has less company,
+is refused besides: it takes no part until they agree, or the other has gone. No message ends an agent for that.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 __all__ = ["Clocks", "Link", "Offset"]
 
 FAREWELL = "leaving"
-"""The channel on which an agent says that it leaves in order."""
+"""The channel on which an agent announces that it leaves in order."""
 
 BEAT = "beat"
-"""The channel on which an agent says whom it hears, by incarnation."""
+"""The channel of beats."""
 
 BEATS = 5
 """Beats in a lease."""
@@ -58,12 +58,12 @@ T = TypeVar("T")
 
 
 class Beat(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What an agent says several times a lease.
+    """A message that an agent sends several times a lease.
 
     Args:
         agents: The agents of its team.
-        hears: Whom it hears, by incarnation.
-        facts: What must be the same at all agents.
+        hears: The agents that it hears, by incarnation.
+        facts: The configuration that must be the same at all agents.
         settled: Whether it has been there for some time.
         company: How many agents are live for it, itself included.
     """
@@ -83,12 +83,12 @@ _facts = msgspec.msgpack.Decoder(dict[Text, Text]).decode
 class Link(Actor):
     """The actor around a transport: opens it, hears it in turns, says farewell and closes it.
 
-    It starts first and stops last of what a member has, so that what the others do at their end can still be said.
+    It starts first and stops last of a member's actors, so that the others can still send at their end.
 
     Args:
         team: The team.
-        transport: What carries the messages of one of its agents.
-        facts: What must be the same at all agents that have it for them to hear each other, by what it is.
+        transport: The transport of one of its agents.
+        facts: The configuration, by name: facts that must be the same at all agents that have them.
 
     Attributes:
         live: The agents that this one hears and that hear it, by incarnation, itself included; without those who said
@@ -129,7 +129,7 @@ class Link(Actor):
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Have failures of the transport's handlers be this actor's, and what it drops reported."""
+        """Have failures of the transport's handlers be this actor's, and dropped messages reported."""
         self.transport.supervise(self.fail, self.report)
         self.transport.watch(self._in_turn(self._on_seen))
         self.listen(join(self.team.name, "*", FAREWELL), self._on_farewell, self)
@@ -137,7 +137,7 @@ class Link(Actor):
         self.every(BEATS / self.team.lease, self._on_tick)
 
     def connect(self) -> None:
-        """Open the transport, beside the loop; what keeps it from opening is this actor's failure."""
+        """Open the transport, beside the loop; a failure to open is this actor's failure."""
         self._opening = self.spawn(self._open(), name="open")
 
     async def _open(self) -> None:
@@ -151,7 +151,7 @@ class Link(Actor):
         self._notify()
 
     def send_farewell(self) -> None:
-        """Tell the others that this agent leaves in order: it puts nothing more, and they do not wait for it."""
+        """Announce that this agent leaves in order: it sends nothing more, and the others do not wait for it."""
         if self.opened and not self._leaving:
             self.transport.put(self.key(FAREWELL), b"", priority="step")
         self._leaving = True
@@ -234,7 +234,7 @@ class Link(Actor):
                     known.remove(subscription)
 
     def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
-        """Answer what is asked under a key of this agent."""
+        """Answer requests under a key of this agent."""
         self.transport.serve(key, answer)
 
     def ask(self, expression: str, body: bytes = b"", *, seconds: float = 1.0) -> Awaitable[dict[str, bytes]]:
@@ -242,7 +242,7 @@ class Link(Actor):
         return self.transport.ask(expression, body, timeout=seconds)
 
     async def ask_one(self, agent: str, key: str, body: bytes, decode: Callable[[bytes], T]) -> T:
-        """Ask an agent until it answers what can be decoded, at first soon again, then once a second."""
+        """Ask an agent until its answer can be decoded, at first soon again, then once a second."""
         clock, wait = self.runtime.clock, _FIRST_WAIT
         while True:
             until = clock.now() + round(wait * 1e9)
@@ -252,7 +252,7 @@ class Link(Actor):
             await clock.sleep(max(until - clock.now(), 0) / 1e9)  # where nobody was there to wait for
             wait = min(2 * wait, _LONGEST_WAIT)
 
-    # -- Who is live ---------------------------------------------------------------------------------------------
+    # -- Liveness ------------------------------------------------------------------------------------------------
 
     def watch(self, handler: Callable[[Link], None], actor: Actor) -> Subscription[Link]:
         """Call in a turn of an actor when `live` has changed, and now where the link is open."""
@@ -274,7 +274,7 @@ class Link(Actor):
             self._notify()
 
     def _beat(self) -> None:
-        """Say whom this agent hears."""
+        """Send the agents that this one hears."""
         hears = {agent: life for agent, (life, _) in self._beats.items()}
         settled, company = self._standing()
         beat = Beat(self.team.names, hears, self.configuration.facts, settled, company)
@@ -345,7 +345,7 @@ class Link(Actor):
             self._notify(refused=True)
 
     async def _report_difference(self, other: str, life: int, facts: Mapping[str, str]) -> None:
-        """Report in words what is another at another agent; of an ensemble, what that says of it."""
+        """Report in words the first difference to another agent; of an ensemble, the fact behind its hash."""
         configuration = self.configuration
         told = configuration.difference(other, facts) or ""
         ensemble = configuration.ensemble(facts)
@@ -381,7 +381,7 @@ class Link(Actor):
         self._notify(refused=self.configuration.agree(sample.owner))
 
     def _notify(self, *, refused: bool = False) -> None:
-        """Tell who is live, where that has changed, or whether this agent is refused may have."""
+        """Notify watchers if the live agents have changed, or whether this agent is refused may have."""
         if not self.opened:
             return
         live = {
@@ -416,15 +416,15 @@ class Offset(msgspec.Struct, frozen=True):
 class Clocks(Actor):
     """Measures the clocks of live agents, at first and then every five seconds.
 
-    An agent asks another for its time. The answer was given somewhere between question and answer, so that half of what
-    both took is how much the offset may be wrong.
+    An agent asks another for its time. The answer was given somewhere between question and answer, so that half of the
+    time of both is how much the offset may be wrong.
 
     Ticks are at multiples of the period on each agent's own clock. Where a clock is off by more than half a period, or
-    by more than a step waits, what its agent sees comes too late or counts for another step: it reports a fault
+    by more than a step waits, its agent's input comes too late or counts for another step: it reports a fault
     ``clock``, once until it agrees again.
 
     Args:
-        link: What connects the agent with the others.
+        link: The connection of the agent to the others.
 
     Attributes:
         offsets: The last measurement of each live agent.
@@ -442,7 +442,7 @@ class Clocks(Actor):
         self._serves = False
 
     def on_start(self) -> None:
-        """Tell the time to whoever asks, and ask the others."""
+        """Answer requests for the time, and ask the others."""
         if not self._serves:
             self._serves = True
             self._link.serve(self._link.key("clock"), lambda _: _TIME.pack(self.time()))

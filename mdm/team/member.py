@@ -57,7 +57,7 @@ class MemberStatistics(ActorStatistics, frozen=True):
         live: The agents that it sees, itself included.
         lost: Those that were there and have not left in order.
         layers: Where its ensembles stand, by name.
-        transport: What its transport carried.
+        transport: Counts of its transport.
     """
 
     live: tuple[str, ...]
@@ -67,7 +67,7 @@ class MemberStatistics(ActorStatistics, frozen=True):
 
 
 class Member(Actor):
-    """One agent of a team: its ensembles, and what connects them with those of the others.
+    """One agent of a team: its ensembles, and their connection to those of the others.
 
     It publishes a `Committed` for each joint step on ``commits``, and `Teammates` on ``teammates``. When a teammate is
     lost it reports a fault ``lost_teammate``. When it ends it tells the others, who then do not miss it.
@@ -75,11 +75,11 @@ class Member(Actor):
     Args:
         team: The team.
         agent: Which agent it is.
-        ensembles: What it decides; of the same names at every agent.
-        transport: What carries its messages; by default a session of Zenoh.
+        ensembles: Its ensembles; of the same names at every agent.
+        transport: The transport of its messages; by default a session of Zenoh.
         placement: Where the layers of ensembles are, by the ensembles' names; a mapping stands for the `Placement` with
             these arguments. One whose control layer is placed at an
-            agent is decided there, whatever the team's mode.
+            agent is decided there, in any mode of the team.
         exports: Channels of this agent that others may import, such as ``patrol/belief``; a mapping to the types of
             their messages where they are none of an ensemble's own.
         imports: Channels of others, such as ``robot2/patrol/belief``; the same.
@@ -91,10 +91,10 @@ class Member(Actor):
         ConfigError: If there is no such agent, or an ensemble does not fit the team.
 
     Attributes:
-        link: What connects it with the others.
-        layers: What a team adds to each of its ensembles, by name.
+        link: Its connection to the others.
+        layers: The team's layer of each of its ensembles, by name.
         clocks: How far those of the others are ahead.
-        decisions: What writes them to a file; None where nothing does.
+        decisions: The writer of their file; None where there is none.
     """
 
     def __init__(
@@ -162,7 +162,7 @@ class Member(Actor):
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def prepare(self, runtime: Runtime) -> None:
-        """Have predicate managers follow the other agents; whoever starts one itself calls this before."""
+        """Have predicate managers follow the other agents; call this before starting one of them."""
         for followed in self._followed:
             followed.prepare(runtime)
 
@@ -190,7 +190,7 @@ class Member(Actor):
         self.link.send_farewell()
 
     def failings(self) -> list[str]:
-        """Return in words what it did not do that it was to do."""
+        """Return in words the duties that it did not carry out."""
         told = []
         if (refusal := self.link.configuration.last_refusal) is not None:
             told.append(f"agent {self.agent!r} took no part in team {self.team.name!r}: {refusal}")
@@ -221,7 +221,7 @@ class Member(Actor):
             layer.update_lost(lost)
 
     def _tell_missing(self) -> None:
-        """Say whom this agent has never seen: where a team goes on without him, nothing else would."""
+        """Report agents that were never seen: where a team goes on without them, nothing else would."""
         if self.link.refusal is not None:
             return
         self._met.update(self.link.configuration.differing)
@@ -248,7 +248,7 @@ class Member(Actor):
 def _layer(
     team: Team, ensemble: Ensemble, link: Link, placement: Placement
 ) -> ReplicatedLayer | CentralisedLeader | CentralisedFollower | CommunicatingLayer:
-    """Return what connects an ensemble with those of its name at the other agents."""
+    """Return the layer that connects an ensemble with those of its name at the other agents."""
     if team.mode == "centralised" or placement.control is not None:
         decides = controlling(team, ensemble, placement) == link.agent
         return (CentralisedLeader if decides else CentralisedFollower)(team, ensemble, link, placement)
@@ -256,7 +256,7 @@ def _layer(
 
 
 def _facts(team: Team, ensembles: Iterable[str], placement: Mapping[str, Placement]) -> dict[str, str]:
-    """Return what must be the same at all agents for them to decide together at all."""
+    """Return the facts that must be the same at all agents for them to decide together."""
     told = {"team's agents": ", ".join(team.names), "team's mode": team.mode}
     for name in sorted({*ensembles, *placement}):
         control = placement.get(name, Placement()).control
@@ -304,7 +304,7 @@ def _managers(ensembles: Iterable[Ensemble]) -> tuple[PredicateManager, ...]:
 def _followed(
     team: Team, link: Link, managers: Sequence[PredicateManager], told: PredicatePublisher
 ) -> list[PredicateSubscriber]:
-    """Return what keeps other agents' predicates and events up to date, one for each manager and agent."""
+    """Return the subscribers to other agents' predicates and events, one for each manager and agent."""
     found = []
     for number, manager in enumerate(managers):
         for name in manager.declared.used:

@@ -28,7 +28,7 @@ class Placement(msgspec.Struct, frozen=True):
             where it is centralised.
         actions: The agent that carries out the actions, or one for each agent of the model, by name; by default the
             agent of the same name or, where there are as many, in the same order.
-        inputs: The agent whose sensors tell what is decided on; by default the owners of the factors.
+        inputs: The agent whose sensors give the input of decisions; by default the owners of the factors.
 
     Example::
 
@@ -41,7 +41,7 @@ class Placement(msgspec.Struct, frozen=True):
     inputs: str | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no agent's name.
+        """Refuse values that are no agent's name.
 
         Raises:
             ConfigError: If it is none.
@@ -171,7 +171,7 @@ class Ownership:
         return total
 
     def facts(self) -> dict[str, str]:
-        """Return what must be the same at every agent."""
+        """Return facts that must be the same at every agent."""
         return {
             f"{self.takes} factor {name!r}": f"{size} values, of {owner}, idle {idle}, {'held' if hold else 'not held'}"
             for name, size, owner, idle, hold in zip(

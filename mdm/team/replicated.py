@@ -1,6 +1,6 @@
 """The replica: one agent's copy of an ensemble behind the agreement of its team.
 
-It proposes what its agent sees, applies the steps that the team agrees on, and says what that means for the safety of
+It proposes what its agent sees, applies the steps that the team agrees on, and reports the effects on the safety of
 its agent. Everything happens in turns of the event loop, and nothing waits.
 """
 
@@ -39,7 +39,7 @@ _STEADY = frozenset({"leading", "following"})
 _OFFERS = (Command, Component)
 """Messages that say besides that their sender has applied the step before."""
 _AWAITED = (Component, Applied)
-"""Messages for which a leader waits, and that change nothing but what it waits for until the last of them has come."""
+"""Messages that a leader awaits; until the last of them has come, each changes only the number that it awaits."""
 _BEHIND = (Entries, Snapshot)
 """Messages that tell of steps which others took before."""
 
@@ -55,7 +55,7 @@ class ReplicatedStatistics(ActorStatistics, frozen=True):
         digest: Of the copy after it.
         members: Who takes part.
         commits: Steps applied in this process.
-        unsaid: What was seen while there was no majority, where events make steps; it counts no more.
+        unsaid: Events that were seen while there was no majority, where events make steps; they are discarded.
         late: Messages that came too late for their step or term.
         malformed: Messages and parts that were none.
     """
@@ -73,12 +73,12 @@ class ReplicatedStatistics(ActorStatistics, frozen=True):
 
 
 class ReplicatedLayer(TeamLayer):
-    """The last layer of an ensemble in a replicated team: what decides is the same at all of its agents.
+    """The last layer of an ensemble in a replicated team: all of its agents have the same controller.
 
     Args:
         team: The team.
         ensemble: The ensemble, whose control layer it leads.
-        link: What connects this agent with the others.
+        link: The connection of this agent to the others.
         placement: Where the ensemble's layers are.
 
     Raises:
@@ -148,10 +148,10 @@ class ReplicatedLayer(TeamLayer):
         self._turn_ends, self._acknowledgement, self._acknowledges = False, None, False
         self._saved = self.copy.snapshot()
 
-    # -- What this agent says ------------------------------------------------------------------------------------
+    # -- Sending -------------------------------------------------------------------------------------------------
 
     def propose(self, part: bytes | None) -> None:
-        """Propose what this agent saw, for the next step; without a majority nobody would take it while it is new."""
+        """Propose this agent's part of the next step; without a majority it would be too old when a step took it."""
         if self._role == "waiting" and self.team.event_driven:
             self._unsaid += 1
             self._withheld = True
@@ -165,7 +165,7 @@ class ReplicatedLayer(TeamLayer):
 
     @property
     def still(self) -> bool:
-        """Whether this agent does nothing of what is decided."""
+        """Whether this agent carries out no decisions."""
         return self.agreement.hold.still
 
     @property
@@ -175,9 +175,9 @@ class ReplicatedLayer(TeamLayer):
         return [position.term.number, position.term.leader, position.term.incarnation, position.step]
 
     def _process(self, sends: list[Send]) -> None:
-        """Have said what the agreement says, and done what follows from where it stands.
+        """Send the agreement's outgoing messages and apply its state to the ensemble.
 
-        Both come behind this agent's callback, but for what may keep it from being called.
+        Both come after this agent's callback, except changes that may prevent the callback.
         """
         agreement = self.agreement
         if self._behind or agreement.reports or agreement.proposals.void or agreement.role != self._role:
@@ -198,7 +198,7 @@ class ReplicatedLayer(TeamLayer):
             self._send(send)
 
     def _acknowledge(self, _: None) -> None:
-        """Say that a step was applied, where nothing has said so meanwhile."""
+        """Acknowledge the last step, unless a proposal has done so meanwhile."""
         word, self._acknowledgement, self._acknowledges = self._acknowledgement, None, False
         if word is not None:
             self._send(word)
@@ -207,7 +207,7 @@ class ReplicatedLayer(TeamLayer):
         self.link.send(self._keys[send.to], encode(send.message), priority="step")
 
     def _end_turn(self, _: None) -> None:
-        """Do at the end of a turn what nobody waits for."""
+        """Do the work of a step that may wait until the end of the turn."""
         if not self._turn_ends:  # the layer has stopped meanwhile
             return
         self._turn_ends = False
@@ -218,7 +218,7 @@ class ReplicatedLayer(TeamLayer):
             self._acknowledges = True
             get_running_loop().call_soon(self._dispatcher.deliver, self._acknowledging, None)
 
-    # -- What the others say -------------------------------------------------------------------------------------
+    # -- Receiving -----------------------------------------------------------------------------------------------
 
     def _on_message(self, sample: Sample) -> None:
         try:
@@ -228,14 +228,14 @@ class ReplicatedLayer(TeamLayer):
             return
         now = self._now()
         agreement = self.agreement
-        if message.term != agreement.term and not is_possible(message, agreement.order, now):
+        if message.term != agreement.state.term and not is_possible(message, agreement.order, now):
             self._drop(sample, "is of a term that cannot be")
             return
         if isinstance(message, _BEHIND) and not self._behind:
             self._behind = True
             self.process.catch_up(now, over=False)
         sends = agreement.receive(sample.owner, sample.incarnation, message, now)
-        if sends or not isinstance(message, _AWAITED) or message.term != agreement.term:
+        if sends or not isinstance(message, _AWAITED) or message.term != agreement.state.term:
             self._process(sends)
         else:
             self._set_timer(now)
@@ -283,7 +283,7 @@ class ReplicatedLayer(TeamLayer):
             self._propose_again(now)
 
     def _report_void(self) -> None:
-        """Tell which commands, asked for here, will be no step."""
+        """Report the commands, asked for here, that will be no step."""
         void, self.agreement.proposals.void = self.agreement.proposals.void, []
         for asked, reason in void:
             if asked.command == BEGIN:
@@ -303,10 +303,10 @@ class ReplicatedLayer(TeamLayer):
         self._timer = self.call_at(max(when, now), self._on_time)
 
     def _propose_again(self, now: int) -> None:
-        """Where events alone make steps: say anew what the team has forgotten, and let what it has not grow old."""
+        """Where events alone make steps: propose again values that the team has lost, and let other values expire."""
         agreement = self.agreement
-        if agreement.term.number != self._term and self._role in {"leading", "following"} and not self._behind:
-            self._term = agreement.term.number
+        if agreement.state.term.number != self._term and self._role in {"leading", "following"} and not self._behind:
+            self._term = agreement.state.term.number
             # What waits to be decided on is older than what was withheld, and would be the last word.
             waits = bool(agreement.proposals.components)
             if self._withheld if waits else self.copy.last_values(self.agent) != self.own:
@@ -376,7 +376,7 @@ class ReplicatedLayer(TeamLayer):
             )
 
     def _apply_command(self, commit: Commit, now: int) -> None:
-        """Do what a step orders; a hold of one agent orders nothing."""
+        """Carry out the command of a step; a hold of one agent orders nothing."""
         command = commit.command
         if command is None or command == HOLD:
             return
@@ -410,7 +410,7 @@ class ReplicatedLayer(TeamLayer):
         self._restored = True
 
     def _resume(self, now: int) -> None:
-        """Act or not, as the copy that was taken and what this agent was told say."""
+        """Start or stop acting, by the copy that was restored and the commands of this agent."""
         self._restored = False
         if self.copy.running and not self.still:
             self.ensemble.safety.start(now)
@@ -429,7 +429,7 @@ class ReplicatedLayer(TeamLayer):
         return ReplicatedStatistics(
             **msgspec.structs.asdict(super().statistics()),
             role=agreement.role if self.refusal is None else "refused",
-            term=agreement.term.number,
+            term=agreement.state.term.number,
             leader=agreement.leader,
             step=agreement.step,
             digest=self.copy.digest(),

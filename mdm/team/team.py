@@ -50,13 +50,14 @@ class Agent(msgspec.Struct, frozen=True):
 
 
 class Team:
-    """Who decides together, and how. The same at every agent; each runs a `Member` of it.
+    """The agents that decide together, and how. The same at every agent; each runs a `Member` of it.
 
     Args:
         name: The team's name, which begins the keys of its messages.
         agents: All agents, in the order of the model's agents: names, or pairs of a name and an endpoint.
         mode: ``replicated``: each agent holds the whole controller, and all agree on each joint step.
-            ``centralised``: one agent decides for all. ``communicating``: each decides on what it knows, at a period.
+            ``centralised``: one agent decides for all. ``communicating``: each decides by its own knowledge, at a
+            period.
         period: Seconds from one joint step to the next, at multiples of the period; without it, each event at any
             agent makes a step.
         drive: In place of ``period``: ``"event"``, or joint steps a second.
@@ -66,13 +67,13 @@ class Team:
         quorum: ``majority``: agents that see no more than half of the team decide nothing; the default for three and
             more. ``continue``: each side goes on by itself; the default for two.
         controller: Of a centralised team, the agent that decides; by default the first.
-        communication: Of a communicating team, what its agents share when; each has a copy. By default `Always`.
+        communication: Of a communicating team, the policy of sharing; each agent has a copy. By default `Always`.
         lease: Seconds after which an agent that says nothing is taken as lost.
         max_age: Seconds for which the last word of an agent counts that is lost, or late: its state factors, its
             predicates.
         memory: The most megabytes that a model may take at an agent. Ensembles of a file have it unless they say
             something else; those of a program take it as their option of that name.
-        ceilings: What Zenoh lets through at most, by key.
+        ceilings: The most that Zenoh lets through, by key.
 
     Raises:
         ConfigError: If a name cannot be part of a key, two agents have one name, or a setting means nothing.
@@ -152,7 +153,7 @@ class Team:
         return f"<Team {self.name!r}: {self.mode}, {', '.join(self.names)}>"
 
     def _communication(self, given: CommunicationPolicy | None) -> CommunicationPolicy:
-        """Return what the agents share when; refuse what means nothing in the team's mode."""
+        """Return the communication policy; refuse one that means nothing in the team's mode."""
         if self.mode != "communicating":
             if given is not None:
                 raise ConfigError(
@@ -199,12 +200,12 @@ class Team:
         """Have the team decide no more, from outside: said to every agent.
 
         Args:
-            options: ``ensemble``, by default the only one; ``seconds`` to wait for what each agent is by then, by
+            options: ``ensemble``, by default the only one; ``seconds`` to wait for each agent's state, by
                 default 5; the ``access`` of the team's operator, where its agents have certificates; or the
                 ``transport`` to ask by, open, in place of a session of its own.
 
         Returns:
-            What each agent is afterwards; those that did not confirm say why not.
+            The state of each agent afterwards; those that did not confirm say why not.
 
         Example::
 
@@ -236,8 +237,8 @@ class Team:
 
         Args:
             agent: Which agent this process is.
-            ensembles: What it decides; of the same names at every agent.
-            transport: What carries its messages; by default a session of Zenoh.
+            ensembles: Its ensembles; of the same names at every agent.
+            transport: The transport of its messages; by default a session of Zenoh.
             options: See `mdm.team.member.Member`.
         """
         from mdm.team.member import Member  # noqa: PLC0415 - a member is made of a team

@@ -41,7 +41,7 @@ _INSISTS = 4
 """Messages one after the other by which a member says that it is ahead of its leader."""
 
 Standing = Literal["leading", "following", "joining", "waiting"]
-"""What a person is told of a role: ``joining`` until a term begins, ``waiting`` without a majority."""
+"""A role as statistics report it: ``joining`` until a term begins, ``waiting`` without a majority."""
 
 
 class Replica(Protocol):
@@ -55,7 +55,7 @@ class Replica(Protocol):
         """Apply a step."""
 
     def digest(self) -> str:
-        """Return a hash of all that decides what further steps do."""
+        """Return a hash of all that determines the effect of further steps."""
 
     def snapshot(self) -> bytes:
         """Return the whole copy."""
@@ -86,8 +86,8 @@ class Agreement:
         state: Where this agent stands.
         log: The steps that it has applied.
         proposals: Its own components and commands that no step has taken yet.
-        hold: Whether it does nothing of what is decided.
-        reports: What happened that a person should know, as pairs of a kind and a sentence; for the caller to take.
+        hold: Whether it carries out no decisions, since it was stopped.
+        reports: Events for a person, as pairs of a kind and a sentence; for the caller to take.
         late: Components and messages of older terms and steps that were dropped.
     """
 
@@ -142,7 +142,7 @@ class Agreement:
 
     @property
     def role(self) -> Standing:
-        """The role of this agent as a person is told: whether it takes part, is about to, or sees no majority."""
+        """The role of this agent as statistics report it: whether it takes part, is about to, or sees no majority."""
         state, ballot = self.state, self.state.ballot
         if state.role in {"leading", "following"}:
             return state.role
@@ -167,13 +167,13 @@ class Agreement:
     def propose(
         self, component: bytes | None, now: int, command: str | None = None, token: str | None = None
     ) -> list[Send]:
-        """Propose what this agent saw, for the next step; None: it saw nothing. A command makes a step of its own.
+        """Propose this agent's component of the next step; None: it saw nothing. A command makes a step of its own.
 
         Args:
-            component: What it saw.
+            component: The component, encoded.
             now: The time.
-            command: What it was asked for; a stop holds for this agent at once.
-            token: What the command is known by, the same at all agents that are asked for the same; by default its own.
+            command: The command that it was asked for; a stop holds for this agent at once.
+            token: The command's identifier, the same at all agents that are asked for the same; by default a new one.
         """
         asked = None
         if command is not None:
@@ -209,7 +209,7 @@ class Agreement:
         return self._flush()
 
     def tick(self, now: int) -> list[Send]:
-        """Do what is due."""
+        """Fire the timers that are due."""
         timers = self.state.timers
         for name in [name for name, time in timers.items() if time <= now]:
             if timers.get(name, now + 1) <= now:
@@ -217,7 +217,7 @@ class Agreement:
         return self._flush()
 
     def fire(self, timer: str, now: int) -> None:
-        """Do what one timer asks for."""
+        """Fire one timer."""
         state = self.state
         del state.timers[timer]
         if timer == "retry":
@@ -246,7 +246,7 @@ class Agreement:
     # -- A step function for each role ---------------------------------------------------------------------------
 
     def _step_leading(self, sender: str, message: Message, now: int) -> None:
-        """Collect what members propose and acknowledge, and send what they lack; commit what is ready."""
+        """Collect proposals and acknowledgements, send missing steps, and commit the next step when it is ready."""
         joined = self._ballot.joined
         match message:
             case Component() | Command():
@@ -268,7 +268,7 @@ class Agreement:
                 self._announce(now)
 
     def _step_following(self, sender: str, message: Message, now: int) -> None:
-        """Apply what the leader commits, and acknowledge it; fetch what is missing."""
+        """Apply the leader's commits and acknowledge them; fetch missing steps."""
         state = self.state
         leads = sender == state.term.leader
         match message:
@@ -292,7 +292,7 @@ class Agreement:
                 self._receive_snapshot(sender, message, now)
 
     def _step_joining(self, sender: str, message: Message, now: int) -> None:
-        """Come to where the leader begins, and follow it from there; meanwhile it alone may fetch what it lacks."""
+        """Come to where the leader begins, and follow it from there; meanwhile only the leader may fetch steps."""
         state = self.state
         leads = sender == state.term.leader
         match message:
@@ -314,7 +314,7 @@ class Agreement:
                 self._receive_snapshot(sender, message, now)
 
     def _step_calling(self, sender: str, message: Message, now: int) -> None:
-        """Hear who joins, and take the history that the term goes on from, until the term can begin."""
+        """Count the agents that join, and take the history that the term goes on from, until the term can begin."""
         state = self.state
         match message:
             case Joined() if self._is_new(sender):
@@ -340,7 +340,7 @@ class Agreement:
     # -- Proposals, and the leader's commits ---------------------------------------------------------------------
 
     def _advance(self, now: int) -> None:
-        """Propose what waits for the next step; as a leader, commit what is ready."""
+        """Send the pending proposals for the next step; as a leader, commit the steps that are ready."""
         state, proposals, hold = self.state, self.proposals, self.hold
         while (role := state.role) == "leading" or role == "following":
             step = self.log.position.step + 1
@@ -471,7 +471,7 @@ class Agreement:
         self.proposals.settle(commit)
 
     def _apply_checked(self, commit: Commit, now: int) -> bool:
-        """Apply the next step, unless this agent's copy is not what the leader's was."""
+        """Apply the next step, unless this agent's copy differs from the leader's."""
         digest = self.replica.digest()
         if commit.digest != digest:
             self._doubt(digest, now)
@@ -480,7 +480,7 @@ class Agreement:
         return True
 
     def _apply_all(self, message: Entries, now: int) -> bool:
-        """Apply the next steps among some; return False where this agent's copy is not what it should be."""
+        """Apply the next steps among some; return False where this agent's copy differs."""
         for commit in message.commits:
             if self.log.follows(commit) and not self._apply_checked(commit, now):
                 return False
@@ -501,14 +501,14 @@ class Agreement:
             self._acknowledge(now, always=self.event_driven or commit.command is not None)
 
     def _acknowledge(self, now: int, *, always: bool = True) -> None:
-        """Tell the leader what was applied: by the next proposal, or else by a message of its own."""
+        """Acknowledge the steps that were applied: by the next proposal, or else by a message of its own."""
         before = len(self._out)
         self._advance(now)
         if always and len(self._out) == before:
             self._send(self.state.term.leader, Applied(self.state.term, self.step))
 
     def _receive_begin(self, begin: Begin, now: int) -> None:
-        """Follow the leader where this agent's copy is the leader's; else fetch what makes it so."""
+        """Follow the leader if this agent's copy equals the leader's; else fetch the missing steps, or a snapshot."""
         if begin.position != self.log.position:
             if self.state.fetching is None:
                 self._fetch(self.state.term.leader, now)
@@ -529,7 +529,7 @@ class Agreement:
         self.state.released = True
         self._review(now)
 
-    # -- What an agent missed ------------------------------------------------------------------------------------
+    # -- Missing steps -------------------------------------------------------------------------------------------
 
     def _fetch(self, source: str, now: int) -> None:
         """Ask an agent for the steps after this one's last, or for a snapshot where this agent doubts its copy."""
@@ -784,7 +784,7 @@ class Agreement:
         self._advance(now)
 
     def _join_own(self, now: int) -> None:
-        """Answer its own call anew, after this agent has taken what it lacked."""
+        """Answer its own call anew, after this agent has taken the missing steps."""
         self._ballot.joined[self.agent] = self._joined()
         self._begin_if_enough(now)
 
@@ -807,7 +807,7 @@ class Agreement:
     # -- Sending again -------------------------------------------------------------------------------------------
 
     def _retry(self, now: int) -> None:
-        """Send again what was not answered."""
+        """Send unanswered messages again."""
         state, before = self.state, len(self._out)
         if len(state.live) < self.majority and self._is_mine():
             self._send(None, Ended(state.term))
@@ -835,7 +835,7 @@ class Agreement:
             self._send(agent, self._begin() if last is None or last.term != state.term else last)
 
     def _retry_proposals(self) -> None:
-        """Send what this agent proposes for the next step."""
+        """Send this agent's proposals for the next step again."""
         proposals, leader = self.proposals, self.state.term.leader
         if proposals.commanded is not None:
             self._send(leader, self._command(proposals.commanded[1]))

@@ -54,11 +54,11 @@ class Commit(msgspec.Struct, frozen=True, array_like=True, tag="commit", gc=Fals
         step: Counted from 1, over all terms.
         previous: The term of the step before: together with ``step`` it says which history this goes on.
         inputs: The components by agent, in the order of the team; an agent that saw nothing has none.
-        missing: Agents of which it is not known what they saw.
+        missing: Agents whose component is not known.
         command: ``"start"``, ``"stop"``, ``"reset"``…: such a step has neither inputs nor missing agents.
         by: Who gave the command.
         digest: Of the leader's copy after the step before.
-        token: What the command is known by.
+        token: The identifier of the command.
     """
 
     term: Term
@@ -119,7 +119,7 @@ class Log:
         self.commits = []
 
     def since(self, position: Position, limit: int) -> tuple[Commit, ...] | None:
-        """Return what follows a position, up to so many commits; None where that is not known."""
+        """Return the commits after a position, up to so many; None where they are not known."""
         if not contains(self.lineage, position):
             return None
         held = len(self.commits) - (self.position.step - position.step)

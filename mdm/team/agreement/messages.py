@@ -47,7 +47,7 @@ class Call(msgspec.Struct, frozen=True, array_like=True, tag="call", gc=False):
 
 
 class Joined(msgspec.Struct, frozen=True, array_like=True, tag="joined", gc=False):
-    """An agent has left all older terms for this one, and tells what it has applied.
+    """An agent has left all older terms for this one, and reports the steps that it has applied.
 
     Args:
         term: The term that was called.
@@ -65,7 +65,7 @@ class Joined(msgspec.Struct, frozen=True, array_like=True, tag="joined", gc=Fals
 
 
 class Stale(msgspec.Struct, frozen=True, array_like=True, tag="stale", gc=False):
-    """What was sent is of an older term than the sender's, which is this."""
+    """The message that this answers is of an older term than the sender's, which is this."""
 
     term: Term
 
@@ -86,7 +86,7 @@ class Begin(msgspec.Struct, frozen=True, array_like=True, tag="begin", gc=False)
 
 
 class Component(msgspec.Struct, frozen=True, array_like=True, tag="component", gc=False):
-    """What the sender saw, for this step alone; it has applied the step before. None: it saw nothing."""
+    """The sender's component of this step alone; it has applied the step before. None: it saw nothing."""
 
     term: Term
     step: Number
@@ -110,7 +110,7 @@ class Applied(msgspec.Struct, frozen=True, array_like=True, tag="applied", gc=Fa
 
 
 class Fetch(msgspec.Struct, frozen=True, array_like=True, tag="fetch", gc=False):
-    """The sender stands here and needs what follows. With a digest: it doubts its copy, and needs a snapshot."""
+    """The sender stands here and needs the next steps. With a digest: it doubts its copy, and needs a snapshot."""
 
     term: Term
     position: Position
@@ -137,7 +137,7 @@ class Snapshot(msgspec.Struct, frozen=True, array_like=True, tag="snapshot", gc=
 Message: TypeAlias = (
     Call | Joined | Stale | Ended | Begin | Component | Command | Commit | Applied | Fetch | Entries | Snapshot
 )
-"""What goes from agent to agent."""
+"""A message from agent to agent."""
 
 
 class Send(msgspec.Struct, frozen=True, gc=False):
@@ -169,7 +169,7 @@ def is_possible(message: Message, agents: Container[str], now: int) -> bool:
     """Return whether the terms and steps of a message can be such.
 
     Args:
-        message: What another machine sent.
+        message: A message of another machine.
         agents: The agents of the team.
         now: The receiver's time in nanoseconds since 1970.
     """

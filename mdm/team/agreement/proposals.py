@@ -1,4 +1,4 @@
-"""What an agent has to say to the next steps: its components and commands, until a step has taken them."""
+"""An agent's proposals for the next steps: its components and commands, pending until a step has taken them."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ __all__ = ["BARS", "HOLD", "OPENS", "STARTS", "STOP", "Asked", "Hold", "Proposal
 STOP = "stop"
 
 HOLD = "hold"
-"""The command by which an agent says that it stays stopped: nobody else stops, and what starts the team from then on
-was asked for by somebody who knows of it."""
+"""The command by which an agent says that it stays stopped: nobody else stops, and a start of the team from then on
+was asked for by an agent that knows of it."""
 
 BARS = frozenset({STOP, HOLD})
 """Commands that beat each start that was asked for before them."""
@@ -43,7 +43,7 @@ class Asked(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     Args:
         command: ``"start"``, ``"stop"``, ``"reset"``…
-        token: What it is known by, the same at each agent that was asked for it.
+        token: Its identifier, the same at each agent that was asked for it.
         term: The term in which it was asked for.
     """
 
@@ -59,7 +59,7 @@ class Proposals:
     offered anew for the next one, and a reading of a fixed rate is dropped, since the next is on its way. Where a
     command became the step, which takes no components, both are offered anew.
 
-    A command counts in the term in which it was asked for. A stop beats what was asked for before it to start or reset,
+    A command counts in the term in which it was asked for. A stop beats a start or reset that was asked for before it,
     here at once, elsewhere when it is applied there.
 
     Attributes:
@@ -77,7 +77,7 @@ class Proposals:
         self.void: list[tuple[Asked, str]] = []
 
     def add(self, component: bytes | None, asked: Asked | None) -> None:
-        """Take what is to be proposed."""
+        """Add a component, a command, or both."""
         if asked is not None:
             self._ask(asked)
             if component is None:
@@ -142,7 +142,7 @@ class Proposals:
             self._discard(lambda one: one.command in OPENS, reason)
 
     def renew(self, term: Term) -> None:
-        """Take note of a new term, in which nothing was offered yet; what is from before it is too old."""
+        """Take note of a new term, in which nothing was offered yet; older components and commands are too old."""
         if not self.event_driven:
             self.dropped += len(self.components)
             self.components.clear()
@@ -150,7 +150,7 @@ class Proposals:
         self.offered = self.commanded = None
 
     def forget(self, step: int) -> None:
-        """Take note of a snapshot, which holds what was decided up to a step; what was offered until then is past."""
+        """Take note of a snapshot, which holds all steps up to one; a component that was offered until then is past."""
         if self.offered is not None and self.offered[1] <= step:
             self.components.popleft()
         self._discard(lambda one: one.command in OPENS, "steps that this agent does not know may have stopped the team")
@@ -167,18 +167,18 @@ class Proposals:
 
 
 class Hold:
-    """Whether an agent acts where its copy decides.
+    """Whether an agent carries out the decisions of its copy.
 
-    A stop that is asked of an agent counts there at once, and one that is applied when it is. Which starts were asked
-    for after it the history tells: whoever asks for one has applied all steps before it. So a start ends the hold where
-    that is a step before it. Where the stop is none of the history's, since its term has ended or another history
+    A stop that is asked of an agent counts there at once, and one that is applied when it is. The history tells which
+    starts were asked for after it: an agent that asks for one has applied all steps before it. So a start ends the hold
+    if the stop is a step before it. If the stop is no step of the history, since its term has ended or another history
     counts, the agent has a step of its own made, a hold, and the starts after that end it.
 
     Args:
         agent: Which agent.
 
     Attributes:
-        still: Whether the agent does nothing of what is decided.
+        still: Whether the agent carries out no decisions.
         waits: The token of the stop that is in no history of this agent's yet; empty where there is none.
         last: The token of the last stop that it took.
         at: Where that stands in the history.

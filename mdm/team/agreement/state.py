@@ -1,4 +1,4 @@
-"""The state of one agent in the agreement: its role, its term, and what it knows of the others within that term."""
+"""The state of one agent in the agreement: its role, its term, and its knowledge of the others within that term."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Ballot", "Role", "State"]
 
 Role = Literal["leading", "calling", "following", "joining"]
-"""What an agent does with a message: a role has a step function each.
+"""How an agent handles a message: there is a step function for each role.
 
 - ``leading``: it commits the steps of a term that it called.
 - ``calling``: it has called a term, which has not begun.
@@ -86,7 +86,7 @@ class Ballot:
 class State(msgspec.Struct):
     """Where one agent stands; `Agreement` alone changes it.
 
-    What always holds between two events:
+    Invariants, which hold between any two events:
 
     1. An agent that leads or calls does so in a term of its own, and has a ballot with its own answer in it. No other
        agent has a ballot.
@@ -114,7 +114,7 @@ class State(msgspec.Struct):
         applied: By member the last step that it is known to have applied, at a leader.
         doubts: By member the step after which its copy differs, and its digest, at a leader.
         ahead: By member how often in a row it said that it has applied more than its leader.
-        components: By member what it said to the next step, at a leader.
+        components: By member its component of the next step, at a leader.
         commands: By member the command that it proposes for the next step, and its token, at a leader.
         overdue: Whether the next step has waited for its deadline.
         timers: When each timer that is set fires: ``retry``, ``close``, ``call``, ``invite`` and ``patience``.

@@ -1,1 +1,1 @@
-"""Centralised teams: one agent decides for all, and the others propose what they see and carry out its decisions."""
+"""Centralised teams: one agent decides for all, and the others propose their input and carry out its decisions."""

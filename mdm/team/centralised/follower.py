@@ -40,14 +40,14 @@ _CONTROLLER = frozenset({"lost_controller"})
 
 
 class CentralisedFollower(TeamLayer):
-    """The layer at an agent for which another one decides: it says what is seen here, and has its part carried out.
+    """The layer at an agent for which another one decides: it proposes its input, and has its part of decisions done.
 
     Where the controller is not there, the ensemble is safe, until it decides again.
 
     Args:
         team: The team.
         ensemble: The ensemble, whose control layer it leads.
-        link: What connects this agent with the others.
+        link: The connection of this agent to the others.
         placement: Where the ensemble's layers are.
     """
 
@@ -77,7 +77,7 @@ class CentralisedFollower(TeamLayer):
         self.listen(join(self.team.name, self._controller, self.ensemble.name, "decision"), self._on_decision)
         self.call_later(_PATIENCE, self._on_patience)
 
-    # -- What this agent says ------------------------------------------------------------------------------------
+    # -- Sending -------------------------------------------------------------------------------------------------
 
     def request(self, command: str, token: str) -> None:
         """Ask the controller for it, if it is there; a stop holds here until a start that was asked for after it."""
@@ -93,7 +93,7 @@ class CentralisedFollower(TeamLayer):
 
     @property
     def still(self) -> bool:
-        """Whether this agent does nothing of what is decision."""
+        """Whether this agent carries out no decisions."""
         return self._still
 
     @property
@@ -102,7 +102,7 @@ class CentralisedFollower(TeamLayer):
         return [self._life, 0 if self._last is None else self._last.step]
 
     def _discard(self, reason: str) -> None:
-        """Drop the commands that wait, but for stops, and tell whoever asked for them."""
+        """Discard the pending commands, but for stops, and report that."""
         for proposal in [
             proposal for proposal in self._pending if proposal.command is not None and proposal.command not in BARS
         ]:
@@ -110,7 +110,7 @@ class CentralisedFollower(TeamLayer):
             self.report_void(proposal.token, reason)
 
     def propose(self, part: bytes | None) -> None:
-        """Say what this agent has seen."""
+        """Send this agent's part of the next step."""
         if not self.team.event_driven:
             self.link.send(self._key, encode(Proposal(0, self.tick, part, None)), priority="step")
         elif part is not None and (self._here or self.ownership.takes == "state"):
@@ -119,7 +119,7 @@ class CentralisedFollower(TeamLayer):
             self._unsaid += 1
 
     def _queue(self, part: bytes | None, command: str | None, token: str = "") -> None:
-        """Say something until the controller says that it has it; of states what was not said yet gives way."""
+        """Send a proposal until the controller acknowledges it; of states, one that was not sent yet is replaced."""
         waiting = self._pending
         if self.ownership.takes == "state" and len(waiting) > 1 and waiting[-1].command is None and command is None:
             waiting.pop()
@@ -133,7 +133,7 @@ class CentralisedFollower(TeamLayer):
             self._send()
 
     def _send(self) -> None:
-        """Say what has waited longest, now and every 50 ms until the controller has it."""
+        """Send the oldest pending proposal, now and every 50 ms until the controller acknowledges it."""
         if self._pending:
             self.link.send(self._key, encode(self._pending[0]), priority="step")
             self._sent_at = self.runtime.clock.now()
@@ -147,7 +147,7 @@ class CentralisedFollower(TeamLayer):
         else:
             self._send()
 
-    # -- What the controller says --------------------------------------------------------------------------------
+    # -- Receiving -----------------------------------------------------------------------------------------------
 
     def _on_decision(self, sample: Sample) -> None:
         try:
@@ -180,10 +180,10 @@ class CentralisedFollower(TeamLayer):
         self._apply(decision)
 
     def _receive_acknowledgement(self, decision: Decision) -> None:
-        """Take note of what the controller has from this agent, and say what is next.
+        """Discard the proposal that the controller acknowledges, and send the next.
 
-        Where it has more than was said, or has a command under that number which is none, another has spoken in this
-        agent's name: what waits is then said under new numbers.
+        Where it acknowledges more than was sent, or a command under that number which is none, another has spoken in
+        this agent's name: the pending proposals are then sent under new numbers.
         """
         taken, waiting = decision.taken.get(self.agent, 0), self._pending
         if not can_be(taken, self.runtime.clock.now(), 1000):
@@ -201,7 +201,7 @@ class CentralisedFollower(TeamLayer):
             self._send()
 
     def _renumber(self, last: int) -> None:
-        """Give what waits the numbers after another."""
+        """Give the pending proposals the numbers after another."""
         numbers = {proposal.number: last + place for place, proposal in enumerate(self._pending, 1)}
         self._pending = deque(
             msgspec.structs.replace(proposal, number=numbers[proposal.number]) for proposal in self._pending
@@ -211,10 +211,10 @@ class CentralisedFollower(TeamLayer):
             self._waits = numbers.get(self._waits, self._waits)
 
     def _apply(self, decision: Decision) -> None:
-        """Carry out this agent's component of what was decided, once.
+        """Carry out this agent's component of a decision, once.
 
         The messages of a life come in order. Where the controller is at an earlier step than it said before, or has
-        decided something else at the same, it did not say that: what it decides now counts as when it is heard first.
+        decided something else at the same, it did not say that: its decision counts as when it is heard first.
         """
         now = self.runtime.clock.now()
         last, self._last = self._last, decision
@@ -271,10 +271,10 @@ class CentralisedFollower(TeamLayer):
         if self._still and self._waits is None and decision.running and decision.started > self._since:
             self._still = False
 
-    # -- Who is there --------------------------------------------------------------------------------------------
+    # -- Liveness ------------------------------------------------------------------------------------------------
 
     def update_live(self, link: Link) -> None:
-        """Take note of whether the controller is live."""
+        """Update whether the controller is live."""
         was, self._here = self._here, self._controller in link.live
         if was and not self._here:
             self._leave_term()
@@ -284,7 +284,7 @@ class CentralisedFollower(TeamLayer):
         self.assess(self.runtime.clock.now())
 
     def _forget_events(self) -> None:
-        """Take it that what was observed here is too old for whoever decides next."""
+        """Discard the pending observations, which are too old for the next controller."""
         if self.ownership.takes != "state":
             self._unsaid += len(self._pending)
             self._pending.clear()
@@ -325,7 +325,7 @@ class CentralisedFollower(TeamLayer):
 
 
 def _same(one: Decision, other: Decision) -> bool:
-    """Return whether two decisions of the same step are the same, whatever they tell of the agents besides."""
+    """Return whether two decisions of the same step are the same, apart from their acknowledgements."""
     return (one.running, one.epoch, one.action, one.command, one.token, one.started) == (
         *(other.running, other.epoch, other.action),
         *(other.command, other.token, other.started),

@@ -33,15 +33,15 @@ _NOT_READY = "the configurations of the agents that are there were not compared 
 
 
 class CentralisedLeader(TeamLayer):
-    """The layer at the agent that decides: it collects what all have seen.
+    """The layer at the agent that decides: it collects the parts of all.
 
-    At a fixed rate it decides when all live agents have said what they saw since the last tick, or the deadline after
-    the tick is over. Else it decides on what each agent sees, as it comes.
+    At a fixed rate it decides when all live agents have sent their parts since the last tick, or the deadline after
+    the tick is over. Else it decides on each part as it comes.
 
     Args:
         team: The team.
         ensemble: The ensemble, whose control layer it leads.
-        link: What connects this agent with the others.
+        link: The connection of this agent to the others.
         placement: Where the ensemble's layers are.
     """
 
@@ -80,7 +80,7 @@ class CentralisedLeader(TeamLayer):
             self._command("stop" if self._stopped else "start" if self.copy.begun else BEGIN)
 
     def update_live(self, _link: Link) -> None:
-        """Take note of who is live: who has just come is told what is decided; nobody waits for who is gone."""
+        """Update the live agents: a new one is sent the last decision; no step waits for one that is gone."""
         if not self._waited:
             self._waited = True
             self.call_later(self.team.lease / 2, self._wait_no_more)
@@ -114,10 +114,10 @@ class CentralisedLeader(TeamLayer):
             self._timer.cancel()
             self._timer = None
 
-    # -- What the agents say -------------------------------------------------------------------------------------
+    # -- Receiving -----------------------------------------------------------------------------------------------
 
     def request(self, command: str, token: str) -> None:
-        """Do what was asked for, at all agents."""
+        """Carry out a command at all agents."""
         if self.refusal is not None:
             self.report_void(token, f"{self.agent} takes no part in the team")
         elif not self._ready and command not in BARS:
@@ -128,7 +128,7 @@ class CentralisedLeader(TeamLayer):
 
     @property
     def still(self) -> bool:
-        """Whether this agent does nothing of what is decided: never, for it decides itself."""
+        """Whether this agent carries out no decisions: never, for it decides itself."""
         return False
 
     @property
@@ -137,7 +137,7 @@ class CentralisedLeader(TeamLayer):
         return [self.link.transport.incarnation, self._last.step]
 
     def propose(self, part: bytes | None) -> None:
-        """Take what this agent has seen."""
+        """Collect this agent's own part."""
         if self.refusal is not None:
             return
         if not self.team.event_driven:
@@ -179,12 +179,12 @@ class CentralisedLeader(TeamLayer):
             self._decide({sample.owner: proposal.part})
 
     def _is_possible(self, proposal: Proposal) -> bool:
-        """Return whether there was time for what an agent has counted, where its clock is an hour ahead at most."""
+        """Return whether the numbers of a proposal can be, where its sender's clock is an hour ahead at most."""
         period = round((self.team.period or 1.0) * 1e9)
         return can_be(proposal.tick - self.tick, 0, period) and can_be(proposal.number, self.runtime.clock.now(), 1000)
 
     def _receive_command(self, sample: Sample, proposal: Proposal, command: str) -> None:
-        """Do what was asked for at another agent, unless a stop came between."""
+        """Carry out a command of another agent, unless a stop came between."""
         agent = sample.owner
         if command not in BARS:
             known = proposal.step if proposal.life == self.link.transport.incarnation else -1
@@ -205,7 +205,7 @@ class CentralisedLeader(TeamLayer):
         self.link.refuse_sample(sample, reason)
 
     def _collect(self, agent: str, tick: int, part: bytes | None) -> None:
-        """Take what an agent saw until a tick; it counts for that one alone."""
+        """Collect an agent's part of a tick; it counts for that one alone."""
         if tick <= self._closed:
             self._late += 1
             return
@@ -215,7 +215,7 @@ class CentralisedLeader(TeamLayer):
         self._close(late=False)
 
     def _close(self, *, late: bool) -> None:
-        """Decide on the open tick, where all have said what they saw or it is too late for the others."""
+        """Decide on the open tick, where all parts have come or it is too late for the others."""
         if self._open is None:
             return
         heard = self._ticks.get(self._open, {})
@@ -282,7 +282,7 @@ class CentralisedLeader(TeamLayer):
         self.runtime.dispatcher.deliver(self._sending, self._last)
 
     def _publish_again(self) -> None:
-        """Have a command sent to all that changes nothing of what is decision."""
+        """Have a command sent to all that changes no decision."""
         _, _, command, token = self._on
         told = {"step": self._last.step + 1, "inputs": {}, "missing": (), "command": command, "token": token}
         self._last = msgspec.structs.replace(self._last, started=self._started, **told)
@@ -307,7 +307,7 @@ class CentralisedLeader(TeamLayer):
         self._send(self._last_sent)
 
     def _send(self, decision: Decision) -> None:
-        """Send a decision, with what was taken from each agent."""
+        """Send a decision, with the acknowledgements of each agent."""
         live = self.link.live
         taken = {agent: number for agent, (life, number) in self._taken.items() if live.get(agent, life) == life}
         told = msgspec.structs.replace(decision, taken=taken, bars=self._bars, void=self._void)

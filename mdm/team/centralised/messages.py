@@ -1,8 +1,7 @@
-"""Centralised teams: what their agents say to the one that decides, and what that says to them.
+"""The messages of centralised teams: proposals of the agents, and decisions of the one that decides.
 
-The agents send what they see, each with a number of its own, again and again until the controller says that it has it.
-The controller decides, and sends what it has decided to all; the last decision once more every now and then, so that
-none is lost for long.
+The agents send their proposals, numbered, again and again until the controller acknowledges them. The controller
+decides, and sends its decision to all; the last one once more every now and then, so that none is lost for long.
 """
 
 from __future__ import annotations
@@ -32,15 +31,15 @@ __all__ = [
 
 
 class Proposal(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What an agent says to the controller.
+    """An agent's proposal to the controller.
 
     Args:
         number: Counted from 1 in the life of the agent, where the controller is to say that it has it; else 0.
         tick: The number of the tick that it belongs to; 0 where events make steps.
-        part: What the agent saw, None where it saw nothing.
-        command: In place of a part, what was asked for at the agent; or ``hold``: it took a stop that the controller
-            knows nothing of, and stays stopped.
-        token: What the command is known by.
+        part: The agent's part of the step, None where it saw nothing.
+        command: In place of a part, a command that was asked for at the agent; or ``hold``: it took a stop that the
+            controller knows nothing of, and stays stopped.
+        token: The identifier of the command.
         life: In which life of the controller it was asked for.
         step: The last decision of that life which the agent had by then.
     """
@@ -62,13 +61,13 @@ class Decision(msgspec.Struct, frozen=True, array_like=True, gc=False):
         running: Whether the team decides, or is stopped.
         epoch: Of the decision in its episode.
         action: The joint action; None where there is none.
-        impossible: Why what was observed makes every agent safe; None where it does not.
-        inputs: What it was decided on, by agent.
-        missing: Agents of which it is not known what they saw.
+        impossible: Why the observation makes every agent safe; None where it does not.
+        inputs: The input of the decision, by agent.
+        missing: Agents whose part is not known.
         command: In place of these, the command.
         digest: Of the controller after it.
         taken: The last number taken from each agent, by its name.
-        token: What the command is known by.
+        token: The identifier of the command.
         started: The step that started the team last, 0 where none did.
         bars: Of each agent that has said a stop or a hold its life, the number of the last one, and the step that this
             became.

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.models.events import DenseEvents, TransitionEvents
-from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,6 +14,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.models.mdp import MDP
+    from mdm.models.pomdp import POMDP
     from mdm.models.space import Space
 
     Mask = npt.NDArray[np.bool_]
@@ -43,11 +43,11 @@ def diagnose(model: MDP) -> list[str]:
     idle = _idle(model)
     if idle.any() and not absorbing.all():
         found.append(f"{_some(model.action_space.names, idle, 'action')} never change the state")
-    if isinstance(model, POMDP):
-        seen = _observable(model, reached)
+    if (pomdp := model.pomdp) is not None:
+        seen = _observable(pomdp, reached)
         if not seen.all():
-            found.append(f"{_some(model.observation_space.names, ~seen, 'observation')} can never occur")
-            found += _unused(model.observation_space, seen, "observation", "agent")
+            found.append(f"{_some(pomdp.observation_space.names, ~seen, 'observation')} can never occur")
+            found += _unused(pomdp.observation_space, seen, "observation", "agent")
     return found
 
 

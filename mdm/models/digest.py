@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from mdm.models.factored import FactoredMDP, FactoredPOMDP, Tree
+from mdm.models.factored import Tree
 from mdm.models.matrices import is_compressed
-from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from mdm.models.factored import Potential
+    from mdm.models.factored.two_slice import TwoSliceNetwork
     from mdm.models.mdp import MDP
 
 __all__ = ["digest", "of_bytes", "of_parts"]
@@ -56,14 +56,13 @@ def _plain(value: Any) -> Any:
 def digest(model: MDP) -> str:
     """Return the digest of a model."""
     spaces = [model.state_space, model.action_space]
-    if isinstance(model, POMDP):
-        spaces.append(model.observation_space)
-    head: list[Any] = [model.kind, model.discount, getattr(model, "false_negative", None)]
-    if isinstance(model, POMDP):
-        head += model.waiting
+    head: list[Any] = [model.kind, model.discount, model.false_negative]
+    if model.pomdp is not None:
+        spaces.append(model.pomdp.observation_space)
+        head += model.pomdp.waiting
     head += [[[factor.name, list(factor.names)] for factor in space.factors] for space in spaces]
-    if isinstance(model, FactoredMDP | FactoredPOMDP):
-        return of_parts([*head, *_network(model)])
+    if model.network is not None:
+        return of_parts([*head, *_network(model.network)])
     return of_parts([*head, *_flat(model)])
 
 
@@ -72,16 +71,15 @@ def _flat(model: MDP) -> Iterable[Any]:
     yield model.initial_belief
     for action in range(len(model.action_space)):
         yield model.transition_matrix(action)
-        if isinstance(model, POMDP):
-            if not model.event_observations:
-                yield model.observation_matrix(action)
+        if (pomdp := model.pomdp) is not None:
+            if not pomdp.event_observations:
+                yield pomdp.observation_matrix(action)
                 continue
-            for observation in range(len(model.observation_space)):
-                yield model.event_matrix(action, observation)
+            for observation in range(len(pomdp.observation_space)):
+                yield pomdp.event_matrix(action, observation)
 
 
-def _network(model: FactoredMDP | FactoredPOMDP) -> Iterable[Any]:
-    network = model.network
+def _network(network: TwoSliceNetwork) -> Iterable[Any]:
     yield list(network.fully_observed)
     yield network.event_observations
     for potentials in (network.initial, network.transitions, network.observation, network.utilities):

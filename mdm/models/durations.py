@@ -109,7 +109,7 @@ def discounts_in_time(model: MDP, durations: Durations) -> Vector:
         raise ModelError(f"durations are mdm.models.Durations(…), not {durations!r}")
     if model.discount >= 1:
         raise ModelError("with a discount of 1 time costs nothing: leave the durations out")
-    if isinstance(model, POMDP) and (model.event_observations or model.false_negative is not None):
+    if model.event_observations or model.false_negative is not None:
         raise ModelError("durations are for observations of states, P(o | a, s'), none of which is a false negative")
     discounts = durations.discounts(model)
     if not 0 < discounts.max() < 1:
@@ -155,18 +155,18 @@ def in_time(model: MDP, durations: Durations) -> MDP:
         over += "_"
     names = [*model.state_space.names, over]
     start = np.append(model.initial_belief, 0.0)
-    if not isinstance(model, POMDP):
+    if (pomdp := model.pomdp) is None:
         return MDP(
             transitions, rewards, discount=discount, states=names, actions=model.action_space, initial_belief=start
         )
     return POMDP(
         transitions,
-        [_blind_at_last(model.observation_matrix(action)) for action in actions],
+        [_blind_at_last(pomdp.observation_matrix(action)) for action in actions],
         rewards,
         discount=discount,
         states=names,
         actions=model.action_space,
-        observation_names=model.observation_space,
+        observation_names=pomdp.observation_space,
         initial_belief=start,
     )
 

@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from mdm.models.events import by_entry
 from mdm.models.matrices import csr, is_compressed
-from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from mdm.models.events import Resolvent
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.mdp import MDP
+    from mdm.models.pomdp import POMDP
 
 __all__ = ["Dynamics", "Indices", "Joint", "Rows", "dense", "distinct", "once", "stacked"]
 
@@ -147,9 +147,9 @@ class Dynamics:
         """R(s, a): S x A."""
         self.num_states: int = len(self.rewards)
         self.num_actions: int = self.rewards.shape[1]
-        self.num_observations = len(model.observation_space) if isinstance(model, POMDP) else 0
+        self.num_observations = 0 if model.observation_space is None else len(model.observation_space)
         """How many observations there are; 0 of an MDP."""
-        self.by_transition = isinstance(model, POMDP) and model.event_observations
+        self.by_transition = model.event_observations
         """Whether observations are events: they depend on the state that a transition leaves, too."""
         self.matrices: list[Matrix] = [self.model.transition_matrix(action) for action in range(self.num_actions)]
         """T of each action, S x S', as the model has them."""
@@ -165,16 +165,20 @@ class Dynamics:
 
         Rows of events have one more column, for what is left to no observation at all.
         """
-        model = self.model
-        assert isinstance(model, POMDP)
+        model = self._pomdp
         if model.events is None:
             return model.stacked.get("O") or stacked(self._told)
         return stacked([by_entry(model.events, a, matrix) for a, matrix in enumerate(self.matrices)])
 
     @property
+    def _pomdp(self) -> POMDP:
+        """The model as matrices, where it has observations."""
+        assert self.model.pomdp is not None
+        return self.model.pomdp
+
+    @property
     def _told(self) -> list[Matrix]:
-        model = self.model
-        assert isinstance(model, POMDP)
+        model = self._pomdp
         return [model.observation_matrix(action) for action in range(self.num_actions)]
 
     @cached_property
@@ -190,16 +194,14 @@ class Dynamics:
     @cached_property
     def joint_matrices(self) -> list[list[Matrix]]:
         """P(s', o | s, a) of each action and observation in CSR, S x S'."""
-        model = self.model
-        assert isinstance(model, POMDP)
+        model = self._pomdp
         observations = range(self.num_observations)
         return [[_compressed(model.joint_matrix(a, o)) for o in observations] for a in range(self.num_actions)]
 
     @cached_property
     def resolvents(self) -> list[Resolvent | None]:
         """The resolvent of each action's steps without a detection (`POMDP.resolvent`); None where it has none."""
-        model = self.model
-        assert isinstance(model, POMDP)
+        model = self._pomdp
         return [model.resolvent(a) if model.waits_in(a) else None for a in range(self.num_actions)]
 
     @property

@@ -16,10 +16,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.factored.model import FactoredMDP, FactoredPOMDP
 from mdm.models.factored.two_slice import Node, Potential, Role, Table, TwoSliceNetwork, tabulated
 from mdm.models.matrices import is_compressed
-from mdm.models.pomdp import POMDP
 from mdm.models.space import Factor, Space
 
 if TYPE_CHECKING:
@@ -27,6 +25,7 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Vector
     from mdm.models.mdp import MDP
+    from mdm.models.pomdp import POMDP
 
 __all__ = ["as_network", "joined", "unlinked"]
 
@@ -41,11 +40,11 @@ def as_network(model: MDP) -> TwoSliceNetwork:
     Raises:
         ModelError: If its tables would be too large.
     """
-    if isinstance(model, FactoredMDP | FactoredPOMDP):
+    if model.network is not None:
         return model.network
     states, actions = model.state_space, model.action_space
     sizes = {"state": len(states), "action": len(actions), "next_state": len(states)}
-    if isinstance(model, POMDP):
+    if model.observation_space is not None:
         sizes["observation"] = len(model.observation_space)
         if not model.event_observations:
             del sizes["state"]
@@ -59,10 +58,10 @@ def as_network(model: MDP) -> TwoSliceNetwork:
     before = [*_nodes("action", actions), *_nodes("state", states)]
     shape = (*actions.shape, *states.shape)
     observed: dict[str, Any] = {}
-    if isinstance(model, POMDP):
+    if model.pomdp is not None:
         observed = {
             "observations": model.observation_space,
-            "observation": _observation(model),
+            "observation": _observation(model.pomdp),
             "event_observations": model.event_observations,
         }
     return TwoSliceNetwork(
@@ -102,7 +101,7 @@ def _utility(model: MDP) -> Table:
         return Table(scope, model.rewards.T.reshape(shape))
     scope += _nodes("next_state", states)
     shape += states.shape
-    if finer.ndim == 4 and isinstance(model, POMDP):
+    if finer.ndim == 4 and model.observation_space is not None:
         scope += _nodes("observation", model.observation_space)
         shape += model.observation_space.shape
     return Table(scope, finer.reshape(shape))

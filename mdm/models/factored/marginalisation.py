@@ -67,16 +67,17 @@ def marginalize(model: MDP, name: str) -> MDP:
         "initial_belief": np.bincount(rest, model.initial_belief),
         "sparse": True if model.is_sparse else None,
     }
-    if not isinstance(model, POMDP):
+    pomdp = model.pomdp
+    if pomdp is None:
         return MDP(list(transitions), rewards, **common)
     joint = [
         [
-            _summed(model.joint_matrix(action, observation), groups, total, name, "observations")
-            for observation in range(len(model.observation_space))
+            _summed(pomdp.joint_matrix(action, observation), groups, total, name, "observations")
+            for observation in range(len(pomdp.observation_space))
         ]
         for action in actions
     ]
-    common["observation_names"] = model.observation_space
+    common["observation_names"] = pomdp.observation_space
     of_states = [_of_states(transitions[action], joint[action]) for action in actions]
     if all(matrix is not None for matrix in of_states):
         return POMDP(list(transitions), of_states, rewards, **common)

@@ -35,6 +35,8 @@ demo: $(DEMO)
 	@$(BIN)/python examples/patrol/patrol.py $(DEMO_OPTIONS)
 
 # In parallel, a test file on one worker as far as may be: its fixtures are made once. For one file, call pytest itself.
+# Hundreds of tests start a Python of their own: without compiled modules on disk each of them compiles the package.
+test test-fast: export PYTHONDONTWRITEBYTECODE :=
 test: $(READY)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
 

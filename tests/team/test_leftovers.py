@@ -15,7 +15,7 @@ from places import ROOT
 from team_robots import over_beliefs, started
 from teams import team as random_team
 
-from mdm.actors import action_layer
+from mdm.actors.actions import action_layer
 from mdm.actors.control import output
 from mdm.runtime import statistics
 from mdm.team.team import Team

@@ -363,7 +363,7 @@ def test_hidden_states_that_take_longer_are_weighed_by_beliefs_in_time():
     assert evaluate(model, cut.policy, episodes=4000, seed=1, durations=durations).interval[1] < cut.lower
     discounts, controller, sampler = durations.discounts(model), Controller(whole.policy, timed), Sampler(model, 1)
     returns = []
-    for _ in range(1500):
+    for _ in range(500):
         state, weight, total, step = sampler.first_state(), 1.0, 0.0, controller.start()
         while weight > 1e-4:
             total += weight * model.rewards[state, step.action]

@@ -37,7 +37,7 @@ def random_model(seed, discount=0.9):
     )
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @example(1, False, 500)  # where a chance is so small that what is asked of its node overflows
 @given(st.integers(0, 2**32 - 1), st.booleans(), st.integers(5, 200))
 def test_few_vectors_are_certified_anew(seed, seen, backups):

@@ -1,6 +1,6 @@
 """The replica: one agent's copy of an ensemble behind the agreement of its team.
 
-It proposes what its agent sees, applies the steps that the team agrees on, and reports the effects on the safety of
+It proposes its agent's input, applies the steps that the team agrees on, and reports the effects on the safety of
 its agent. Everything happens in turns of the event loop, and nothing waits.
 """
 

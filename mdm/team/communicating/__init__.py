@@ -1,1 +1,1 @@
-"""Agents that decide on what they know: what each knows, and when to tell it."""
+"""Agents that decide by their own knowledge: its computation, and when to share it."""

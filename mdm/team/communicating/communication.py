@@ -1,4 +1,4 @@
-"""Communication policies: what an agent of a team shares of its history, and when."""
+"""Communication policies: which part of its history an agent of a team shares, and when."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ __all__ = ["Always", "Budget", "CommunicationPolicy", "Never", "OnChange", "Valu
 
 
 class CommunicationPolicy(Protocol):
-    """Chooses what an agent shares. Implement this protocol for a communication policy of your own.
+    """Chooses the experiences that an agent shares. Implement this protocol for a communication policy of your own.
 
     It is asked at each step after the agent's own observation, and again whenever the agent heard something new before
-    it decides. Each agent has a policy of its own, so it may keep what it wants.
+    it decides. Each agent has a policy of its own, so it may keep a state.
 
     Optional members are ``uses_common_belief``, False for a policy that needs no common belief, which then costs
     nothing; ``silent``, True for one that never shares, so that nobody waits for it; and ``check(knowledge)``, called
@@ -47,14 +47,14 @@ class CommunicationPolicy(Protocol):
     """
 
     def share(self, knowledge: Knowledge, now: float) -> Sequence[Experience]:
-        """Choose what to share now.
+        """Choose the experiences to share now.
 
         Args:
-            knowledge: What the agent knows: its beliefs, what it would do, and its history that is not shared yet.
+            knowledge: The agent's knowledge: its beliefs, its decision by them, and its history that is not shared yet.
             now: Seconds on a clock that does not go back.
 
         Returns:
-            Experiences from ``knowledge.unshared``; none for silence. What is not shared now may be shared later.
+            Experiences from ``knowledge.unshared``; none for silence. The others may be shared later.
         """
         ...
 
@@ -127,14 +127,14 @@ class OnChange:
 
 
 class Budget:
-    """Shares what another communication policy chooses, within a number of messages per second.
+    """Shares the choice of another communication policy, within a number of messages per second.
 
     In any interval of time there are at most ``burst + messages_per_second x seconds`` messages. What is held back
     stays unshared, and may go with the next message.
 
     Args:
         messages_per_second: The rate.
-        of: What chooses; by default `Always`.
+        of: The policy that chooses; by default `Always`.
         burst: How many messages may come at once after a pause.
 
     Raises:
@@ -159,7 +159,7 @@ class Budget:
         self.uses_common_belief: bool = getattr(self.of, "uses_common_belief", True)
 
     def check(self, knowledge: Knowledge) -> None:
-        """Check what chooses.
+        """Check the policy that chooses.
 
         Raises:
             ConfigError: If it does not fit the controller.
@@ -168,7 +168,7 @@ class Budget:
             check(knowledge)
 
     def share(self, knowledge: Knowledge, now: float) -> Sequence[Experience]:
-        """Choose what the other policy chooses, if the budget allows a message."""
+        """Return the choice of the other policy, if the budget allows a message."""
         chosen = self.of.share(knowledge, now)
         return chosen if chosen and self.bucket.take(now) else ()
 
@@ -176,7 +176,7 @@ class Budget:
 class ValueOfCommunication:
     """Shares its history if that changes the value of the joint decision by more than a threshold.
 
-    An agent keeps two beliefs: its own, b, and the common one, by what has been shared. In silence the team would do
+    An agent keeps two beliefs: its own, b, and the common one, by the shared history. In silence the team would do
     its own component of the policy's action at b, and the others' of that at the common belief; if it shares, all do
     the action at b. The value of communication is the difference of the two joint actions' values under b, as
     Q(b, a) = R(b, a) + discount x sum over o of P(o | b, a) V(b'), with the policy's values V.
@@ -193,7 +193,7 @@ class ValueOfCommunication:
     is not seen; and a message is valued as though it arrived at once, whatever the network's delay.
 
     Args:
-        threshold: What a message has to be worth at least, in units of the reward: its cost, say. The greater it is,
+        threshold: The least worth of a message that is sent, in units of the reward: its cost, say. The greater it is,
             the fewer messages there are.
 
     Raises:

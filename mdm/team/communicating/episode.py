@@ -1,4 +1,4 @@
-"""Episodes of a communicating team: from which tick its steps count, and what agents say in them."""
+"""Episodes of a communicating team: from which tick its steps count, and the messages of agents in them."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Episode(msgspec.Struct, frozen=True, array_like=True, gc=False):
         origin: The number of the tick of step 0: ticks are at multiples of the period since 1970, on every clock.
         by: Who began it.
         running: Whether the agents decide in it, unless one of them was stopped that this does not know of.
-        stops: The last stop of each agent of which whoever began it knew.
-        token: What the command is known by that began it.
+        stops: The last stop of each agent of which the agent that began it knew.
+        token: The identifier of the command that began it.
     """
 
     number: Number
@@ -48,7 +48,7 @@ class Episode(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     @property
     def rank(self) -> tuple[Any, ...]:
-        """What decides between two; no two that differ have the same."""
+        """The order of episodes; no two that differ have the same."""
         return self.number, -self.origin, self.by, not self.running, sorted(self.stops.items()), self.token
 
 
@@ -84,12 +84,12 @@ class Stops:
 
 
 class Update(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What an agent says to all others.
+    """A message of an agent to all others.
 
     Args:
         episode: The episode that it is in.
-        configuration: The digest of what must be the same at all agents.
-        experiences: What it shares of its history; their steps count from the episode's origin.
+        configuration: The digest of the configuration, which must be the same at all agents.
+        experiences: The part of its history that it shares; their steps count from the episode's origin.
         stops: The last stop of each agent that it knows of.
     """
 
@@ -111,7 +111,7 @@ class CommunicatingStatistics(ActorStatistics, frozen=True):
             takes no part, for agents that were there before it have another configuration.
         term: The number of the episode.
         step: The present step.
-        digest: Of what the agent knows.
+        digest: Of the agent's knowledge.
         members: The agents that it hears, itself included.
         sent: Messages with a part of the history, each to all others.
         held: Of those, messages that the transport did not take; they are lost.

@@ -1,4 +1,4 @@
-"""Knowledge: what one agent of a communicating team knows, alone and in common with the others."""
+"""The knowledge of one agent of a communicating team, alone and in common with the others."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ __all__ = ["Knowledge", "SharedHistory"]
 
 
 class SharedHistory(msgspec.Struct, frozen=True):
-    """A message: what an agent shares of its history with all others.
+    """A message: the part of its history that an agent shares with all others.
 
     Attributes:
         agent: The agent's index.
-        experiences: What it did and observed, in the order of steps.
+        experiences: Its actions and observations, in the order of steps.
     """
 
     agent: int
@@ -36,7 +36,7 @@ class SharedHistory(msgspec.Struct, frozen=True):
 
 
 class Knowledge:
-    """What one agent knows, what it decides by that, and what it tells the others.
+    """The knowledge of one agent, its decisions by that, and its messages to the others.
 
     It keeps two recollections: the agent's own, of all it observed and heard; and the *common* one, of what has been
     shared alone, by itself or others, which all know as far as messages arrive. At each step the agent observes, shares
@@ -47,8 +47,8 @@ class Knowledge:
         policy: The team's policy over beliefs; see `Controller`.
         model: The team's model.
         agent: The agent, by index or name.
-        communication: What it shares when.
-        window: How many steps late something may come; see `Recollection`. What is older is no longer shared.
+        communication: The policy of sharing.
+        window: How many steps late something may come; see `Recollection`. Older experiences are no longer shared.
         options: See `ControllerOptions`.
 
     Raises:
@@ -101,7 +101,7 @@ class Knowledge:
 
         Args:
             controller: The agent's own; it is the knowledge's from now on.
-            another: Makes one more of the same policy, model and options, for what is known in common.
+            another: Makes one more of the same policy, model and options, for the common knowledge.
             agent: As above.
             communication: As above.
             window: As above.
@@ -175,7 +175,7 @@ class Knowledge:
         )
 
     def share(self, now: float) -> SharedHistory | None:
-        """Ask the communication policy what to share, and note it as shared.
+        """Ask the communication policy for experiences to share, and note them as shared.
 
         Args:
             now: Seconds on a clock that does not go back.
@@ -184,7 +184,7 @@ class Knowledge:
             The message to all others; None for silence.
 
         Raises:
-            ModelError: If the communication policy chooses what is not among ``unshared``.
+            ModelError: If the communication policy chooses an experience that is not among ``unshared``.
         """
         if not self.unshared:
             return None
@@ -204,7 +204,7 @@ class Knowledge:
         return SharedHistory(self.agent, chosen)
 
     def hear(self, history: SharedHistory) -> int:
-        """Take what another agent shared.
+        """Take the experiences that another agent shared.
 
         Returns:
             How many of its experiences do not count, as `Recollection.hear` tells: they are too late, say.
@@ -224,7 +224,7 @@ class Knowledge:
         return step
 
     def act(self, component: int | None) -> None:
-        """Take note of what the agent really does at this step, where that may be other than what it decided.
+        """Take note of the agent's real action at this step, where that may be other than its decision.
 
         Args:
             component: Its own component of the joint action, by index; None where it is none of the model's, or not
@@ -252,12 +252,12 @@ class Knowledge:
 
     @property
     def common_belief(self) -> Vector | None:
-        """The belief by what has been shared: S numbers, read-only."""
+        """The belief by the shared history: S numbers, read-only."""
         return self._shared.belief
 
     @property
     def action(self) -> int:
-        """The joint action that the own belief demands: what all would do if they knew what this agent knows."""
+        """The joint action that the own belief demands: the team's decision if all had this agent's knowledge."""
         return self.own.decide().action
 
     @property

@@ -1,6 +1,6 @@
-"""The talker: the layer of an ensemble whose agents decide for themselves, and tell each other what they choose to.
+"""The layer of a communicating team: its agents decide for themselves, and share experiences as they choose.
 
-There is no agreement. All agents number their steps by the same ticks, so that what one says of a step belongs to that
+There is no agreement. All agents number their steps by the same ticks, so that an experience of a step belongs to that
 step at every other, whenever it arrives.
 """
 
@@ -45,20 +45,20 @@ _MOST_EARLY = 256
 class CommunicatingLayer(TeamLayer):
     """The last layer of an ensemble in a communicating team.
 
-    At each tick the agent observes, shares what its communication policy chooses, hears the others, and decides: as
+    At each tick the agent observes, shares the choice of its communication policy, hears the others, and decides: as
     soon as all live agents have told of the step, or the team's deadline after the tick is over.
 
     Args:
         team: The team.
         ensemble: The ensemble, whose control layer it leads.
-        link: What connects this agent with the others.
+        link: The connection of this agent to the others.
         placement: Where the ensemble's layers are.
 
     Raises:
         ConfigError: If the ensemble cannot be one of a communicating team.
 
     Attributes:
-        knowledge: What the agent knows.
+        knowledge: The agent's knowledge.
         episode: The present episode; None before the first.
         stops: The stops that it knows of.
     """
@@ -210,7 +210,7 @@ class CommunicatingLayer(TeamLayer):
             self.report_void(episode.token, "a stop was asked for elsewhere before it was known there")
 
     def _send(self, experiences: tuple[Experience, ...] = ()) -> bool:
-        """Say in which episode this agent is, and what it shares."""
+        """Send the episode of this agent, and the experiences that it shares."""
         if self.episode is None:
             return False
         word = Update(self.episode, self._configuration, experiences, self.stops.last)
@@ -219,7 +219,7 @@ class CommunicatingLayer(TeamLayer):
     # -- Steps ---------------------------------------------------------------------------------------------------
 
     def forget(self) -> None:
-        """Forget what was observed in another episode."""
+        """Discard the observations of another episode."""
         super().forget()
         self._symbol = self.ownership.idle[self.ensemble.agent]
 
@@ -263,7 +263,7 @@ class CommunicatingLayer(TeamLayer):
             self._receive(agent, (experience,))
 
     def _go_on(self, step: int) -> None:
-        """Go on to a step, with what was seen since the last one, and what was done."""
+        """Go on to a step, with the observation and the action since the last one."""
         doing = self._doing()
         self.knowledge.act(doing if doing == self._did else None)
         for _ in range(step - self._step - 1):
@@ -281,7 +281,7 @@ class CommunicatingLayer(TeamLayer):
         return seen
 
     def _doing(self) -> int | None:
-        """This agent's own component of what is really done, by index; None where that is none of the model's."""
+        """This agent's own component of the real action, by index; None where that is none of the model's."""
         ensemble = self.ensemble
         if ensemble.mode == "safe":
             safe, bindings = ensemble.action.safe, ensemble.action.bindings
@@ -291,7 +291,7 @@ class CommunicatingLayer(TeamLayer):
         return self.knowledge.component
 
     def _share(self) -> None:
-        """Ask the communication policy, and send what it chooses."""
+        """Ask the communication policy, and send its choice."""
         self._asked = False
         if self._open is None:
             return
@@ -317,7 +317,7 @@ class CommunicatingLayer(TeamLayer):
         self._decide()
 
     def _decide(self) -> None:
-        """Decide on what is known."""
+        """Decide by the present knowledge."""
         if self._open is None:
             return
         step, time = self._open
@@ -357,7 +357,7 @@ class CommunicatingLayer(TeamLayer):
     def _digest(self) -> str:
         return of_parts([self.process.snapshot()])
 
-    # -- What the others say -------------------------------------------------------------------------------------
+    # -- Receiving -------------------------------------------------------------------------------------
 
     def _on_update(self, sample: Sample) -> None:
         try:
@@ -381,7 +381,7 @@ class CommunicatingLayer(TeamLayer):
             self._receive(agent, word.experiences)
 
     def _is_impossible(self, word: Update) -> str | None:
-        """Return why what an agent says cannot be, if it cannot."""
+        """Return why an update cannot be, if it cannot."""
         now, episode = self.runtime.clock.now(), word.episode
         assert self.team.period is not None
         latest = next_tick(now + round((self.team.deadline + self.team.lease) * 1e9), 1 / self.team.period)
@@ -400,7 +400,7 @@ class CommunicatingLayer(TeamLayer):
         self.link.refuse_sample(sample, reason)
 
     def _receive(self, agent: str, experiences: tuple[Experience, ...]) -> None:
-        """Take what another agent shares."""
+        """Take the experiences that another agent shares."""
         if self._offset is None:
             self._early += ((agent, experience) for experience in experiences)
             del self._early[:-_MOST_EARLY]
@@ -462,7 +462,7 @@ class CommunicatingLayer(TeamLayer):
 
 
 def _check_options(ensemble: Ensemble, key: str) -> None:
-    """Refuse what an ensemble of a communicating team cannot have."""
+    """Refuse options that an ensemble of a communicating team cannot have."""
     name, control, controller = ensemble.name, ensemble.control, ensemble.controller
     if control.planner is not None:
         raise ConfigError(

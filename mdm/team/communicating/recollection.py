@@ -1,10 +1,11 @@
 """Recollection: a team's controller that takes the observations of others late, in the order of their steps.
 
-It keeps the information states of the last steps. What arrives late is put where it belongs, and the controller goes on
-from there: once everything has arrived, it knows what it would know had everything come in time. What never arrives is
-missing, and the belief update sums over it.
+It keeps the information states of the last steps. A late experience is put where it belongs, and the controller goes on
+from there: once everything has arrived, it has the same information as if everything had come in time. An experience
+that never arrives is missing, and the belief update sums over it.
 
-Cost: a copy of the belief per step; and for what arrives k steps late, k updates, however much arrives together.
+Cost: a copy of the belief per step; and for experiences that arrive k steps late, k updates, however many arrive
+together.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ __all__ = ["Experience", "Recollection", "RecollectionStatistics"]
 
 
 class Experience(msgspec.Struct, frozen=True, gc=False):
-    """What one agent did, and what it observed then.
+    """An action of one agent, and the observation after it.
 
     Attributes:
         step: The step that the observation is for, from 1; the action is that of the step before.
@@ -41,14 +42,14 @@ class Experience(msgspec.Struct, frozen=True, gc=False):
 
 
 class RecollectionStatistics(msgspec.Struct, frozen=True):
-    """Counts of the experiences of others, and of what they cost.
+    """Counts of the experiences of others, and of their cost.
 
     Attributes:
         heard: All that others told.
         late: Applied to a step before the present one.
         too_late: Not applied: from before the window.
         too_early: Not applied: from further ahead than the window is long.
-        contradictory: Not applied: other than what the same agent told before of the same step.
+        contradictory: Not applied: other than the same agent's experience of the same step before.
         repeated_steps: Steps that were gone through once more.
     """
 
@@ -61,9 +62,9 @@ class RecollectionStatistics(msgspec.Struct, frozen=True):
 
 
 class Recollection:
-    """A controller of a team at one agent, on what this agent observes and what others tell it.
+    """A controller of a team at one agent, on this agent's observations and the experiences of others.
 
-    Steps count from 0, with each `start`. At a step the agent observes, hears what others tell, and decides; a
+    Steps count from 0, with each `start`. At a step the agent observes, hears others' experiences, and decides; a
     `Controller` that gets all components in time knows the same as soon as everything has arrived, in whatever order,
     at most ``window`` steps late.
 
@@ -76,7 +77,7 @@ class Recollection:
 
     Args:
         controller: A controller of the whole team that decides on beliefs. It is the recollection's from now on.
-        agent: The agent, by index or name; None for nobody's: what all know by what was told alone.
+        agent: The agent, by index or name; None for nobody's: the knowledge by shared experiences alone.
         window: How many steps late something may come. It keeps as many beliefs, and two.
 
     Raises:
@@ -115,7 +116,7 @@ class Recollection:
         self._marks: deque[Any] = deque(maxlen=self.window + 2)
         """The information states before the decisions, up to that of the step that the controller has come to."""
         self._at = 0
-        """That step: what is observed is applied when it is first needed, together with what is heard meanwhile."""
+        """That step: observations are applied when they are first needed, together with experiences heard meanwhile."""
         self._did: dict[int, list[int | None]] = {}
         """The components of each step's joint action, as far as they are known."""
         self._saw: dict[int, list[int | None]] = {}
@@ -169,10 +170,10 @@ class Recollection:
             self._components(self._saw, self.step)[self.agent] = seen
 
     def hear(self, agent: int | str, experience: Experience) -> bool:
-        """Take what another agent did and observed, of whatever step; it is applied when it is first needed.
+        """Take another agent's action and observation, of any step; they are applied when they are first needed.
 
         Returns:
-            Whether it counts. It does not if it comes too late or too early, or contradicts what was told before:
+            Whether it counts. It does not if it comes too late or too early, or contradicts an earlier one:
             `problem` says why, and `statistics` count it.
 
         Raises:
@@ -207,7 +208,7 @@ class Recollection:
         return True
 
     def decide(self) -> Step:
-        """Decide on what is known at the present step.
+        """Decide by the information of the present step.
 
         It may be asked again when more is known; the last decision of a step counts as the agent's own action.
 
@@ -224,7 +225,7 @@ class Recollection:
         return self._decision
 
     def act(self, component: int | None) -> None:
-        """Take note of what the agent really does at this step, in place of what it decided.
+        """Take note of the agent's real action at this step, in place of its decision.
 
         Args:
             component: Its own component of the joint action, by index; None where that is not known: it is then taken

@@ -1,1 +1,1 @@
-"""What agents share beside their decisions: channels, predicates, and calls to each other's ensembles."""
+"""Sharing beside decisions: channels, predicates, and calls to each other's ensembles."""

@@ -1,4 +1,4 @@
-"""Whoever asks a team from outside: a session of its own, which is none of the team's agents."""
+"""Requests to a team from outside: a session of its own, which is none of the team's agents."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calls: what other programs ask of an agent's ensembles: to start, to stop, how they are.
+"""Calls: requests of other programs to an agent's ensembles: start, stop, status.
 
 Each call is a question under the key ``mdm/<team>/<agent>/<ensemble>/<call>``, and its answer one object of JSON, which
 has either ``result`` or ``error``.
@@ -47,9 +47,9 @@ class Answers(Actor):
     """Answers the calls of one agent's ensembles.
 
     Args:
-        link: What connects this agent with the others.
+        link: The connection of this agent to the others.
         ensembles: The ensembles by name.
-        layers: What a team adds to each of them.
+        layers: The team's layer of each of them.
         clocks: How far the clocks of others are ahead.
     """
 
@@ -175,7 +175,7 @@ class _Clock(msgspec.Struct):
 
 
 class _Status(msgspec.Struct):
-    """What whoever asks relies on of a status."""
+    """The fields of a status that a program relies on."""
 
     ensemble: str
     mode: str
@@ -199,7 +199,7 @@ class _Carried(msgspec.Struct):
 
 
 class _Statistics(msgspec.Struct):
-    """What whoever asks relies on of statistics."""
+    """The fields of statistics that a program relies on."""
 
     transport: _Carried
 
@@ -217,7 +217,7 @@ async def ask(
     seconds: float = 1.0,
     body: bytes = b"",
 ) -> dict[str, Any]:
-    """Ask agents of a team, and return what each says.
+    """Ask agents of a team, and return the answer of each.
 
     Args:
         transport: A transport of the asker's, open; its agent is none of the team's, or one of them.
@@ -226,10 +226,10 @@ async def ask(
         agent: Who is asked; by default all.
         ensemble: Of which ensemble; by default the only one.
         seconds: How long to wait.
-        body: What is asked besides: of commands, the token.
+        body: The argument of the request: of commands, the token.
 
     Returns:
-        By agent, the result, or an `Error` with what the agent says in its place; who does not answer is left out.
+        By agent, the result, or an `Error` with its sentence; agents that do not answer are left out.
 
     Raises:
         Error: If there is no such call or agent.

@@ -1,4 +1,4 @@
-"""Commands: what became of each at an agent, and commands to a whole team from outside, confirmed by each agent."""
+"""Commands: their outcomes at an agent, and commands to a whole team from outside, confirmed by each agent."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ _WITHOUT_TEAM = frozenset({"waiting", "joining", "refused"})
 
 
 class Commands:
-    """The last commands of one agent, by their tokens, and what became of each.
+    """The last commands of one agent, by their tokens, and the outcome of each.
 
-    A token is what a command is known by, the same at all agents that are asked for the same.
+    A token identifies a command; it is the same at all agents that are asked for the same.
 
     Args:
-        agent: Which agent, for the tokens of what is asked for here.
+        agent: Which agent, for the tokens of commands that are asked for here.
         life: Which life of it.
 
     Attributes:
@@ -81,14 +81,14 @@ class Commands:
 
 
 class Confirmation(msgspec.Struct, frozen=True):
-    """What an agent is after a command.
+    """The state of an agent after a command.
 
     Args:
         agent: Which agent.
         ensemble: Of which ensemble.
-        confirmed: Whether it is what it was to be.
+        confirmed: Whether it is in the state that was commanded.
         problem: Why not, in words.
-        mode: ``stopped``, ``deciding`` or ``safe``; None where it does not answer, as in what follows.
+        mode: ``stopped``, ``deciding`` or ``safe``; None where it does not answer, as in the next fields.
         role: Its role in the team.
         term: The number of its term; None where its team has none.
         step: Its last step.
@@ -113,7 +113,7 @@ async def command(
     agents: Iterable[str] | None = None,
     seconds: float = 5.0,
 ) -> tuple[Confirmation, ...]:
-    """Say a command to every agent of a team, and wait until each is what it was to be, or the time is over.
+    """Send a command to every agent of a team, and wait until each confirms it, or the time is over.
 
     Args:
         transport: A transport of the asker's, open.
@@ -124,7 +124,7 @@ async def command(
         seconds: How long to wait.
 
     Returns:
-        What each agent is afterwards, in the order of the team.
+        The state of each agent afterwards, in the order of the team.
 
     Raises:
         Error: If there is no such command.
@@ -159,27 +159,27 @@ class _Order:
         until = clock.time() + seconds
         while True:
             left = min(_ANSWER, max(until - clock.time(), _PAUSE))
-            await self._say(left)
+            await self._send(left)
             late = clock.time() >= until
             await self._look(left, late=late)
             if not self._open or late:
                 return tuple(self._found.values())
             await asyncio.sleep(_PAUSE)
 
-    async def _say(self, seconds: float) -> None:
+    async def _send(self, seconds: float) -> None:
         """Say it to those who have not answered so far, each time as a command of its own where it is a stop."""
         untold = [agent for agent in self._open if agent not in self._tokens]
         token = secrets.token_hex(8) if self._name == "stop" else self._token
         everybody = "*" if len(untold) == len(self._found) else None
 
-        async def say(agent: str) -> dict[str, Any]:
+        async def send(agent: str) -> dict[str, Any]:
             given: dict[str, Any] = {"agent": agent, "ensemble": self._ensemble, "seconds": seconds}
             return await ask(self._transport, self._team, self._name, body=token.encode(), **given)
 
-        for answers in await asyncio.gather(*map(say, untold if everybody is None else [everybody])):
+        for answers in await asyncio.gather(*map(send, untold if everybody is None else [everybody])):
             for agent in untold:
                 if isinstance(answer := answers.get(agent), Error):
-                    self._found[agent] = self._told(agent, problem=str(answer))
+                    self._found[agent] = self._confirmation(agent, problem=str(answer))
                     self._open.remove(agent)
                 elif answer is not None:
                     self._tokens[agent] = token
@@ -192,18 +192,18 @@ class _Order:
             state = told.get(agent)
             if state is not None and agent in self._tokens:
                 confirmed, problem = self._judge(state, self._tokens[agent], late=late)
-                self._found[agent] = self._told(agent, state, confirmed=confirmed, problem=problem)
+                self._found[agent] = self._confirmation(agent, state, confirmed=confirmed, problem=problem)
                 if confirmed and (late or _is_known(state, told)):
                     self._open.remove(agent)
             elif agent in self._tokens:
-                self._found[agent] = self._told(agent, problem="it does not say what it is")
+                self._found[agent] = self._confirmation(agent, problem="it does not say what it is")
 
-    def _told(self, agent: str, state: dict[str, Any] | None = None, **found: Any) -> Confirmation:
+    def _confirmation(self, agent: str, state: dict[str, Any] | None = None, **found: Any) -> Confirmation:
         facts: dict[str, Any] = {key: (state or {}).get(key) for key in ("mode", "role", "term", "step")}
         return Confirmation(agent, (state or {}).get("ensemble", self._ensemble), **facts, **found)
 
     def _judge(self, state: dict[str, Any], token: str, *, late: bool) -> tuple[bool, str | None]:
-        """Return whether an agent is what it was to be, and else why not."""
+        """Return whether an agent is in the state that was commanded, and else why not."""
         mode, outcome = state["mode"], state.get("commands", {}).get(token, "")
         settled = outcome != PENDING
         if self._name == "stop":

@@ -1,7 +1,7 @@
 """Predicates and events of other agents: known here as ``agent/Name``.
 
-Who needs some asks their owner for them, once, and is told of each change from then on, and of all values four times
-within the team's ``max_age``: that makes good what is lost, without asking anew. A predicate is unknown when nothing
+A subscriber asks their owner for them, once, and is sent each change from then on, and all values four times within
+the team's ``max_age``: that repairs losses, without asking anew. A predicate is unknown when nothing
 was heard of its owner for ``max_age``, or the owner is gone.
 """
 
@@ -37,7 +37,7 @@ Names: TypeAlias = Annotated[tuple[Name, ...], msgspec.Meta(max_length=1024)]
 
 
 class Request(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Whose predicates and events somebody follows, by name."""
+    """The predicates and events that a subscriber asks for, by name."""
 
     predicates: Names
     events: Names
@@ -52,7 +52,7 @@ class Reply(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class Change(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What changed or occurred, numbered from 1; or all values by then, with the number of the last change."""
+    """Changes and events, numbered from 1; or all values by then, with the number of the last change."""
 
     number: Number
     time: Number
@@ -67,7 +67,7 @@ _change = msgspec.msgpack.Decoder(Change).decode
 
 
 def wanted(manager: PredicateManager, agents: Iterable[str]) -> dict[str, Request]:
-    """Return what a predicate manager uses of each agent."""
+    """Return the predicates and events that a manager uses of each agent."""
     found: dict[str, tuple[list[str], list[str]]] = {}
     for name in manager.declared.used:
         agent, slash, rest = name.partition("/")
@@ -81,14 +81,14 @@ def wanted(manager: PredicateManager, agents: Iterable[str]) -> dict[str, Reques
 
 
 class PredicatePublisher(Actor):
-    """Tells others of this agent's predicates and events, where they ask for them.
+    """Sends this agent's predicates and events to agents that ask for them.
 
     Args:
-        link: What connects this agent with the others.
+        link: The connection of this agent to the others.
         managers: The predicate managers whose they are; of one name the first counts.
 
     Attributes:
-        here: Who of this agent itself is told as well.
+        local: Handlers of this agent itself.
     """
 
     def __init__(self, link: Link, managers: Iterable[PredicateManager], *, name: str = "told") -> None:
@@ -103,7 +103,7 @@ class PredicatePublisher(Actor):
         self.local: list[Callable[[Change], None]] = []
 
     def on_start(self) -> None:
-        """Answer who asks, and say all values now and then."""
+        """Answer requests, and send all values now and then."""
         self._topics = []
         if not self._serves:
             self._serves = True
@@ -112,7 +112,7 @@ class PredicatePublisher(Actor):
         self.every(4 / self._link.team.max_age, lambda _: self._send_all())
 
     def on_stop(self) -> None:
-        """Tell nothing more."""
+        """Send nothing more."""
         for subscription in self._topics:
             subscription.cancel()
 
@@ -142,7 +142,7 @@ class PredicatePublisher(Actor):
         return Reply(self._number, values, unknown)
 
     def _listen(self) -> None:
-        """Hear of what somebody asked for, and of nothing else."""
+        """Subscribe to the predicates and events that were asked for, and to no others."""
         for subscription in self._topics:
             subscription.cancel()
         self._topics = []
@@ -188,14 +188,14 @@ class PredicatePublisher(Actor):
 
 
 class PredicateSubscriber(Actor):
-    """Keeps what a predicate manager uses of one agent up to date; that may be its own, since all run one file.
+    """Keeps a manager's predicates and events of one agent up to date; that may be its own, since all run one file.
 
     Args:
-        link: What connects this agent with the others.
+        link: The connection of this agent to the others.
         agent: The agent.
         manager: The predicate manager.
-        names: What it uses.
-        publisher: What tells of this agent's own.
+        names: The names that it uses.
+        publisher: The publisher of this agent's own.
     """
 
     def __init__(
@@ -267,7 +267,7 @@ class PredicateSubscriber(Actor):
         self._update(dict.fromkeys(self._names.predicates))
 
     async def _ask(self) -> None:
-        """Ask the other agent to tell what it is followed for."""
+        """Ask the other agent to send the predicates and events."""
         key = join(self._link.team.name, self._agent, PREDICATES, "follow")
         answer = await self._link.ask_one(self._agent, key, _encode(self._names), _reply)
         self._receive_reply(answer)
@@ -313,7 +313,7 @@ class PredicateSubscriber(Actor):
             self._manager.occur(*events)
 
     def _update(self, values: Mapping[str, bool | None]) -> None:
-        """Publish what is new of the predicates that are followed."""
+        """Publish the new values of the predicates."""
         new = {
             name: value
             for name, value in values.items()
@@ -328,5 +328,5 @@ class PredicateSubscriber(Actor):
             self._updates.publish(PredicateUpdate(self.runtime.clock.now(), self._count, rising, falling, unknown))
 
     def _publish_map(self) -> None:
-        """Tell a manager that has just begun anew of all."""
+        """Publish all values, for a manager that has just begun anew."""
         self._map.publish(PredicateMap(self.runtime.clock.now(), self._count, dict(self._values)))

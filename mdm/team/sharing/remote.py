@@ -1,7 +1,7 @@
-"""Remote channels: what is published at one agent is published at others, by key.
+"""Remote channels: messages published at one agent are published at others, by key.
 
-The key is ``mdm/<team>/<agent>/<ensemble>/<channel>``, the body the message as msgpack. Whoever comes late asks for the
-last message. Lost messages are counted by the transport; the next one counts.
+The key is ``mdm/<team>/<agent>/<ensemble>/<channel>``, the body the message as msgpack. An agent that comes late asks
+for the last message. Lost messages are counted by the transport; the next one counts.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Wire:
     """Messages of a type as bytes: msgpack, with arrays by their type, shape and bytes.
 
     Args:
-        type: A `msgspec.Struct`, or what else msgspec can write and read.
+        type: A `msgspec.Struct`, or another type that msgspec can write and read.
 
     Raises:
         ConfigError: If it cannot.
@@ -118,7 +118,7 @@ def typed(names: Iterable[str] | Mapping[str, type[Any]], key: str) -> dict[str,
 
 
 class Exports(Actor):
-    """Sends what is published on channels of this agent to whoever imports them.
+    """Sends the messages on channels of this agent to the agents that import them.
 
     A member has one for its own ``exports``; of a member that a file makes, a task of that file starts it.
 
@@ -129,7 +129,7 @@ class Exports(Actor):
             await system.runtime.start(exports)
 
     Args:
-        link: What connects this agent with the others.
+        link: The connection of this agent to the others.
         channels: The channels, such as ``patrol/belief``, and the types of their messages.
     """
 
@@ -174,9 +174,9 @@ class Exports(Actor):
 
 
 class Imports(Actor):
-    """Publishes here what other agents export, on ``<agent>/<ensemble>/<channel>`` below this agent's own path.
+    """Publishes here the exports of other agents, on ``<agent>/<ensemble>/<channel>`` below this agent's own path.
 
-    What was retained is forgotten when its owner is gone. A member has one for its own ``imports``; of a member that a
+    A retained message is discarded when its owner is gone. A member has one for its own ``imports``; of a member that a
     file makes, a task of that file starts it.
 
     Example::
@@ -187,7 +187,7 @@ class Imports(Actor):
             imports.imported("robot1/robot1/pose").subscribe(print)
 
     Args:
-        link: What connects this agent with the others.
+        link: The connection of this agent to the others.
         channels: The channels, such as ``robot2/patrol/belief``, and the types of their messages.
 
     Raises:
@@ -235,9 +235,9 @@ class Imports(Actor):
         return self.runtime.channel(full, self._wires[name].type, retain=name.rsplit("/", 1)[-1] in _RETAINED)
 
     def _receiver(self, name: str) -> Callable[[Sample], None]:
-        return lambda sample: self._take(name, sample.body)
+        return lambda sample: self._receive(name, sample.body)
 
-    def _take(self, name: str, body: bytes) -> None:
+    def _receive(self, name: str, body: bytes) -> None:
         try:
             message = self._wires[name].decode(body)
         except Error as error:
@@ -273,4 +273,4 @@ class Imports(Actor):
         before = channel.published
         last = await self._link.ask_one(agent, key, b"", bytes)
         if last and channel.published == before:
-            self._take(name, last)
+            self._receive(name, last)

@@ -1,1 +1,1 @@
-"""What carries a team's messages: a session of Zenoh, or a simulated network; how it is limited and guarded."""
+"""The transport of a team's messages: a session of Zenoh, or a simulated network; its limits and its security."""

@@ -1,7 +1,8 @@
 """Access: who may talk to a team, and under which keys; Zenoh keeps both.
 
-Agents show each other certificates of one authority, whose common names are the agents' names. Of whoever shows one,
-Zenoh lets through what is under its own keys, and drops the rest. Envelopes are checked besides, with or without this.
+Agents show each other certificates of one authority, whose common names are the agents' names. Of an agent that shows
+one, Zenoh lets through the messages under its own keys, and drops the rest. Envelopes are checked besides, with or
+without this.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _ANY = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_s
 
 
 class Access(msgspec.Struct, frozen=True):
-    """What an agent shows, and whom it believes: paths of files in PEM form.
+    """The certificate of an agent, and the authority that it trusts: paths of files in PEM form.
 
     Args:
         authority: The certificate of the authority that signed those of all agents.
@@ -109,7 +110,7 @@ def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]
 
 
 def _check_certificate(access: Access, agent: str) -> None:
-    """Shake hands with oneself, since whoever is not let in learns from Zenoh nothing but silence.
+    """Shake hands with oneself, since an agent that is not let in learns from Zenoh nothing but silence.
 
     Raises:
         ConfigError: If others would refuse the certificate.

@@ -1,4 +1,4 @@
-"""The allowance of an agent: how many messages and bytes a second it may send, with what comes first."""
+"""The allowance of an agent: how many messages and bytes a second it may send, and which come first."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Allowance"]
 
 
 class Allowance:
-    """What an agent may send: so many messages and bytes a second, with bursts.
+    """The most that an agent may send: so many messages and bytes a second, with bursts.
 
     Messages of agreed steps always pass, and are paid for by the others. Values pass while there is a token, bulk while
     half of the tokens are there, so that values come before it.

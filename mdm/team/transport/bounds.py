@@ -1,7 +1,7 @@
-"""Bounds of what other machines say: the types of the fields of messages, and what depends on the receiver's clock.
+"""Bounds of messages of other machines: the types of fields, and checks that depend on the receiver's clock.
 
-A message is checked once, where it enters: its decoder refuses what no sender of this program says, and `can_be` what
-would have taken longer than there was time for. Indices are checked where the model's spaces are known.
+A message is checked once, where it enters: its decoder refuses bytes that no sender of this program sends, and `can_be`
+numbers for which there was no time. Indices are checked where the model's spaces are known.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from msgspec import Meta
 __all__ = ["DAY", "HOUR", "UNREADABLE", "Life", "Name", "Number", "Offset", "Order", "Text", "can_be"]
 
 UNREADABLE = (msgspec.MsgspecError, ValueError, RecursionError)
-"""What decoders raise where bytes are no message; the last where values lie too deep within each other."""
+"""The errors of decoders where bytes are no message; the last where values lie too deep within each other."""
 
 HOUR = 3_600_000_000_000
 """Nanoseconds by which counts and numbers may be ahead of the receiver's clock."""
 
 DAY = 24 * HOUR
-"""Nanoseconds by which the clock of a sender may differ from the receiver's; what it says is dropped beyond."""
+"""Nanoseconds by which the clock of a sender may differ from the receiver's; its messages are dropped beyond."""
 
 Number: TypeAlias = Annotated[int, Meta(ge=0, le=(1 << 62) - 1)]
 """A count or a time since 1970, which is never negative and has room to grow."""
@@ -45,7 +45,7 @@ def can_be(number: int, now: int, each: int = 1_000_000) -> bool:
     """Return whether so many things can have happened by a time.
 
     Changes of membership and commands of a team take a millisecond each at least. All receivers draw the same line,
-    but for their clocks, and what is counted on from a number at the line is behind it again a millisecond later.
+    but for their clocks, and a count that goes on from a number at the line is behind it again a millisecond later.
 
     Args:
         number: How many.

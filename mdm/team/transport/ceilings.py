@@ -1,6 +1,6 @@
-"""Ceilings: what Zenoh lets through at most, by key; fixed when a session opens.
+"""Ceilings: the most that Zenoh lets through, by key; fixed when a session opens.
 
-What depends on how the network is doing, or is counted in bytes a second, is an agent's `Allowance`.
+A limit that depends on the network, or counts bytes a second, is an agent's `Allowance`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Ceiling(msgspec.Struct, frozen=True):
         keys: An expression, such as ``mdm/rescue/*/patrol/belief``.
         rate: Messages a second at most; those between are dropped, and their receivers count them as ``missing``.
         size: Bytes of a message at most, with its envelope; larger ones are dropped.
-        priority: How urgent they are, whatever they were put with.
+        priority: How urgent they are, in place of their own priority.
     """
 
     keys: str
@@ -39,7 +39,7 @@ class Ceiling(msgspec.Struct, frozen=True):
 
 
 def ceiling_settings(ceilings: Sequence[Ceiling]) -> dict[str, Any]:
-    """Return Zenoh's settings for ceilings, which count for what this agent sends.
+    """Return Zenoh's settings for ceilings, which count for the messages of this agent.
 
     Raises:
         ConfigError: If a ceiling is none, or its keys are malformed.

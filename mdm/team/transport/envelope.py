@@ -1,7 +1,7 @@
 """The envelope of each message: who sent it, in which life, which number it has under its key, and in which form.
 
-A receiver hands on what is whole, of a form that it knows, under a key of its sender, of the sender's present life, and
-newer than the last of its key. What is not is refused by its kind.
+A receiver hands on a message that is whole, of a form that it knows, under a key of its sender, of the sender's present
+life, and newer than the last of its key. Any other is refused by its kind.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class _Last:
 
 
 class Unpacker:
-    """Takes the messages of others out of their envelopes, and refuses what must not be handed on.
+    """Takes the messages of others out of their envelopes, and refuses those that must not be handed on.
 
     Args:
         team: Whose keys.
@@ -150,7 +150,7 @@ class Unpacker:
         self._doubts: dict[str, _Doubt] = {}
 
     def present(self, owner: str, incarnation: int) -> None:
-        """Take this for the present life of an agent, because it is seen to live; what other lives sent is stale.
+        """Take this for the present life of an agent, because it is seen to live; messages of other lives are stale.
 
         It may be less than that of an earlier life, where a clock was set back.
         """
@@ -260,7 +260,7 @@ def is_step(data: bytes) -> bool:
 
 
 def check_size(key: str, data: bytes, largest: int) -> None:
-    """Refuse to send what every receiver would drop.
+    """Refuse to send a message that every receiver would drop.
 
     Raises:
         Error: If it is larger than the limit.

@@ -27,8 +27,8 @@ def check_name(name: object, kind: str, *, key: str | None = None) -> str:
     """Return a name that can be part of a key: of a team, an agent, an ensemble or a channel.
 
     Args:
-        name: What was given.
-        kind: What it names, for the error.
+        name: The name that was given.
+        kind: The kind of thing that it names, for the error.
         key: Where it was given.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The mailbox: what other threads brought and the event loop has not taken yet. It is bounded, however long that takes.
+"""The mailbox: messages of other threads that the event loop has not taken yet. It is bounded, however long that takes.
 
 A thread appends, and wakes the loop only where nobody has: thousands of messages cost one wake-up. Where more wait
 than the bound, of each key the newest value stays; then values go, the oldest first, and last messages of agreed steps.
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["Mailbox"]
 
 Item: TypeAlias = "tuple[str | None, str, Any]"
-"""What brought a message, its key and its bytes; or None, nothing, and what is to be called."""
+"""The carrier of a message, its key and its bytes; or None, nothing, and a function to be called."""
 
 _BOUND = 8192
 _LARGE = 4096
@@ -33,15 +33,15 @@ _MANY = 50_000
 
 
 class Mailbox:
-    """Hands what threads bring to the event loop, in order.
+    """Hands messages of threads to the event loop, in order.
 
     Args:
         loop: The running event loop.
-        deliver: Called on the loop with a message's key, its bytes, the time, and what brought it.
+        deliver: Called on the loop with a message's key, its bytes, the time, and its carrier.
         lost: Called on the loop with a key, and how many of its messages were too many.
         now: The time in nanoseconds.
         urgent: Whether a message is one that is given up last.
-        failed: Told what a call raised that was posted.
+        failed: Called with the error of a posted call.
         bound: How many messages may wait.
     """
 
@@ -91,7 +91,7 @@ class Mailbox:
             self._arm()
 
     def post(self, call: Callable[[], None]) -> None:
-        """Have something called on the loop, after what waits; from any thread."""
+        """Have a function called on the loop, after the pending messages; from any thread."""
         self.items.append((None, "", call))
         if not self.armed:
             self._arm()
@@ -124,7 +124,7 @@ class Mailbox:
                 self._condense()
 
     def _condense(self) -> None:
-        """Keep half of what may wait: first all that is urgent, then the newest value of each key."""
+        """Keep half of the messages that may wait: first all that is urgent, then the newest value of each key."""
         waiting = []
         with suppress(IndexError):
             while True:
@@ -171,12 +171,12 @@ class Mailbox:
         if not paused:
             self.armed = False  # before the first is taken: what comes from now on wakes the loop anew
         if self._losses:
-            self._tell_losses()
+            self._report_losses()
         began = monotonic_ns()
         if began - self._since >= _WINDOW:
             self._crowd = self._taken * 1_000_000_000 > _MANY * (began - self._since)
             self._since, self._taken = began, 0
-        if not self._take(began + _SLICE):
+        if not self._hand_on(began + _SLICE):
             return
         if self.items:  # it took too long: others of the loop have their turn
             self.armed = True
@@ -190,8 +190,8 @@ class Mailbox:
             if self.items:
                 self._arm()
 
-    def _take(self, until: int) -> bool:
-        """Hand on what waits, or what a time allows; return whether the mailbox is still open."""
+    def _hand_on(self, until: int) -> bool:
+        """Hand on the pending messages, as far as a time allows; return whether the mailbox is still open."""
         items, deliver = self.items, self._deliver
         while not self._closed:
             now = self._now()
@@ -213,7 +213,7 @@ class Mailbox:
                 break
         return not self._closed
 
-    def _tell_losses(self) -> None:
+    def _report_losses(self) -> None:
         with self._lock:
             losses, self._losses = self._losses, Counter()
         for key, count in losses.items():

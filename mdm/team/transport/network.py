@@ -1,7 +1,7 @@
 """A simulated network: the agents of a team in one process and one clock, with losses, delays and partitions by seed.
 
-It keeps the promises of a `Transport`, so that what runs on it runs between processes too. In virtual time a run takes
-no time to wait for, and one seed gives one run.
+It keeps the promises of a `Transport`, so that a program that runs on it runs between processes too. In virtual time a
+run takes no time to wait for, and one seed gives one run.
 """
 
 from __future__ import annotations
@@ -228,7 +228,7 @@ class SimulatedTransport:
         self.router.subscribe(expression, handler)
 
     def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
-        """Answer what is asked under a key of this agent."""
+        """Answer requests under a key of this agent."""
         self.router.serve(key, answer)
 
     async def ask(self, expression: str, body: bytes = b"", *, timeout: float = 1.0) -> dict[str, bytes]:  # noqa: ASYNC109
@@ -245,7 +245,7 @@ class SimulatedTransport:
         self.router.watch(handler)
 
     def supervise(self, failed: Callable[[BaseException], None], report: Callable[[str, str], None]) -> None:
-        """Tell these of failures, and of what was dropped."""
+        """Report failures and dropped messages to these."""
         self.router.supervise(failed, report)
 
     def refuse(self, sender: str, reason: str) -> None:
@@ -253,7 +253,7 @@ class SimulatedTransport:
         self.router.refuse(sender, "incredible", reason)
 
     def statistics(self) -> TransportStatistics:
-        """Return what was carried so far."""
+        """Return the counts so far."""
         return self.router.statistics()
 
 
@@ -270,7 +270,7 @@ class _Inquiry:
         self._done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     async def answers(self, expression: str, timeout: float) -> dict[str, bytes]:  # noqa: ASYNC109
-        """Return what came in so many seconds."""
+        """Return the answers that came in so many seconds."""
         network, asker = self._network, self._asker
         asked = [
             (other, key)
@@ -293,9 +293,9 @@ class _Inquiry:
         answer = other.router.answer(key, self._question) if other.state == "open" else None
         if answer is not None:
             data = other.packer.seal(answer)
-            self._network.send(other.agent, self._asker, partial(self._take, key, data))
+            self._network.send(other.agent, self._asker, partial(self._receive, key, data))
 
-    def _take(self, key: str, data: bytes) -> None:
+    def _receive(self, key: str, data: bytes) -> None:
         if self._done.done():
             return
         answer = self._asker.router.answered(key, data, (self._network.clock.now() - self._began) / 1e9)

@@ -1,4 +1,4 @@
-"""The router: hands what a transport brings to the handlers, refuses what must not be handed on, and counts both."""
+"""The router: hands the messages of a transport to the handlers, or refuses them, and counts both."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Router"]
 _MOST_KEYS = 4096
 _REST = "..."
 _OFFENCES = frozenset({"malformed", "foreign", "oversize", "version"})
-"""What no agent of this program sends, and no network makes of what it sends."""
+"""Kinds of messages that no agent of this program sends, and no network makes."""
 _MANY = 100
 _SECOND = 1_000_000_000
 _IGNORED = 250_000_000
@@ -46,7 +46,7 @@ class Router:
         team: Whose keys.
         agent: Who receives.
         later: Calls back after so many seconds.
-        failed: Told what a handler raised, until `supervise` names another.
+        failed: Called with the error of a handler, until `supervise` names another.
         largest: The largest message in bytes.
     """
 
@@ -83,7 +83,7 @@ class Router:
         self._round_trips: dict[str, Latencies] = {}
 
     def supervise(self, failed: Callable[[BaseException], None], report: Callable[[str, str], None]) -> None:
-        """Tell these of failures and of what was dropped."""
+        """Report failures and dropped messages to these."""
         self._failed, self._report = failed, report
 
     def fail(self, error: BaseException) -> None:
@@ -209,7 +209,7 @@ class Router:
         """Have a handler told who is live: now, where this agent is, and at each change."""
         self._watchers.append(handler)
         if self.live:
-            self._tell(handler)
+            self._notify(handler)
 
     def see(self, live: Mapping[str, int]) -> None:
         """Take this for who is live now, by incarnation."""
@@ -219,9 +219,9 @@ class Router:
         for agent, incarnation in live.items():
             self.unpacker.present(agent, incarnation)
         for handler in tuple(self._watchers):
-            self._tell(handler)
+            self._notify(handler)
 
-    def _tell(self, handler: Callable[[Mapping[str, int]], None]) -> None:
+    def _notify(self, handler: Callable[[Mapping[str, int]], None]) -> None:
         try:
             handler(dict(self.live))
         except BaseException as error:
@@ -239,7 +239,7 @@ class Router:
             raise Error(f"agent {self._agent!r} of team {self._team!r} must not use {key}, which is not its own")
 
     def sent(self, key: str, size: int) -> None:
-        """Count what was put."""
+        """Count a message that was put."""
         counts = self._sent.get(key)
         if counts is None:
             counts = self._sent.setdefault(key if len(self._sent) < _MOST_KEYS else _REST, [0, 0])
@@ -252,13 +252,13 @@ class Router:
     def _renumbered(self, key: str) -> None:
         self.drop("renumbered", f"the last number under {key} was far ahead of its owner's: what comes counts again")
 
-    def tell(self, kind: str, reason: str) -> None:
-        """Report what is no message that was dropped."""
+    def report(self, kind: str, reason: str) -> None:
+        """Report a failure that is no dropped message."""
         if self._report is not None:
             self._report(kind, reason)
 
     def refuse(self, sender: str, kind: str, reason: str) -> None:
-        """Drop what no agent of this program sends, and count it by sender; one that goes on is ignored for a while."""
+        """Drop a message that no agent of this program sends; a sender that goes on is ignored for a while."""
         self.drop(kind, reason)
         if sender not in self._refused and len(self._refused) >= _MOST_KEYS:
             sender = _REST
@@ -271,7 +271,7 @@ class Router:
         self._recent[sender] = since, count
 
     def _ignores(self, key: str) -> bool:
-        """Return whether what comes under a key is dropped unread, for its sender has sent too much that cannot be."""
+        """Return whether messages under a key are dropped unread, since their sender sent too many that cannot be."""
         sender = owner_of(key, self._team) or key
         until = self._ignored.get(sender)
         if until is None:
@@ -283,21 +283,21 @@ class Router:
         return True
 
     def drop(self, kind: str, reason: str, count: int = 1) -> None:
-        """Count what is dropped, and report it: at once, but once a second at most."""
+        """Count a dropped message, and report it: at once, but once a second at most."""
         self._dropped[kind] = self._dropped.get(kind, 0) + count
         if kind in self._untold:
             self._untold[kind] = (self._untold[kind][0] + count, reason)
         else:
             self._untold[kind] = (count, reason)
-            self._tell_dropped(kind)
+            self._report_dropped(kind)
 
-    def _tell_dropped(self, kind: str) -> None:
+    def _report_dropped(self, kind: str) -> None:
         count, reason = self._untold[kind]
         if not count:
             del self._untold[kind]
             return
         self._untold[kind] = (0, reason)
-        self._later(1.0, partial(self._tell_dropped, kind))
+        self._later(1.0, partial(self._report_dropped, kind))
         if self._report is not None:
             try:
                 self._report(kind, reason if count == 1 else f"{reason} ({count} such messages)")
@@ -305,7 +305,7 @@ class Router:
                 self._failed(error)
 
     def statistics(self) -> TransportStatistics:
-        """Return what was carried so far."""
+        """Return the counts so far."""
         received = {key: Traffic(route.messages, route.bytes) for key, route in self._routes.items() if route.messages}
         if self._rest.messages:
             received[_REST] = Traffic(self._rest.messages, self._rest.bytes)

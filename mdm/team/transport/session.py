@@ -1,6 +1,6 @@
 """The session: a team's transport between processes, over Zenoh.
 
-Zenoh connects, carries and tells who is live. What it brings waits in a `Mailbox` for the event loop. What may block
+Zenoh connects, carries and tells who is live. Its messages wait in a `Mailbox` for the event loop. Calls that may block
 (opening, declaring, asking, closing) runs in a thread of the session's own.
 """
 
@@ -86,7 +86,7 @@ def _new_incarnation() -> int:
 
 
 class Session:
-    """An agent's transport over Zenoh; see `Transport` for what it promises.
+    """An agent's transport over Zenoh; see `Transport` for its promises.
 
     Args:
         team: The team's name.
@@ -97,7 +97,7 @@ class Session:
             that each connects to those declared before it.
         lease: After so many seconds of silence the others take this agent for lost.
         largest: The largest message in bytes, with its envelope.
-        allowance: What this agent may send; any amount by default.
+        allowance: The most that this agent may send; any amount by default.
         configuration: Further settings of Zenoh, such as ceilings and access; they are laid over the session's own.
 
     Example::
@@ -185,7 +185,7 @@ class Session:
         self._state = "open"
         risk = None if "access_control" in self._settings else exposed(self._listen)
         if risk is not None:
-            self._router.tell("unprotected", risk)
+            self._router.report("unprotected", risk)
         self._look()
 
     def _begin(self) -> None:
@@ -278,13 +278,13 @@ class Session:
             _open.discard(opened)
 
     def _work(self, function: Callable[[], T]) -> asyncio.Future[T]:
-        """Do in the session's thread what may block."""
+        """Make a call that may block in the session's thread."""
         if self._worker is None:
             raise Error(f"the transport of agent {self.agent!r} is closed")
         return asyncio.wrap_future(self._worker.submit(function))
 
     def _work_later(self, function: Callable[[], None]) -> None:
-        """Do in the session's thread what nobody waits for."""
+        """Make a call that nobody waits for in the session's thread."""
         if self._worker is not None:
             self._worker.submit(function).add_done_callback(self._worked)
 
@@ -361,7 +361,7 @@ class Session:
     # Questions and answers
 
     def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
-        """Answer what is asked under a key of this agent."""
+        """Answer requests under a key of this agent."""
         self._router.serve(key, answer)
         if self._state in {"opening", "open"}:
             self._work_later(partial(self._declare_queryable, key))
@@ -444,9 +444,9 @@ class Session:
     def _token_changed(self, sample: zenoh.Sample) -> None:
         assert self._mailbox is not None
         live = sample.kind == _import_zenoh().SampleKind.PUT
-        self._mailbox.post(partial(self._take_token, str(sample.key_expr), live))
+        self._mailbox.post(partial(self._on_token, str(sample.key_expr), live))
 
-    def _take_token(self, key: str, live: bool) -> None:
+    def _on_token(self, key: str, live: bool) -> None:
         _, _, agent, _, _, text = key.split("/")
         if not (text.isascii() and text.isdigit() and len(text) < 20):
             self._router.drop("malformed", f"{key} is no sign of life")
@@ -476,7 +476,7 @@ class Session:
     # Supervision
 
     def supervise(self, failed: Callable[[BaseException], None], report: Callable[[str, str], None]) -> None:
-        """Tell these of failures, and of what was dropped."""
+        """Report failures and dropped messages to these."""
         self._router.supervise(failed, report)
 
     def refuse(self, sender: str, reason: str) -> None:
@@ -484,7 +484,7 @@ class Session:
         self._router.refuse(sender, "incredible", reason)
 
     def statistics(self) -> TransportStatistics:
-        """Return what was carried so far."""
+        """Return the counts so far."""
         return self._router.statistics()
 
     def _call_later(self, seconds: float, callback: Callable[[], None]) -> None:

@@ -49,7 +49,7 @@ def check_endpoint(endpoint: object, *, key: str | None = None) -> str:
 
 
 def exposed(endpoints: Iterable[str]) -> str | None:
-    """Return in words what a team without certificates risks at its endpoints; None where it is its own machine's.
+    """Return in words the risk of a team without certificates at its endpoints; None where it is its own machine's.
 
     Args:
         endpoints: Where agents listen.

@@ -1,4 +1,4 @@
-"""The transport: what carries the messages of a team.
+"""The transport, which carries the messages of a team.
 
 There are two, which keep the same promises: `mdm.team.transport.session.Session` between processes, over Zenoh, and the
 transports of a simulated `mdm.team.transport.network.Network` within one.
@@ -21,7 +21,7 @@ LONGEST_CLOSE = 3.0
 """Seconds within which a transport closes."""
 
 Priority = Literal["step", "value", "bulk"]
-"""How urgent a message is: one of an agreed step, a value of which the newest counts, or what can wait."""
+"""How urgent a message is: one of an agreed step, a value of which the newest counts, or one that can wait."""
 
 
 class Sample(msgspec.Struct, frozen=True, gc=False):
@@ -31,7 +31,7 @@ class Sample(msgspec.Struct, frozen=True, gc=False):
         key: The full key under which it was put.
         owner: The agent that put it.
         incarnation: Which life of that agent: another one after each restart, and mostly a greater.
-        body: What was put.
+        body: The bytes that were put.
         time: When, by the clock of its owner, in nanoseconds.
     """
 
@@ -50,11 +50,11 @@ class Traffic(msgspec.Struct, frozen=True):
 
 
 class TransportStatistics(msgspec.Struct, frozen=True):
-    """What an agent's transport carried.
+    """Counts of an agent's transport.
 
     Args:
-        sent: What was put, by key.
-        received: What was handed to handlers, by key. Beyond some thousand keys the rest is counted under ``...``.
+        sent: Messages that were put, by key.
+        received: Messages that handlers received, by key. Beyond some thousand keys the rest is counted under ``...``.
         dropped: Messages that were not put or not handed over, by the reason:
 
             - ``malformed``, ``version`` (of a newer program), ``oversize``, ``foreign`` (under the key of another
@@ -64,10 +64,10 @@ class TransportStatistics(msgspec.Struct, frozen=True):
             - ``overflow``: more came than the handlers could take, and newer ones of the same keys took their place;
             - ``duplicate``: not a message, but another live agent of this one's name was seen;
             - ``untimely``: the clock of its sender is more than a day from this agent's;
-            - ``incredible``: what it says cannot be, such as an action that the model has not;
+            - ``incredible``: its fields cannot be, such as an action that the model has not;
             - ``ignored``: its sender has sent a hundred such messages within a second;
             - ``held_back``: over the allowance of this agent; ``closed``: put after the transport was closed.
-        refused: Of these, what no agent of this program sends, by the agent in whose name it came.
+        refused: Of these, messages that no agent of this program sends, by the agent in whose name it came.
         lateness: From each put to its handler, by the clocks of both agents.
         round_trips: From each question to its answer, by agent.
     """
@@ -83,9 +83,9 @@ class TransportStatistics(msgspec.Struct, frozen=True):
 class Transport(Protocol):
     """Carries the messages of one agent of a team.
 
-    Handlers are called on the event loop, never for the agent's own messages. The messages of one key come in the
-    order in which they were put, each at most once; what is lost on the way is counted, not sent again. A key keeps to
-    one priority: more urgent messages overtake others.
+    Handlers are called on the event loop, never for the agent's own messages. The messages of one key come in the order
+    in which they were put, each at most once; a message that is lost on the way is counted, not sent again. A key keeps
+    to one priority: more urgent messages overtake others.
     """
 
     @property
@@ -123,7 +123,7 @@ class Transport(Protocol):
         """
 
     def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
-        """Answer what is asked under a key of this agent."""
+        """Answer requests under a key of this agent."""
 
     async def ask(self, expression: str, body: bytes = b"", *, timeout: float = 1.0) -> dict[str, bytes]:  # noqa: ASYNC109
         """Ask all who serve the keys of an expression; return the answers by agent.
@@ -138,17 +138,17 @@ class Transport(Protocol):
         """
 
     def supervise(self, failed: Callable[[BaseException], None], report: Callable[[str, str], None]) -> None:
-        """Tell ``failed`` what a handler raised, and ``report`` what was dropped: its kind, and a sentence.
+        """Call ``failed`` with a handler's error, and ``report`` with a dropped message's kind and a sentence.
 
         Of each kind one report a second is made at most. Without a ``failed`` the event loop's handler of exceptions
         is told.
         """
 
     def refuse(self, sender: str, reason: str) -> None:
-        """Take note of a message that a handler did not take: what it says cannot be, and a sentence says why.
+        """Take note of a message that a handler did not take: its fields cannot be, and a sentence says why.
 
         A sender of many is ignored for a while.
         """
 
     def statistics(self) -> TransportStatistics:
-        """Return what was carried so far."""
+        """Return the counts so far."""

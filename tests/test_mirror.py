@@ -85,6 +85,7 @@ ACROSS = {
     "test_patrol_view.py": "what the demo draws",
     "test_trees_and_machines.py": "programs beside the package: what is each library's own",
     "test_ensembles_within.py": "programs beside the package: ensembles within trees and state machines",
+    "test_design.py": "the drawing of the house, and a value's way through it",
     "test_documentation.py": "pages",
     "test_docstrings.py": "docstrings",
     "test_public.py": "the public names",

@@ -21,7 +21,7 @@ from teams import team as random_team
 import mdm
 from mdm.team.team import Team
 from mdm.team.transport.envelope import Packer
-from mdm.team.transport.network import Network
+from mdm.team.transport.network import Network, _Inquiry
 from mdm.testing import run_virtual
 
 MODES = ("replicated", "centralised", "communicating")
@@ -63,7 +63,7 @@ class Tapped(Network):
             key, data = deliver.args
             self.heard.setdefault(key, []).append(data)
             del self.heard[key][OLDEST : -5 * OLDEST]
-        elif getattr(function, "__name__", "") == "_take" and self.forge is not None:
+        elif getattr(function, "__func__", None) is _Inquiry._receive and self.forge is not None:
             deliver = self.forge(sender, deliver)
         super().send(sender, receiver, deliver)
 

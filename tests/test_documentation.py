@@ -184,3 +184,11 @@ def test_the_program_of_the_page_about_testing_teams_runs():
         [sys.executable, "-W", "error", "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=100
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_glossary_has_each_word_once_in_order():
+    words = re.findall(r"^\*\*(.+?)\*\*: ", read("docs/glossary.md"), re.MULTILINE)
+    assert words == sorted(set(words), key=str.lower)
+    assert {"acknowledge", "commit", "gate", "leader", "life", "mode", "pending", "quorum", "source", "term"} <= set(
+        words
+    )

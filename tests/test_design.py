@@ -73,5 +73,6 @@ def walked():
 
 
 def test_the_way_of_a_value_is_the_one_that_is_told():
-    lines = DESIGN.split("```walk\n", 1)[1].split("```", 1)[0].splitlines()
+    section = DESIGN.split("### A value's way through it", 1)[1]
+    lines = section.split("```text\n", 1)[1].split("```", 1)[0].splitlines()
     assert walked() == [tuple(line.split()[:2]) for line in lines]

@@ -9,11 +9,12 @@ from mdm.options import ControllerOptions
 if TYPE_CHECKING:
     from mdm.actors.control.drive import Drive
 
-__all__ = ["ControlOptions", "FailureReaction", "LostTeammate", "Reaction", "SafetyOptions"]
+__all__ = ["AfterSafe", "ControlOptions", "FailureReaction", "LostTeammate", "Reaction", "SafetyOptions"]
 
 Reaction = Literal["safe", "continue"]
 FailureReaction = Literal["safe", "continue", "decide"]
 LostTeammate = Literal["continue", "hold", "safe_action"]
+AfterSafe = Literal["reset", "keep"]
 
 
 class ControlOptions(ControllerOptions, total=False):
@@ -59,5 +60,5 @@ class SafetyOptions(ControlOptions, total=False):
     on_lost_input: Reaction | None
     on_unknown: Reaction | None
     on_lost_teammate: LostTeammate | None
-    after_safe: Literal["reset", "keep"]
+    after_safe: AfterSafe
     idle_after: float | None

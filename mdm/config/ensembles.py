@@ -13,7 +13,15 @@ from mdm.beliefs.choice import check_memory
 from mdm.compilation import sparing
 from mdm.config.functions import nothing
 from mdm.config.share import Seat
-from mdm.config.tables import ActionTable, EnsembleTable, ObservationTable, RestartTable, SearchTable, StateTable
+from mdm.config.tables import (
+    ActionTable,
+    EnsembleTable,
+    ObservationTable,
+    RestartTable,
+    SearchTable,
+    StateTable,
+    stated,
+)
 from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
 from mdm.loading import spared
@@ -26,7 +34,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from mdm.actors import Drive, PredicateManager
-    from mdm.actors.actions.sequel import SequelOptions
     from mdm.config.functions import Functions
     from mdm.config.problems import Problems
     from mdm.config.share import Share
@@ -160,9 +167,8 @@ class Ensembles:
             self._ensembles[name] = ensemble = Ensemble(
                 name,
                 predicates=self._predicates,
-                local=table.local,
                 **parts,
-                **{option: getattr(table, option) for option in _OPTIONS},
+                **stated(table, "local", *_OPTIONS),
             )
             return ensemble
         return None
@@ -251,7 +257,7 @@ class Ensembles:
             raise ConfigError(f"the path of a file was expected, not {path!r}")
         return self._folder / path
 
-    def _drive(self, given: str | float, key: str) -> Drive | None:
+    def _drive(self, given: str | float | None, key: str) -> Drive | None:
         with self._problems.collecting(key):
             return drive_of(given)
         return None
@@ -297,8 +303,8 @@ class Ensembles:
     def _search(
         self, table: EnsembleTable, model: MDP | POMDP | None, policy: Any, key: str, memory: float | None
     ) -> TreeSearch | None:
-        given: SearchTable | None = self._problems.convert(table.search, SearchTable, key)
-        if given is None:
+        search: SearchTable | None = self._problems.convert(table.search, SearchTable, key)
+        if search is None:
             return None
         from mdm.solvers.online import TreeSearch  # noqa: PLC0415 - a robot that does not search loads no solver
 
@@ -310,12 +316,10 @@ class Ensembles:
             check_memory(model, memory, beliefs=True, matrices="a search")
             return TreeSearch(
                 model if memory is None else spared(model),
-                seconds=given.seconds,
-                expansions=given.expansions,
                 seed=table.seed,
                 fallback=policy,
-                plans=policy if given.plans else None,
-                particles=given.particles,
+                plans=policy if search.plans else None,
+                **stated(search, "seconds", "expansions", "particles"),
             )
         return None
 
@@ -351,7 +355,7 @@ class Ensembles:
         if not isinstance(given, dict):
             return cast("Supervision | None", self._problems.convert(given, Literal["stop", "escalate"], key))
         table: RestartTable | None = self._problems.convert(given, RestartTable, key)
-        return None if table is None else Restart(limit=table.restart, within=table.within, backoff=table.backoff)
+        return None if table is None else Restart(limit=table.restart, **stated(table, "within", "backoff"))
 
     def _actions(self, name: str, actions: Mapping[str, Any], above: tuple[str, ...]) -> dict[Any, Binding] | None:
         bindings: dict[Any, Binding] = {}
@@ -363,36 +367,28 @@ class Ensembles:
                 continue
             index = int(action) if action.isdecimal() else action
             with self._problems.collecting(key):
-                sequel: SequelOptions = {"then": entry.then, "pause": entry.pause, "attempts": entry.attempts}
+                options = stated(entry, *_DRIVES)
                 if entry.way is not None or entry.place is not None:
-                    bindings[index] = self._drive_to(entry, written, sequel)
+                    bindings[index] = self._drive_to(entry, written, options)
                     continue
                 target = self._target(entry, key, name, above)
                 if target is not None:
-                    bindings[index] = Binding(
-                        target,
-                        timeout=entry.timeout,
-                        grace=entry.grace,
-                        on_repeat=entry.on_repeat,
-                        resume=entry.resume,
-                        concurrent=entry.concurrent,
-                        **sequel,
-                    )
+                    bindings[index] = Binding(target, **options, **stated(entry, "on_repeat", "resume", "concurrent"))
         return bindings if len(bindings) == len(actions) else None
 
-    def _drive_to(self, entry: ActionTable, keys: Mapping[str, Any], sequel: SequelOptions) -> Binding:
+    def _drive_to(self, entry: ActionTable, keys: Mapping[str, Any], options: dict[str, Any]) -> Binding:
         """Return the action that takes a way of the map, or goes to a place."""
         what = "way" if entry.place is None else "place"
         for key in keys:
             if key not in {what, *_DRIVES}:
                 raise ConfigError(f"{key!r} means nothing beside a {what}; its keys are {what}, {', '.join(_DRIVES)}")
         if not self._located:
-            return Binding(nothing, timeout=entry.timeout, grace=entry.grace, **sequel)
+            return Binding(nothing, **options)
         if self._navigation is None:
             raise ConfigError(f"a {what} needs what drives there: give a table [places] with a navigator")
         if entry.place is not None:
-            return self._navigation.go_to(entry.place, timeout=entry.timeout, grace=entry.grace, **sequel)
-        return self._navigation.way(str(entry.way), timeout=entry.timeout, grace=entry.grace, **sequel)
+            return self._navigation.go_to(entry.place, **options)
+        return self._navigation.way(str(entry.way), **options)
 
     def _target(self, entry: ActionTable, key: str, name: str, above: tuple[str, ...]) -> Any:
         if (entry.call is None) == (entry.ensemble is None):

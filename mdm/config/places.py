@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.config.tables import PlacesTable
+from mdm.config.tables import PlacesTable, stated
 from mdm.errors import ConfigError
 from mdm.maps import Navigation, Places, load_floors, load_map
 from mdm.runtime.handler import kind_of
@@ -45,16 +45,8 @@ def read_places(
         return None, None
     with problems.collecting("places"):
         floor = _floor(table, folder)
-        places = Places(
-            floor,
-            predicates,
-            margin=table.margin,
-            max_age=table.max_age,
-            tolerance=table.tolerance,
-            prefix=table.prefix,
-            outside=table.outside,
-            tour=table.tour,
-        )
+        options = stated(table, "margin", "max_age", "tolerance", "prefix", "outside", "tour")
+        places = Places(floor, predicates, **options)
         with problems.collecting("places.navigator"):
             reference = _navigator(table.navigator, share)
             if reference is None:

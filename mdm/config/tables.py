@@ -1,4 +1,8 @@
-"""Typed tables of the TOML file."""
+"""Typed tables of the TOML file.
+
+A key that goes into an object's own argument has no default here, but None: the argument's stands in one place, the
+object's. `stated` returns what was written.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,13 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
+
+from mdm.actors.actions.binding import OnRepeat
+from mdm.actors.actions.sequel import Then
+from mdm.actors.options import AfterSafe, FailureReaction, LostTeammate, Reaction
+from mdm.maps.places import Outside
+from mdm.options import OnImpossible
+from mdm.team.team import Mode, Quorum
 
 __all__ = [
     "ActionTable",
@@ -23,6 +34,7 @@ __all__ = [
     "SearchTable",
     "StateTable",
     "TeamTable",
+    "stated",
 ]
 
 
@@ -76,12 +88,12 @@ class ActionTable(_Table, frozen=True):
     way: str | None = None
     place: str | None = None
     timeout: Seconds | None = None
-    grace: Seconds = 5.0
-    on_repeat: Literal["continue", "restart"] = "continue"
-    resume: bool = False
-    concurrent: bool = False
-    then: Literal["wait", "decide"] | None = None
-    pause: Seconds = 1.0
+    grace: Seconds | None = None
+    on_repeat: OnRepeat | None = None
+    resume: bool | None = None
+    concurrent: bool | None = None
+    then: Then | None = None
+    pause: Seconds | None = None
     attempts: Annotated[int, Meta(ge=1)] | None = None
 
 
@@ -89,8 +101,8 @@ class RestartTable(_Table, frozen=True):
     """Supervision by restart."""
 
     restart: Annotated[int, Meta(ge=0)]
-    within: Seconds = 60.0
-    backoff: Annotated[float, Meta(ge=0, le=1e9)] = 0.1
+    within: Seconds | None = None
+    backoff: Annotated[float, Meta(ge=0, le=1e9)] | None = None
 
 
 class SearchTable(_Table, frozen=True):
@@ -98,7 +110,7 @@ class SearchTable(_Table, frozen=True):
 
     seconds: Seconds | None = None
     expansions: Annotated[int, Meta(gt=0)] | None = None
-    particles: Annotated[int, Meta(gt=0)] = 1000
+    particles: Annotated[int, Meta(gt=0)] | None = None
     plans: bool = False
 
 
@@ -113,24 +125,24 @@ class EnsembleTable(_Table, frozen=True):
     seed: Annotated[int, Meta(ge=0)] | None = None
     rewards: str | None = None
     initial_belief: list[float] | None = None
-    drive: str | float = "event"
+    drive: str | float | None = None
     horizon: int | None = None
-    on_impossible: Literal["predict", "keep", "reset", "safe_action"] = "predict"
-    on_no_observation: str = "predict"
+    on_impossible: OnImpossible | None = None
+    on_no_observation: str | None = None
     false_negative: str | int | None = None
     memory: Annotated[float, Meta(gt=0)] | None = None
     deadline: Seconds | None = None
     agent: int | str | None = None
     agents: list[str] | None = None
     placement: Any = None
-    local: bool = False
+    local: bool | None = None
     safe_action: str | None = None
-    safe_timeout: Seconds = 10.0
-    on_failed_action: Literal["safe", "continue", "decide"] | None = None
-    on_lost_input: Literal["safe", "continue"] | None = None
-    on_unknown: Literal["safe", "continue"] | None = None
-    on_lost_teammate: Literal["continue", "hold", "safe_action"] | None = None
-    after_safe: Literal["reset", "keep"] = "reset"
+    safe_timeout: Seconds | None = None
+    on_failed_action: FailureReaction | None = None
+    on_lost_input: Reaction | None = None
+    on_unknown: Reaction | None = None
+    on_lost_teammate: LostTeammate | None = None
+    after_safe: AfterSafe | None = None
     idle_after: Annotated[float, Meta(gt=0)] | None = None
     supervision: Any = "escalate"
     search: Any = None
@@ -155,12 +167,12 @@ class PlacesTable(_Table, frozen=True):
     labels: str | None = None
     names: str | dict[str, int] | None = None
     reach: Annotated[float, Meta(gt=0)] | None = None
-    margin: Annotated[float, Meta(ge=0)] = 0.3
-    max_age: Seconds = 0.5
-    tolerance: Annotated[float, Meta(ge=0)] = 0.3
-    prefix: str = ""
-    outside: Literal["unknown", "keep"] = "unknown"
-    tour: list[str] = []
+    margin: Annotated[float, Meta(ge=0)] | None = None
+    max_age: Seconds | None = None
+    tolerance: Annotated[float, Meta(ge=0)] | None = None
+    prefix: str | None = None
+    outside: Outside | None = None
+    tour: list[str] | None = None
     navigator: str | dict[str, str] | None = None
 
 
@@ -177,15 +189,15 @@ class TeamTable(_Table, frozen=True):
     name: str
     agents: list[Any]
     port: Annotated[int, Meta(ge=1, le=65535)] = 7447
-    mode: Literal["replicated", "centralised", "communicating"] = "replicated"
+    mode: Mode | None = None
     period: Seconds | None = None
     drive: str | float | None = None
     deadline: Seconds | None = None
-    quorum: Literal["majority", "continue"] | None = None
+    quorum: Quorum | None = None
     controller: str | None = None
-    lease: Seconds = 1.0
-    max_age: Seconds = 1.0
-    memory: Annotated[float, Meta(gt=0)] = 1000.0
+    lease: Seconds | None = None
+    max_age: Seconds | None = None
+    memory: Annotated[float, Meta(gt=0)] | None = None
     communication: Any = None
     access: str | None = None
     allowance: Any = None
@@ -197,7 +209,7 @@ class AllowanceTable(_Table, frozen=True):
 
     messages: float | None = None
     bytes: float | None = None
-    burst: float = 1.0
+    burst: float | None = None
 
 
 class CeilingTable(_Table, frozen=True):
@@ -217,3 +229,9 @@ class CommunicationTable(_Table, frozen=True):
     burst: int | None = None
     of: str | None = None
     threshold: float | None = None
+
+
+def stated(table: msgspec.Struct, *names: str) -> dict[str, Any]:
+    """Return the keys that were written, of these names or of all, as arguments."""
+    values = {name: getattr(table, name) for name in names or table.__struct_fields__}
+    return {name: value for name, value in values.items() if value is not None}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from mdm.config.communication import read_communication
-from mdm.config.tables import AgentTable, AllowanceTable, CeilingTable, TeamTable
+from mdm.config.tables import AgentTable, AllowanceTable, CeilingTable, TeamTable, stated
 from mdm.team import Team
 from mdm.team.transport.access import Access
 from mdm.team.transport.allowance import Allowance
@@ -49,7 +49,7 @@ class TeamFile:
         Raises:
             ConfigError: If the allowance is none.
         """
-        allowance = None if self._allowance is None else Allowance(**msgspec.structs.asdict(self._allowance))
+        allowance = None if self._allowance is None else Allowance(**stated(self._allowance))
         return {"access": self.access(agent), "allowance": allowance}
 
 
@@ -77,7 +77,7 @@ def read_team(given: object, folder: Path, functions: Functions, problems: Probl
     if agents is None or None in ceilings or (allowance is None and table.allowance is not None):
         return None
     apart = {"name", "agents", "port", "access", "allowance", "ceilings", "communication"}
-    options: dict[str, Any] = {key: getattr(table, key) for key in table.__struct_fields__ if key not in apart}
+    options = stated(table, *(key for key in table.__struct_fields__ if key not in apart))
     options["ceilings"] = [Ceiling(**msgspec.structs.asdict(ceiling)) for ceiling in ceilings]
     options["communication"] = read_communication(table.communication, functions, problems)
     with problems.collecting("team"):

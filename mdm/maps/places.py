@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 from mdm.actors.predicates.declarations import ACTION_END
 from mdm.checks import check_choice, is_number
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from mdm.actors import PredicateManager
     from mdm.runtime import Supervision, Timer
 
-__all__ = ["Places"]
+__all__ = ["Outside", "Places"]
+
+Outside = Literal["unknown", "keep"]
 
 _QUIET = round(10e9)
 _SETTLES = round(10e9)
@@ -88,7 +90,7 @@ class Places(Actor):
         max_age: float = 0.5,
         tolerance: float = 0.3,
         prefix: str = "",
-        outside: Literal["unknown", "keep"] = "unknown",
+        outside: Outside = "unknown",
         tour: Sequence[str] = (),
         name: str = "places",
         supervision: Supervision = "escalate",
@@ -98,7 +100,7 @@ class Places(Actor):
             if not is_number(metres) or not 0 <= metres < float("inf"):
                 raise ConfigError(f"{what} is a number of metres, 0 or more, not {metres!r}", key=what)
         check_seconds(max_age, "max_age", key="max_age")
-        check_choice(outside, ("unknown", "keep"), "outside", key="outside")
+        check_choice(outside, get_args(Outside), "outside", key="outside")
         self.floor = floor
         if isinstance(floor, Floors):
             self._levels = {

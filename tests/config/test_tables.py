@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import inspect
+from typing import is_typeddict
+
+import msgspec
 import pytest
 from loading import written
 from robot_file import GOOD
 
-from mdm import (
-    ConfigError,
-    load_system,
-)
+from mdm import Binding, ConfigError, Ensemble, Restart, Team, load_system
+from mdm.actors.options import ControlOptions, SafetyOptions
+from mdm.config import tables
+from mdm.maps import Places, load_map
+from mdm.options import ControllerOptions
+from mdm.solvers import TreeSearch
+from mdm.team.transport.allowance import Allowance
 
 WRONG = [
     ("[predicates]", "[predicats]", "predicats", "there is no key 'predicats'"),
@@ -105,3 +112,32 @@ def test_every_mistake_is_told_with_its_key(folder, old, new, key, words):
         load_system(written(folder, text, "robot.toml"))
     assert any(str(problem).startswith(f"{folder / 'robot.toml'}: {key}") for problem in caught.value.problems)
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "makers"),
+    [
+        (tables.EnsembleTable, (Ensemble, ControllerOptions, ControlOptions, SafetyOptions)),
+        (tables.ActionTable, (Binding,)),
+        (tables.RestartTable, (Restart,)),
+        (tables.SearchTable, (TreeSearch,)),
+        (tables.PlacesTable, (Places, load_map)),
+        (tables.TeamTable, (Team,)),
+        (tables.AllowanceTable, (Allowance,)),
+    ],
+)
+def test_what_a_key_is_by_default_is_said_by_that_which_takes_it_alone(table, makers):
+    taken = {
+        name
+        for maker in makers
+        for name in (maker.__annotations__ if is_typeddict(maker) else inspect.signature(maker).parameters)
+    }
+    defaults = {field.name: field.default for field in msgspec.structs.fields(table)}
+    again = {name for name, value in defaults.items() if name in taken and value not in {None, msgspec.NODEFAULT}}
+    assert again <= {"plans", "supervision"}  # whether a search has the policy among them; an actor's own default
+
+
+def test_what_was_not_written_is_not_stated():
+    table = tables.ActionTable(call="robot:go", grace=2.0, resume=False)
+    assert tables.stated(table, "timeout", "grace", "resume") == {"grace": 2.0, "resume": False}
+    assert tables.stated(table) == {"call": "robot:go", "grace": 2.0, "resume": False}

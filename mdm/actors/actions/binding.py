@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from mdm.actors.actions.sequel import Sequel, Then
 from mdm.checks import check_choice, check_flag
@@ -16,9 +16,10 @@ if TYPE_CHECKING:
     from mdm.actors.ensemble import Ensemble
     from mdm.messages import Action
 
-__all__ = ["Binding", "Callback", "bind"]
+__all__ = ["Binding", "Callback", "OnRepeat", "bind"]
 
 Callback = Callable[..., Awaitable[object] | object]
+OnRepeat = Literal["continue", "restart"]
 
 
 class Binding:
@@ -75,7 +76,7 @@ class Binding:
         *,
         timeout: float | None = None,
         grace: float = 5.0,
-        on_repeat: Literal["continue", "restart"] = "continue",
+        on_repeat: OnRepeat = "continue",
         resume: bool = False,
         concurrent: bool = False,
         goes_on: Callable[..., bool] | None = None,
@@ -87,7 +88,7 @@ class Binding:
         for name, seconds in (("timeout", timeout), ("grace", grace)):
             if seconds is not None or name == "grace":
                 check_seconds(seconds, name, key=name)
-        check_choice(on_repeat, ("continue", "restart"), "on_repeat", key="on_repeat")
+        check_choice(on_repeat, get_args(OnRepeat), "on_repeat", key="on_repeat")
         check_flag(resume, "resume", key="resume")
         check_flag(concurrent, "concurrent", key="concurrent")
         if goes_on is not None and on_repeat != "restart":

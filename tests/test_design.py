@@ -5,13 +5,17 @@ from __future__ import annotations
 import asyncio
 import re
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 from places import ROOT
+from team_robots import over_beliefs, started, tigers
 
 import mdm
-from mdm import Ensemble, PredicateManager, StateFactor
+from mdm import Ensemble, PredicateManager, StateFactor, problems
 from mdm.policies import DeterministicPolicy
+from mdm.team.transport.network import Network
+from mdm.testing import run_virtual
 
 PACKAGE = Path(mdm.__file__).parent
 DESIGN = (ROOT / "docs" / "design.md").read_text()
@@ -39,6 +43,21 @@ def test_the_drawing_names_each_folder_of_the_package_and_nothing_else():
     assert {name for name in named if name.endswith("/")} == folders
 
 
+class Calls(list):
+    """The functions of the package that are called, in their order, as pairs of a module and a name."""
+
+    def note(self, frame, event, _):
+        path = Path(frame.f_code.co_filename)
+        if event == "call" and path.is_relative_to(PACKAGE):
+            self.append((path.relative_to(PACKAGE).as_posix(), frame.f_code.co_qualname))
+
+    @contextmanager
+    def noted(self):
+        sys.setprofile(self.note)
+        yield
+        sys.setprofile(None)
+
+
 def walked():
     """Return the functions of the package that run when a sensor is set, in their order."""
     manager = PredicateManager()
@@ -51,12 +70,7 @@ def walked():
         states=[StateFactor("warm", ["Warm"])],
         safe_action="Rest",
     )
-    calls = []
-
-    def note(frame, event, _):
-        path = Path(frame.f_code.co_filename)
-        if event == "call" and path.is_relative_to(PACKAGE):
-            calls.append((path.relative_to(PACKAGE).as_posix(), frame.f_code.co_qualname))
+    calls = Calls()
 
     async def main():
         async with mdm.Runtime(log=False) as runtime:
@@ -64,15 +78,43 @@ def walked():
             for count in range(6):
                 sensor.set(count % 2 == 0)
                 await asyncio.sleep(0)
-            sys.setprofile(note)
-            sensor.set(True)
-            sys.setprofile(None)
+            with calls.noted():
+                sensor.set(True)
 
     asyncio.run(main())
     return calls
 
 
-def test_the_way_of_a_value_is_the_one_that_is_told():
+def told(number):
+    """Return the lines of a way that the page tells."""
     section = DESIGN.split("### A value's way through it", 1)[1]
-    lines = section.split("```text\n", 1)[1].split("```", 1)[0].splitlines()
-    assert walked() == [tuple(line.split()[:2]) for line in lines]
+    return section.split("```text\n")[number].split("```", 1)[0].splitlines()
+
+
+def test_the_way_of_a_value_is_the_one_that_is_told():
+    assert walked() == [tuple(line.split()[:2]) for line in told(1)]
+
+
+def stepped():
+    """Return the calls of a joint step of two agents that agree, from what the second has seen to both callbacks."""
+    calls = Calls()
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers", delay=0.0001)
+        robots = await started(runtime, tigers(), network, over_beliefs(problems.dec_tiger()))
+        await asyncio.sleep(0.5)
+        for observation in (0, 1, 0):
+            robots[1].observe(None, observation)
+            await asyncio.sleep(0.123)
+        with calls.noted():
+            robots[1].observe(None, 1)
+            await asyncio.sleep(0.005)
+
+    run_virtual(main)
+    # Which filter there is depends on what is installed, and virtual time is the test's.
+    left_out = ("runtime/", "testing", "team/transport/network", "beliefs/")
+    return [(module, name) for module, name in calls if not module.startswith(left_out)]
+
+
+def test_the_way_of_a_joint_step_goes_through_the_modules_that_are_told():
+    assert list(dict.fromkeys(module for module, _ in stepped())) == [line.split()[0] for line in told(2)]

@@ -2,7 +2,7 @@
 
 Every action has one exact life: ``running``, then one of ``succeeded``, ``failed``, ``preempted``, ``timed_out`` and
 ``abandoned``. A new action cancels the running one and starts when that has ended, so that two are never live at once.
-What begins and ends when is said by the state machine of `mdm.actors.actions.lives`; the layer carries out its orders.
+The state machine of `mdm.actors.actions.lives` orders lives to begin and end; the layer carries out its orders.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _own, _disown = OWNER.set, OWNER.reset
 
 
 class _Run(Life):
-    """A life, and what carries it out."""
+    """A life, and the work that carries it out."""
 
     __slots__ = ("binding", "deadline", "grace", "put_off", "work")
 
@@ -64,7 +64,7 @@ class _Run(Life):
 
 
 class _Brief:
-    """What a binding's hot path needs."""
+    """A binding's function, called on the hot path."""
 
     __slots__ = ("function", "takes_action")
 
@@ -74,7 +74,7 @@ class _Brief:
 
 
 class ActionStatistics(ActorStatistics, frozen=True):
-    """What an action layer has done: lives started, how they ended, and which are live.
+    """Counts of an action layer: lives started, how they ended, and which are live.
 
     ``skipped`` counts decisions that were overtaken before their action began; ``latency`` is from stimulus to the
     callback's call.
@@ -99,14 +99,14 @@ class ActionLayer(Layer):
         safe_timeout: Seconds that the safe action may take.
 
     Attributes:
-        lives: Which actions live, and what may begin.
+        lives: The state machine: which lives are live, and which may begin.
         begins: Told of an action that begins, by its name.
         ends: Told how an action has ended, by its name, binding, status, whether it took time, and in words; says
             whether it is given up.
-        clears: Told that an action which another had replaced has come to its end, too, whose life was told before.
+        clears: Notified when a replaced life has ended, too; its end as ``preempted`` was reported before.
     """
 
-    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
     __slots__ = (
         "_briefs",
         "_component",
@@ -156,7 +156,7 @@ class ActionLayer(Layer):
         self._record = self._latencies.record
         self._recent = self._latencies.pending
         self._left: dict[str, Work] = {}
-        # Whether any was left or replaced, so that what begins next may not be alone, or its beginning is heeded.
+        # Whether any was left or replaced, so that the next life may not be alone, or its beginning is heeded.
         self._others = False
         self._heeded = False
         self._idle: list[Callable[[], None]] = []
@@ -212,7 +212,7 @@ class ActionLayer(Layer):
         return sum(self.ended.values())
 
     def statistics(self) -> ActionStatistics:
-        """Return what the layer has done so far."""
+        """Return the layer's counts so far."""
         return ActionStatistics(
             **msgspec.structs.asdict(super().statistics()),
             started=self.started,
@@ -228,13 +228,13 @@ class ActionLayer(Layer):
         return self._latencies.snapshot()
 
     def problems(self) -> Iterator[ConfigError]:
-        """Yield what is wrong with ensembles that are bound as actions."""
+        """Yield the faults of ensembles that are bound as actions."""
         for binding in self.bindings:
             if binding.ensemble is not None:
                 yield from binding.ensemble.problems()
 
     def adopt(self, ensemble: Ensemble) -> None:
-        """Let each binding be what it is as an action of an ensemble, whose layer this is; before the start."""
+        """Replace each binding by its own within this layer's ensemble, see `Binding.within`; before the start."""
         own = {id(binding): binding.within(ensemble) for binding in self.bindings}
         for binding in self.bindings:
             own[id(binding)].sequel = binding.sequel
@@ -262,26 +262,26 @@ class ActionLayer(Layer):
         self._idle.clear()
 
     def bar(self, *, barred: bool) -> None:
-        """Start nothing that is decided while it is barred; what lives goes on, and the safe action runs when due."""
+        """Start no decided action while it is barred; running lives go on, and the safe action runs when due."""
         self.lives.bar(barred=barred)
 
     def latch(self) -> None:
-        """Start nothing more that was or is decided; what lives goes on, but for what was replaced."""
+        """Start no decided or pending action any more; running lives go on, but for replaced ones."""
         self._obey(self.lives.latch())
 
     def halt(self, idle: Callable[[], None]) -> None:
-        """Cancel what is live, run no more, and call back when nothing lives; in a turn."""
+        """Cancel all lives, start no more, and call back when none is left; in a turn."""
         self._obey(self.lives.halt())
         self.when_idle(idle)
 
     def secure(self, secured: Secured, begins: Callable[[], None], *, patience: float = 60.0) -> None:
-        """Cancel what is live, run no more, and run the safe action when nothing lives.
+        """Cancel all lives, start no more, and run the safe action when none is left.
 
         Args:
             secured: Called when it has ended, in a turn behind all that was decided before: with None, or with how it
                 failed. It is then told to run once more, or else `give_up` is called: until then nothing is idle here.
             begins: Called when it begins.
-            patience: Seconds after which whatever still lives is abandoned.
+            patience: Seconds after which lives that have not ended are abandoned.
         """
         self._secured, self._secures = secured, begins
         self._obey(self.lives.secure())
@@ -296,7 +296,7 @@ class ActionLayer(Layer):
         self._settle()
 
     def end_functions(self) -> None:
-        """Cancel what is live, but for ensembles and the safe action."""
+        """Cancel all lives but those of ensembles and the safe action."""
         self._obey(self.lives.cancel_all(but=lambda life: life.binding.ensemble is not None))
 
     def when_idle(self, idle: Callable[[], None]) -> None:
@@ -305,7 +305,7 @@ class ActionLayer(Layer):
         self._settle()
 
     def _settle(self) -> None:
-        """Begin what has waited and may begin now; where nothing lives or waits, tell those who wait for that."""
+        """Begin the pending life if it may begin now; where none lives or is pending, call the idle callbacks."""
         lives = self.lives
         if lives.calling:  # an action's own function has brought this about: it comes to its end first
             return
@@ -326,7 +326,7 @@ class ActionLayer(Layer):
                 tell()
 
     def _obey(self, orders: Orders[_Run]) -> None:
-        """Carry out what the state machine orders."""
+        """Carry out the state machine's orders."""
         for order, life in orders:
             if order is Order.BEGIN:
                 self._begin_life(life)
@@ -401,15 +401,15 @@ class ActionLayer(Layer):
         self.lives.calling = False
         self._end_life(life, "failed", describe(error))
         if isinstance(error, LEAVING):
-            self.fail(error)  # which ends the runtime; those who had this action begin go on with what they do
+            self.fail(error)  # which ends the runtime; the code that decided this action goes on
         self._call_over(life)
 
     def _call_over(self, life: _Run) -> None:
-        """Do what could not be done while a function was called, of that which it has itself brought about."""
+        """Carry out the orders that a function has itself brought about, once its call is over."""
         lives = self.lives
         if life.secures:
             return
-        if not lives.open:  # it ended what decides: nothing that it has returned goes on
+        if not lives.open:  # it stopped its deciding ensemble: nothing that it has returned goes on
             self._obey(lives.cancel(life, "preempted"))
         if not lives.open or lives.pending is not None:
             self._settle()
@@ -420,7 +420,7 @@ class ActionLayer(Layer):
         self._obey(self.lives.choose(life, lambda: life.binding.continues(life.action), own=own))
 
     def _replace(self, life: _Run) -> None:
-        """Tell the end of a life that another one of its group replaces, so that what they drive need not stop."""
+        """Report the end of a life that another of its group replaces, so that the device they drive need not stop."""
         self._others = True
         if life.deadline is not None:
             life.deadline.cancel()
@@ -428,7 +428,7 @@ class ActionLayer(Layer):
         life.grace = self.after(life.binding.grace, lambda: self._abandon(life))
 
     def _cancel_behind(self, life: _Run) -> None:
-        """Cancel a replaced life behind the first step of what has just begun, unless nothing may begin by then."""
+        """Cancel a replaced life behind the first step of its successor, unless nothing may begin by then."""
         assert life.work is not None
         if life.work.begun and self.lives.open:
             life.put_off = asyncio.get_running_loop().call_soon(self._cancel_now, life)
@@ -495,7 +495,7 @@ class ActionLayer(Layer):
             self._finish(life, "abandoned", f"did not end within {life.binding.grace:g} s of being cancelled")
 
     def _abandon_all(self, lives: tuple[_Run, ...]) -> None:
-        """Abandon what still lives, where its own grace has not done so, as when the layer itself has failed."""
+        """Abandon lives that their own grace has not ended, as when the layer itself has failed."""
         for life in set(lives).intersection(self.lives.living):
             if life.work is not None:
                 self._leave(life.name, life.work)
@@ -507,7 +507,7 @@ class ActionLayer(Layer):
         self._others = True
 
     def _tell_left(self, name: str) -> None:
-        """Tell the action that begins next what it runs beside."""
+        """Report the abandoned tasks that the next action runs beside."""
         running = [repr(left) for left, work in self._left.items() if not work.done]
         self._left.clear()
         self._count_others()
@@ -529,7 +529,7 @@ class ActionLayer(Layer):
         assert ensemble is not None
         if ensemble.failing:
             self._finish(life, "failed", f"ensemble {ensemble.path!r} failed")
-        elif ensemble.safety.ending:  # what is below ends before this layer has asked for it
+        elif ensemble.safety.ending:  # the ensemble below ends before this layer has asked for it
             self._finish(life, "preempted")
         else:
             self._finish(life, life.ending or "succeeded")

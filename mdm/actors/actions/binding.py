@@ -30,17 +30,17 @@ class Binding:
             and stopped). A function that takes an argument gets the `Action` message.
         timeout: Seconds after which a running life is cancelled and ends ``timed_out``.
         grace: Seconds that a cancelled task has to end before it is ``abandoned``.
-        on_repeat: What the same action chosen again does to a running task: it goes on (``continue``), or is
-            cancelled and started anew (``restart``). Take ``restart`` where what the action does depends on the state
+        on_repeat: Whether a running task goes on when its action is chosen again (``continue``), or is
+            cancelled and started anew (``restart``). Take ``restart`` where the action's goal depends on the state
             in which it was chosen, such as "go up" in the next room: a task that goes on keeps its old goal.
         resume: For an ensemble: start it from the belief that it was stopped with.
         concurrent: The action neither ends the running one nor is ended by the next.
         goes_on: With ``restart``, a plain function that is called when the same action is chosen again: whether the
-            task goes on all the same, since what it does would be no other. One that takes an argument gets the
+            task goes on all the same, since it would do the same. A function that takes an argument gets the
             `Action` message.
         group: Of tasks of the same group, such as drives to goals, the next one begins before the running one is
-            cancelled, so that what both drive need not stop in between. Any object that stands for the group.
-        then: What its end is followed by, see `Sequel`: ``decide`` again, or ``wait``, on purpose.
+            cancelled, so that the device they drive need not stop in between. Any object that stands for the group.
+        then: The sequel of its end, see `Sequel`: ``decide`` again, or ``wait``, on purpose.
         pause: Seconds before it is decided again.
         attempts: Failures in a row after which it is given up.
 
@@ -48,7 +48,7 @@ class Binding:
         plain: Whether it is a plain function.
         brief: Whether it is one that begins and ends alone, by a call.
         lasts: Whether it takes time, as far as can be told before it is called.
-        sequel: What its end is followed by.
+        sequel: What follows its end.
     """
 
     __slots__ = (
@@ -135,9 +135,9 @@ class Binding:
         return self.goes_on(action) if self._asks_action else self.goes_on()
 
     def within(self, ensemble: Ensemble) -> Binding:  # noqa: ARG002 - most do the same in all
-        """Return what it is as an action of an ensemble; by default itself.
+        """Return the binding to use as an action of an ensemble; by default itself.
 
-        One whose function has to know what its ensemble's decisions are about returns a binding of its own for each.
+        A binding with a function that depends on its ensemble's model returns a new binding for each ensemble.
         """
         return self
 

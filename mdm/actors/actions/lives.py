@@ -1,7 +1,7 @@
-"""The lives of one agent's actions, as a state machine of plain data: which live, which waits, and what may begin.
+"""The lives of one agent's actions, as a state machine of plain data: live, pending, and which may begin.
 
 Events are its methods; each returns the orders that the action layer carries out, in their order. It knows no actor, no
-clock, no task and no event loop: what carries a life out, and how long that takes, is the layer's.
+clock, no task and no event loop: how a life is carried out, and how long that takes, is the layer's.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Gate(Enum):
 
     Attributes:
         CLOSED: Nothing may.
-        OPEN: What is decided may.
+        OPEN: Decided actions may.
         SAFE: The safe action alone: it is due when nothing lives, or runs.
         FAILED: Nothing, until it is known whether the safe action, which has failed, runs once more.
     """
@@ -34,7 +34,7 @@ class Gate(Enum):
 
 
 class Order(Enum):
-    """What the action layer is to do with a life.
+    """An order to the action layer about a life.
 
     Attributes:
         BEGIN: Begin it.
@@ -52,7 +52,7 @@ class Order(Enum):
 
 
 class Kind(Protocol):
-    """What the lives of an action have in common."""
+    """The traits that all lives of an action share."""
 
     @property
     def concurrent(self) -> bool:
@@ -68,7 +68,7 @@ class Life:
 
     Args:
         name: The action's.
-        kind: What it stands for.
+        kind: The traits of its action.
         action: The decision.
         secures: Whether it is the safe action's.
 
@@ -100,9 +100,9 @@ class Lives(Generic[L]):
 
     Attributes:
         gate: Whether anything may begin.
-        barred: Whether nothing that is decided may begin although the gate is open: what lives goes on.
+        barred: Whether no decided action may begin although the gate is open; running lives go on.
         delegated: Whether other agents do all that is decided, and the safe action, too.
-        open: Whether what is decided may begin now: the gate is open, and it is neither barred nor delegated.
+        open: Whether a decided action may begin now: the gate is open, and it is neither barred nor delegated.
         calling: Whether the function of a life is being called, so that nothing else may begin.
         current: The life that the next decision replaces.
         pending: The one that begins when that has ended.
@@ -140,7 +140,7 @@ class Lives(Generic[L]):
 
     @property
     def quiet(self) -> bool:
-        """Whether nothing lives, and nothing is about to begin but what is decided from now on."""
+        """Whether nothing lives or is pending, and the safe action is not due."""
         waits = self.pending is not None or self.gate in {Gate.SAFE, Gate.FAILED}
         return not (waits or self.current is not None or self.beside or self.replaced)
 
@@ -152,11 +152,11 @@ class Lives(Generic[L]):
         self._set(Gate.CLOSED)
 
     def admit(self) -> None:
-        """Let begin what is decided."""
+        """Open the gate to decided actions."""
         self._set(Gate.OPEN)
 
     def bar(self, *, barred: bool) -> None:
-        """Let nothing begin that is decided, or let it again; what lives goes on, and the safe action runs when due."""
+        """Bar decided actions, or admit them again; running lives go on, and the safe action runs when due."""
         self.barred = barred
         if barred:
             self.pending = None
@@ -168,14 +168,14 @@ class Lives(Generic[L]):
         self._set(self.gate)
 
     def latch(self) -> Orders[L]:
-        """Let nothing begin that was or is decided; what lives goes on, but for what was replaced."""
+        """Let no decided action begin, and discard the pending life; running lives go on, but for replaced ones."""
         if self.gate is Gate.OPEN:
             self._set(Gate.CLOSED)
         self.pending = None
         return tuple([(Order.CANCEL_NOW, life) for life in self.replaced])
 
     def halt(self) -> Orders[L]:
-        """Let nothing begin that was or is decided, and end what lives, but for the safe action."""
+        """As `latch`, and cancel all lives but the safe action's."""
         return (*self.latch(), *self.cancel_all())
 
     def secure(self) -> Orders[L]:
@@ -203,13 +203,13 @@ class Lives(Generic[L]):
     # -- Choosing ------------------------------------------------------------------------------------------------
 
     def choose(self, life: L, goes_on: Callable[[], bool], *, own: bool) -> Orders[L]:
-        """An action was decided, while what is decided may begin.
+        """An action was decided, while decided actions may begin.
 
         Args:
             life: The one that it would begin.
             goes_on: Asked where the same action lives already: whether that life goes on in its place.
             own: Whether the current life's own task has brought the decision about, as by an event that it raises. It
-                is then about to end, and what was decided is to do it once more, not to go on.
+                is then about to end, and the decision is to begin it once more, not to go on.
         """
         current = self.current
         if life.kind.concurrent:
@@ -264,7 +264,7 @@ class Lives(Generic[L]):
         return tuple([order for life in ending for order in self.cancel(life, "preempted")])
 
     def end(self, life: L) -> bool:
-        """A life has ended; return whether it was one: what was abandoned may end all the same."""
+        """A life has ended; return whether it was live: an abandoned one may end all the same."""
         if life in self.replaced:
             self.replaced.remove(life)
         elif self.current is life:
@@ -281,7 +281,7 @@ class Lives(Generic[L]):
         return self.gate is Gate.SAFE and not (self.calling or self.living)
 
     def next(self) -> L | None:
-        """Return what waited and may begin now, if any; it waits no more."""
+        """Return the pending life if it may begin now; it is pending no more."""
         life = self.pending
         if self.calling or life is None or self.current is not None or not self._is_free_for(life):
             return None

@@ -1,6 +1,6 @@
-"""What an action's end is followed by: declared by its binding, counted by plain data.
+"""The sequel of an action's end: declared by its binding, counted by plain data.
 
-No actor, no clock and no event loop is known here: ends are handed in, and what is due is returned.
+No actor, no clock and no event loop is known here: ends are handed in, and the due sequel is returned.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class SequelOptions(TypedDict, total=False):
 
 
 class Sequel:
-    """What a binding declares of its action's end.
+    """A binding's declaration of how its action's end is followed.
 
     Args:
         then: ``decide``: where nothing else is decided within the pause, decide again on the same state or belief.
@@ -38,7 +38,7 @@ class Sequel:
             depends on that, the ensemble goes safe. None by default: there are always more.
 
     Raises:
-        ConfigError: If an option is not what it may be.
+        ConfigError: If an option has a value that is not allowed.
     """
 
     __slots__ = ("attempts", "pause", "then")
@@ -60,7 +60,7 @@ class Sequel:
 
 
 class Due(NamedTuple):
-    """What is due after an action's end.
+    """The sequel that is due after an action's end.
 
     Attributes:
         pause: Seconds after which to decide again, or None.
@@ -72,7 +72,7 @@ class Due(NamedTuple):
 
 
 class Tries:
-    """Counts how often the same action has failed in a row, and says what follows each end."""
+    """Counts how often the same action has failed in a row, and returns the sequel of each end."""
 
     __slots__ = ("_failures", "_name")
 
@@ -85,9 +85,9 @@ class Tries:
 
         Args:
             name: The action's.
-            sequel: What its binding declares.
+            sequel: Its binding's declaration.
             failed: Whether it failed.
-            retries: Whether failures are followed by a decision, whatever the binding says.
+            retries: Whether failures are followed by a decision, even against the binding.
         """
         if name != self._name:
             self._name, self._failures = name, 0
@@ -97,7 +97,7 @@ class Tries:
             return Due(sequel.pause if again else None)
         self._failures += 1
         if sequel.attempts is not None and self._failures >= sequel.attempts:
-            self._failures = 0  # whatever begins it again gives it as many anew
+            self._failures = 0  # once begun again it has as many anew
             return Due(gave_up=True)
         if not (again or retries):
             return Due()

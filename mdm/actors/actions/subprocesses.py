@@ -33,7 +33,7 @@ async def run_subprocess(
     """Run a program and wait for its end, for use in an action; cancelled, the program ends before this does.
 
     The program leads a process group (and session) of its own. When it ends, or the action is cancelled, SIGTERM goes
-    to all that is left in that group, and SIGKILL to what has not ended `grace` seconds later; this returns when
+    to all that is left in that group, and SIGKILL to those that have not ended `grace` seconds later; this returns when
     nothing of it lives. A second cancellation sends SIGKILL at once. Processes that leave the group, as daemons do, are
     not ended. Standard output and error are the caller's, standard input is empty.
 
@@ -78,7 +78,7 @@ def _begin(
     if not hasattr(os, "killpg"):
         raise Error("subprocesses of actions need process groups, which this operating system has not")
     try:
-        return subprocess.Popen(  # noqa: S603 - what to run is the caller's affair
+        return subprocess.Popen(  # noqa: S603 - the caller chooses the command
             command, stdin=subprocess.DEVNULL, cwd=cwd, env=env, start_new_session=True
         )
     except (OSError, TypeError, ValueError, subprocess.SubprocessError) as error:

@@ -1,1 +1,1 @@
-"""Safety and liveness: the modes of an ensemble, and what carries them out."""
+"""Safety and liveness: the modes of an ensemble, and the layers' part in them."""

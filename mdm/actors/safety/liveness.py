@@ -1,7 +1,8 @@
 """Liveness: an ensemble that decides has a live action, or waits for something that it names, or is idle and says so.
 
 Nothing of it is on the way from an input to an action: an ensemble is looked at when an action that takes time has
-ended, behind all that this brings about. One that should decide and does not know its state says what it waits for.
+ended, behind all that this brings about. One that should decide and does not know its
+state reports the input that it waits for.
 """
 
 from __future__ import annotations
@@ -31,15 +32,15 @@ _PATIENCE = 1.0
 
 
 class Waiting:
-    """Reports what an ensemble waits for, a second after it began to wait, and again when that changes.
+    """Reports the input that an ensemble waits for, a second after it began to wait, and again when that changes.
 
     It listens while the ensemble waits, and not otherwise, so that a decision costs nothing for it.
 
     Args:
-        ensemble: Whose.
+        ensemble: The ensemble.
 
     Attributes:
-        names: What it waits for now; empty where it waits for nothing.
+        names: The input that it waits for now; empty where it waits for nothing.
     """
 
     def __init__(self, ensemble: Ensemble) -> None:
@@ -122,11 +123,11 @@ class Liveness:
     """Decides again where that is declared, and notices an ensemble that has nothing to do.
 
     Args:
-        ensemble: Whose.
+        ensemble: The ensemble.
         options: See `SafetyOptions`.
 
     Attributes:
-        retries: Whether failed actions are followed by a decision, whatever their bindings say.
+        retries: Whether failed actions are followed by a decision, even against their bindings.
         since: Nanoseconds since when the ensemble is idle; None where it is not.
     """
 
@@ -162,7 +163,7 @@ class Liveness:
 
     @property
     def waiting(self) -> tuple[str, ...]:
-        """What it waits for before it decides again, in words."""
+        """The pause or the holds that it waits for before it decides again, in words."""
         if self._again is not None:
             return (self._why,)
         if not self._rests or self.since is not None:
@@ -198,7 +199,7 @@ class Liveness:
         names += [name for factor in observed for name in factor.events if name is not None]
         return used if declared is None else used.union(*map(declared.inputs_of, names))
 
-    # -- What is noticed -----------------------------------------------------------------------------------------
+    # -- Ends and retries -----------------------------------------------------------------------------------------
 
     @property
     def counts(self) -> bool:
@@ -214,7 +215,7 @@ class Liveness:
     def ended(self, name: str, binding: Binding, status: ActionStatus, lasted: bool, text: str) -> bool:
         """Take the end of an action, which took time or not; return whether it is given up for now."""
         ensemble, safety, due = self._ensemble, self._ensemble.safety, Due()
-        # What a plain function has set stands.
+        # A plain function's effect stands.
         stands = not (lasted or binding.sequel.counts or self.counts) and status == "succeeded"
         if stands or not safety.deciding:
             return False
@@ -302,7 +303,7 @@ class Liveness:
             and not ensemble.action.busy
             and not control.blind
             and not control.asks
-            and (control.acted is None or self._end is not None)  # else what it has set stands
+            and (control.acted is None or self._end is not None)  # else its effect stands
         )
 
     def _holding(self) -> dict[str, int]:

@@ -20,15 +20,15 @@ __all__ = ["AT_INPUT", "AT_KNOWN", "AT_STIMULUS", "WAYS_BACK", "Modes", "Order",
 
 
 class Order(Enum):
-    """What the ensemble is to do.
+    """An order to the ensemble.
 
     Attributes:
-        ADMIT: Run what is decided from now on.
-        HALT: Cancel what lives, start nothing more, and tell when nothing lives.
-        SECURE: Cancel what lives, start nothing that was or is decided, and run the safe action when nothing lives.
+        ADMIT: Run the actions decided from now on.
+        HALT: Cancel all lives, start no more, and notify when none is left.
+        SECURE: Cancel all lives, start no decided action, and run the safe action when none is left.
         RESUME: Decide again, after a safe mode.
-        IDLE: Tell those who wait for the end: the ensemble is stopped, and its safe action has ended.
-        EMERGENCY: Call what is left to do where the safe action has failed twice.
+        IDLE: Notify the callers that wait for the end: the ensemble is stopped, and its safe action has ended.
+        EMERGENCY: Call the last resort, since the safe action has failed twice.
     """
 
     ADMIT = "admit"
@@ -66,7 +66,7 @@ class Try(Enum):
         NONE: It is not due.
         FIRST: It is due or runs.
         SECOND: It has failed, and is due once more or runs again.
-        OWED: It has failed, and runs again when what is below has ended.
+        OWED: It has failed, and runs again when the ensembles below have ended.
     """
 
     NONE = 0
@@ -91,7 +91,7 @@ WAYS_BACK: Final = {
     "failure": "restart",
     "end": "never",
 }
-"""What opens the way back from each cause, but for a person's `release`, which failures and the end do not heed."""
+"""The way back from each cause, but for a person's `release`, which failures and the end do not heed."""
 
 AT_STIMULUS: Final = frozenset(cause for cause, way in WAYS_BACK.items() if way == "stimulus")
 """Causes that are gone with the next stimulus, on which the ensemble then decides."""
@@ -114,13 +114,13 @@ class Modes:
 
     Args:
         time: When it begins.
-        held: Causes that have outlasted what was before.
+        held: Causes that have outlasted the life before.
 
     Attributes:
         mode: The present one.
         since: When it began.
-        causes: Why it is safe, by kind; each with its words and since when it holds. What only a release ends outlasts
-            a stop.
+        causes: Why it is safe, by kind; each with its words and since when it holds. A cause that only a release ends
+            outlasts a stop.
         stage: How far its life has come.
         safe_action: How the safe action stands.
     """
@@ -168,7 +168,7 @@ class Modes:
     # -- Stages --------------------------------------------------------------------------------------------------
 
     def open(self, time: int) -> None:
-        """A life begins, stopped: of the one before stays what a restart does not mend."""
+        """A life begins, stopped: it keeps the causes that a restart does not mend."""
         held = self.held if "failure" in self.causes else ()
         self._leaving, self.safe_action = False, Try.NONE
         self.causes = {cause.kind: cause for cause in held}
@@ -176,19 +176,19 @@ class Modes:
         self._enter("stopped", time)
 
     def latch(self) -> None:
-        """An ensemble above ends: nothing starts any more; what lives has an end of its own."""
+        """An ensemble above ends: nothing starts any more; running lives end on their own."""
         if self.stage is Stage.OPEN:
             self.stage = Stage.LATCHED
 
     def end_below(self) -> bool:
-        """The end begins with what is below; return whether it had not begun."""
+        """The end begins with the ensembles below; return whether it had not begun."""
         begins = self.stage in {Stage.OPEN, Stage.LATCHED}
         if begins:
             self.stage = Stage.BELOW
         return begins
 
     def end_here(self) -> None:
-        """What is below has ended: a safe action that ran before, for another cause, is not the last word."""
+        """The ensembles below have ended: a safe action that ran before, for another cause, is not the last word."""
         self.stage = Stage.LAST
 
     def finish(self) -> bool:
@@ -220,7 +220,7 @@ class Modes:
     def stop(self, time: int) -> Orders:
         """The ensemble is to decide no more; a safe action that is due or runs comes to its end first.
 
-        What ends with those below it is made safe all the same.
+        An ensemble that ends with those below it is made safe all the same.
         """
         if self.stage is Stage.BELOW:
             return ()
@@ -272,13 +272,13 @@ class Modes:
         Args:
             failure: How it failed, or None.
             time: When.
-            early: Whether it began before what it is to have the last word over had ended: as the last word of an end,
-                it runs once more.
+            early: Whether it began before the lives and ensembles below had ended: as the last word of an end, it
+                runs once more.
         """
         if not self.securing:
             return ()
         if failure is not None and self.safe_action is Try.FIRST:
-            if self.stage is Stage.BELOW:  # not beside the safe actions of what ends there
+            if self.stage is Stage.BELOW:  # not beside the safe actions of the ensembles there
                 self.safe_action = Try.OWED
                 return ()
             self.safe_action = Try.SECOND
@@ -318,4 +318,4 @@ class Modes:
         if self.causes:
             return ()
         self._enter("deciding", time)
-        return (Order.RESUME,) if self.stage is Stage.OPEN else ()  # what ends is made safe anew, by its end
+        return (Order.RESUME,) if self.stage is Stage.OPEN else ()  # at its end it is made safe anew

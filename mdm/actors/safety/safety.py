@@ -1,6 +1,6 @@
-"""Safety: carries out what the modes of an ensemble order, and tells of it.
+"""Safety: carries out the orders of an ensemble's modes, and reports them.
 
-It notices what the layers report, asks the state machine of `mdm.actors.safety.modes`, and obeys: the latch, the safe
+It receives the layers' reports, asks the state machine of `mdm.actors.safety.modes`, and obeys: the latch, the safe
 action, the way back. All of it happens in the very call that notices a cause.
 """
 
@@ -33,15 +33,15 @@ _OPTIONS = {"stale_input": "on_lost_input", "unknown_input": "on_unknown"}
 
 
 class Safety:
-    """The modes of one ensemble, and what they mean for its layers.
+    """The modes of one ensemble, carried out on its layers.
 
     Args:
-        ensemble: Whose.
+        ensemble: The ensemble.
         options: See `SafetyOptions`.
 
     Attributes:
         modes: The state machine.
-        waiting: Tells what an ensemble waits for that cannot decide.
+        waiting: Reports the input that an ensemble which cannot decide waits for.
         runs: How often the safe action was begun, or begun anew.
     """
 
@@ -77,7 +77,7 @@ class Safety:
         return self._has_safe_action and given in {None, "safe"}
 
     def _lost_reaction(self, given: LostTeammate | None) -> LostTeammate | None:
-        """What a lost teammate means; None where nothing was said."""
+        """The reaction to a lost teammate; None where none was given."""
         if given is not None and given not in get_args(LostTeammate):
             raise ConfigError(
                 f"on_lost_teammate is 'continue', 'hold' or 'safe_action', not {given!r}", key="on_lost_teammate"
@@ -96,7 +96,7 @@ class Safety:
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Begin a life of the ensemble: stopped, with nothing from the one before but what a restart does not mend."""
+        """Begin a life of the ensemble: stopped; it keeps only the causes that a restart does not mend."""
         ensemble = self._ensemble
         now = ensemble.runtime.clock.now()
         self.modes.open(now)
@@ -166,20 +166,20 @@ class Safety:
             if not ensemble.awaited:
                 text = f"was not started: ensemble {above.path!r} above it is safe or ends"
                 ensemble.report("control", text, time=time)
-            if self.modes.mode == "stopped":  # else those who wait for it hear of it when its safe mode is over
+            if self.modes.mode == "stopped":  # else its idle callbacks are called when its safe mode is over
                 ensemble.action.when_idle(ensemble.became_idle)
         elif not ensemble.runtime.ending:
             self._obey(self.modes.start(time), time)
 
     def stop(self, time: int) -> None:
-        """Decide no more; what ends by now is made safe all the same."""
+        """Decide no more; an ensemble that is ending already is made safe all the same."""
         self._obey(self.modes.stop(time), time)
 
     def release(self, time: int) -> None:
         """Take a person's word that nothing holds any more."""
         self._obey(self.modes.release(time), time)
 
-    # -- What the layers notice ----------------------------------------------------------------------------------
+    # -- Reports of the layers ----------------------------------------------------------------------------------
 
     def alarm(self, fault: Fault) -> bool:
         """Report a fault; where there is a safe action, go safe at once.
@@ -350,7 +350,7 @@ class Safety:
             detail: In words.
             ended: Called when it is done.
         """
-        if self.modes.stage in {Stage.CLOSED, Stage.OVER}:  # closed, where what is above ends in its own start
+        if self.modes.stage in {Stage.CLOSED, Stage.OVER}:  # closed, where the ensemble above ends in its own start
             ended()
             return
         self._ended.append(ended)
@@ -371,7 +371,7 @@ class Safety:
         one()
 
     def _end_below(self, kind: str, detail: str, ended: Callable[[], None]) -> None:
-        """Make safe what decides below at once, and then what has stopped there; call back for each."""
+        """Make the deciding ensembles below safe at once, and then the stopped ones; call back for each."""
         family = [child.safety for child in self._ensemble.subensembles]
         stopped = [safety for safety in family if safety.was_left]
         for safety in family:
@@ -383,7 +383,7 @@ class Safety:
                 stopped.pop().end(kind, detail, ended)
 
         self._end_stopped = end_stopped
-        if stopped:  # their safe actions would run beside what still lives here
+        if stopped:  # their safe actions would run beside lives that go on here
             self._ensemble.action.when_idle(end_stopped)
             self._ensemble.after(self._ensemble.settling, end_stopped)
 
@@ -428,16 +428,16 @@ class Safety:
             tell()
 
     def stop_alone(self) -> None:
-        """Stop what was started by hand, here and below; what an action has started, the end of that action stops."""
+        """Stop ensembles started by hand, here and below; one that an action has started stops at that action's end."""
         for below in self._ensemble.subensembles:
             below.safety.stop_alone()
         if self.modes.mode != "stopped" and not self.modes.ending and not self._ensemble.awaited:
             self._ensemble.interrupt()
 
     def latch(self) -> None:
-        """Let nothing more that was or is decided start, and end what lives here; what is below has its own end.
+        """Start no decided action any more, and end the lives here; the ensembles below end on their own.
 
-        It stays so: what it is below of ends, and it ends with that.
+        It stays latched: the ensemble above ends, and it ends with that one.
         """
         self.modes.latch()
         self._ensemble.control.source.latch()

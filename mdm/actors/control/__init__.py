@@ -1,1 +1,1 @@
-"""Control: a controller with a drive, what it plans with, and what it publishes."""
+"""Control: a controller with a drive, its planner, and its output."""

@@ -67,7 +67,7 @@ _OWN = ("drive", "on_no_observation", "deadline")
 
 
 class ControlStatistics(ActorStatistics, frozen=True):
-    """What a control layer has decided: actions published, observations that were impossible or superseded.
+    """Counts of a control layer: actions published, observations that were impossible or superseded.
 
     ``undecided`` counts ticks without a known state, ``missed`` those that the event loop came too late for.
     ``latency`` is from stimulus to decision, and after missed ticks once more from the first of them.
@@ -82,7 +82,7 @@ class ControlStatistics(ActorStatistics, frozen=True):
 
 
 class ControlLayer(Layer):
-    """Drives a `Controller`: tells it what is seen or observed, and publishes what it decides.
+    """Drives a `Controller`: hands it states and observations, and publishes its decisions.
 
     Reads ``state``, ``observation``, ``external_belief``, ``initial_belief`` and ``control``; publishes ``action``,
     ``reward`` and ``belief`` under its ensemble's name, and a `Decision` on the runtime's ``decisions``.
@@ -98,16 +98,16 @@ class ControlLayer(Layer):
 
     Attributes:
         guard: Receives its alarms; None where it stands alone.
-        source: Who says what it decides on: its ensemble's channels, or a team.
+        source: The source of its input: its ensemble's channels, or a team.
         running: Whether it decides.
         state: The last state that it was told; None where none is known.
         alarms: How often it has told of something that endangers the ensemble.
-        controller: What decides.
-        output: What publishes it.
-        planner: Who searches, where the policy's answer comes later; else None.
+        controller: The controller that decides.
+        output: Publishes its decisions.
+        planner: Searches for an answer, where the policy's comes later; else None.
     """
 
-    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
     __slots__ = (
         "_acts",
         "_last_epoch",
@@ -215,7 +215,7 @@ class ControlLayer(Layer):
         channel = self.owner.channel
         self._now = self.runtime.clock.reader()
         self.output.open(self)
-        # What a handler of its own does last; a team has more to do behind it.
+        # Publishing is the last thing that its own handlers do; a team has more to do behind it.
         shared = self.source.shared
         self._tell = self.output.publish if shared else self.output.publish_last
         self._acts = self.takes_states and not shared and self.planner is None
@@ -302,7 +302,7 @@ class ControlLayer(Layer):
             self.guard.reopen(kinds, time)
 
     def begin_episode(self, *, keep: bool = False) -> None:
-        """Start an episode; what was asked in the one before decides nothing in it."""
+        """Start an episode; a question open from the one before decides nothing in it."""
         self._open = None
         self._observation = None
         self._last_observation = None
@@ -314,7 +314,7 @@ class ControlLayer(Layer):
     def on_state(self, state: State) -> None:
         """Decide on a state, where events make decisions; else keep it for the next tick."""
         # Hot path, as all that a state leads to up to the action's message.
-        told: Any = state  # whoever publishes states may count them by numpy's integers
+        told: Any = state  # publishers may count states by numpy's integers
         given = told.index
         index: int | None = given if given.__class__ is int or given is None else operator.index(given)
         self.state = index
@@ -390,7 +390,7 @@ class ControlLayer(Layer):
             elif self._no_observation != "predict":
                 symbol = self._no_observation
             symbol = self.advance(symbol, tick.time)
-            if self.source.held:  # by now, for what was observed is impossible
+            if self.source.held:  # by now, for the observation is impossible
                 return
         if self.takes_states and self.state is None:
             self.undecided += 1
@@ -428,8 +428,8 @@ class ControlLayer(Layer):
 
     @staticmethod
     def symbol(observation: Observation) -> Observed:
-        """Return what was observed: its index, or its components where one is missing."""
-        told: Any = observation  # whose index may be one of numpy's integers
+        """Return the observed symbol: its index, or its components where one is missing."""
+        told: Any = observation  # its index may be one of numpy's integers
         index = told.index
         if index is None:
             return observation.values
@@ -439,10 +439,10 @@ class ControlLayer(Layer):
     # -- Decisions -----------------------------------------------------------------------------------------------
 
     def advance(self, observation: Observed, time: int) -> Observed:
-        """Tell the controller what was observed; report what is no observation, or an impossible one.
+        """Hand the controller an observation; report one that is invalid or impossible.
 
         Returns:
-            What was taken in; None where nothing was.
+            The observation that the controller has taken in; None where none was.
         """
         controller = self.controller
         if controller.given:
@@ -462,7 +462,7 @@ class ControlLayer(Layer):
         return observation
 
     def _alarm(self, fault: Fault) -> bool:
-        """Report what endangers the ensemble; return whether that makes it safe."""
+        """Report a fault that endangers the ensemble; return whether that makes it safe."""
         self.alarms += 1
         if self.guard is not None and not self.source.catching_up:
             return self.guard.alarm(fault)
@@ -477,12 +477,12 @@ class ControlLayer(Layer):
         *,
         tell: Callable[[Step, int, str, Observed, int | None], None] | None = None,
     ) -> None:
-        """Let the controller choose on what is known, or ask the planner, and publish what was chosen.
+        """Let the controller choose, or ask the planner, and publish the chosen action.
 
         Args:
             time: That of the stimulus.
-            cause: What kind of stimulus it is, as in `Decision`.
-            observation: What was observed.
+            cause: The kind of stimulus, as in `Decision`.
+            observation: The observation that is answered, if any.
             tell: Publishes it; by default it is not the last thing that is done.
         """
         state = self.state
@@ -520,7 +520,7 @@ class ControlLayer(Layer):
 
     def _refuses(self, step: Step, latency: int, time: int) -> bool:
         """Report a decision that comes too late; return whether it is not carried out."""
-        if not self.source.shared:  # what was done before is still what is done
+        if not self.source.shared:  # the action published before goes on
             self.controller.last_action = self.output.acted
         if self._late(latency, time) and not self.source.shared:
             return True
@@ -528,12 +528,12 @@ class ControlLayer(Layer):
         return False
 
     def _late(self, latency: int, time: int) -> bool:
-        """Report a missed deadline; return whether the ensemble is safe in place of doing what was decided."""
+        """Report a missed deadline; return whether the ensemble is safe in place of the decided action."""
         text = f"a decision came {latency / 1e6:.3f} ms after its stimulus; the deadline is {self.deadline} s"
         return self._alarm(Fault(time, self.path, "deadline", text))
 
     def statistics(self) -> ControlStatistics:
-        """Return what the layer has decided so far."""
+        """Return the layer's counts so far."""
         return ControlStatistics(
             **msgspec.structs.asdict(super().statistics()),
             decisions=self.decisions,

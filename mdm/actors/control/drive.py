@@ -52,7 +52,7 @@ def drive_of(given: Drive | float | str | None) -> Drive:
 
 
 def unobserved(given: str, space: Space | None) -> int | Literal["predict", "repeat"]:
-    """Return what a tick without a new observation means: itself, or the index of the observation that it names.
+    """Return the meaning of a tick without a new observation: itself, or the index of the observation that it names.
 
     Raises:
         ConfigError: If it is nothing of these.

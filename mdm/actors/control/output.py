@@ -1,4 +1,4 @@
-"""Output: what is decided becomes messages, the action first."""
+"""Output: decisions become messages, the action first."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ Observed = int | tuple[int | None, ...] | None
 
 
 def _ignore(_: Action) -> None:
-    """Do nothing of what is decided."""
+    """Discard a decided action."""
 
 
 class Output:
     """Publishes decisions: ``action``, ``reward`` and ``belief`` of an ensemble, and `Decision` on the runtime's.
 
     Args:
-        controller: What decides.
+        controller: The controller that decides.
         deadline: Nanoseconds from stimulus to decision, or None.
         refuses: Told of a decision that comes later, by the step, the nanoseconds since its stimulus and that one's
             time; says whether it is not published.
@@ -44,7 +44,7 @@ class Output:
         overdue: Nanoseconds from the first of the ticks that were missed to the present one.
     """
 
-    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
     __slots__ = (
         "_actions",
         "_alone",
@@ -191,10 +191,10 @@ class Output:
             if belief is not None:
                 self._beliefs.emit(Belief(time, belief))
 
-    # -- For whoever leads the layer -----------------------------------------------------------------------------
+    # -- For the layer's team -----------------------------------------------------------------------------
 
     def publish_foreign(self, action: Action, belief: Vector | None) -> None:
-        """Publish what was decided elsewhere, on a belief where one is known."""
+        """Publish an action decided elsewhere, on a belief where one is known."""
         self.acted = action.index
         self._emit(action)
         if belief is not None:
@@ -211,7 +211,7 @@ class Output:
             self._emit(Action(time, max(self._controller.epoch - 1, 0), self.acted, state))
 
     def mute(self, *, muted: bool) -> None:
-        """Let no action of what is decided begin, or let it again."""
+        """Let no decided action begin, or let them begin again."""
         self._do = _ignore if muted else self._emit
         self._alone = not muted
 

@@ -40,14 +40,14 @@ _RESTART = Restart(limit=3, within=60.0, backoff=0.1)
 
 
 class PlannerStatistics(ActorStatistics, frozen=True):
-    """What a planner was asked, and who answered.
+    """Counts of a planner: questions, and their answers.
 
     Attributes:
         asked: Questions.
         searched: Those that the search answered.
         fallbacks: Those that the fallback answered.
         superseded: Those that another one came after, before they were answered.
-        late: Answers of the search that came after the deadline, or that nobody waited for any more; they are dropped.
+        late: Answers of the search that came after the deadline, or that no caller awaited any more; they are dropped.
         expansions: Leaves that were expanded for the answers, in all.
         processes: How often a process was started.
     """
@@ -66,8 +66,8 @@ class Planner(Layer):
 
     The fallback answers at once while there is no process: until the first is ready (a second or so), and where one
     has died, which is reported; it is started anew, at most three times a minute. And it answers where the search has
-    not by the deadline; what the search says later is dropped and counted. A deadline counts from the first question
-    that is open, whatever comes after it. Without a fallback questions wait for the process, a missed deadline is
+    not by the deadline; a later answer of the search is dropped and counted. A deadline counts from the first question
+    that is open, even if others come after it. Without a fallback questions wait for the process, a missed deadline is
     answered with no action, and a process that cannot be kept alive is this actor's failure. Without a deadline a
     question that is open for 5 seconds, and twice the search's own, is reported.
 
@@ -172,7 +172,7 @@ class Planner(Layer):
             self._miss()
 
     def _miss(self) -> None:
-        """Have the fallback answer what the search has not answered by its deadline, or nothing."""
+        """Have the fallback answer the open question at its deadline, or answer it with no action."""
         if self.policy.fallback is None:
             self._answer(None, "nothing")
             return
@@ -196,7 +196,7 @@ class Planner(Layer):
             )
 
     def _fall_back(self) -> None:
-        """Let the fallback answer what is open, if there is one."""
+        """Let the fallback answer the open question, if there is a fallback."""
         if self._open is not None and self.policy.fallback is not None:
             self._answer(self.policy.fallback.action(self._open.at), "fallback")
 
@@ -222,7 +222,7 @@ class Planner(Layer):
     # -- The process ---------------------------------------------------------------------------------------------
 
     async def _search(self) -> None:
-        """Keep a process at work, and hand on what it finds."""
+        """Keep a process at work, and hand on its answers."""
         budget = RestartBudget(_RESTART)
         while True:
             status = await self._serve()
@@ -258,7 +258,7 @@ class Planner(Layer):
         return status
 
     def statistics(self) -> PlannerStatistics:
-        """Return what the planner has answered so far."""
+        """Return the planner's counts so far."""
         return PlannerStatistics(
             **msgspec.structs.asdict(super().statistics()),
             asked=self._count,

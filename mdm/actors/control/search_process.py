@@ -26,7 +26,7 @@ class SearchProcess:
     """Runs a policy's search in a process of its own; it imports nothing of the program, only the library.
 
     Args:
-        policy: What is searched, and how.
+        policy: The search policy.
     """
 
     def __init__(self, policy: Deliberating) -> None:
@@ -78,7 +78,7 @@ class SearchProcess:
         self._input.write(frame(question))
 
     async def _send_when_read(self) -> None:
-        with suppress(ConnectionError):  # of which whoever waits for the answer learns
+        with suppress(ConnectionError):  # of which the caller that waits for the answer learns
             await self._input.drain()
             self._send()
 

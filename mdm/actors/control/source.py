@@ -1,7 +1,7 @@
-"""Sources: who says to a control layer what it decides on, its ensemble's own channels or a team.
+"""Sources: where a control layer's input comes from, its ensemble's own channels or a team.
 
 A layer that decides for itself stops deciding while its ensemble is safe. One of a team has a copy of a process that
-all agents decide on: it goes on deciding in safe modes, as they do, and what is decided is only not done.
+all agents decide on: it goes on deciding in safe modes, as they do, but its decisions are not carried out.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ if TYPE_CHECKING:
 __all__ = ["JointProcess", "OwnChannels", "Source", "Team"]
 
 _opened = msgspec.msgpack.Decoder(tuple[bytes, bool, int | None, int | None]).decode
-"""What a snapshot holds: that of the controller, whether it runs, the state, and the action that was published."""
+"""The parts of a snapshot: that of the controller, whether it runs, the state, and the action that was published."""
 
 CommandName = Literal["start", "stop", "reset", "resume"]
 
 
 class Team(Protocol):
-    """Receives what is asked of an ensemble that is of a team."""
+    """Receives the requests to an ensemble that is of a team."""
 
     def command(self, command: CommandName) -> None:
         """Somebody asks the ensemble for this here: it concerns the whole team."""
 
 
 class Source(Protocol):
-    """Who says to a control layer what it decides on.
+    """Where a control layer's input comes from.
 
     Attributes:
         shared: Whether other agents decide on the same.
-        catching_up: Whether what is decided now was decided by others long ago, so that nothing of it is done.
-        held: Whether what comes is decided on only when a safe mode is over.
+        catching_up: Whether it repeats decisions that others made long ago, so that none is carried out.
+        held: Whether input is decided on only when a safe mode is over.
     """
 
     shared: bool
@@ -81,12 +81,12 @@ class Source(Protocol):
 
         Args:
             time: When.
-            anew: Begin a new episode: nobody knows what the safe action has done to the state.
+            anew: Begin a new episode: the effect of the safe action on the state is unknown.
             predict: Time has passed, of which the belief does not know.
         """
 
     def decide_again(self, time: int) -> None:
-        """Decide once more on what is known: nothing was observed, so that no belief is updated by it."""
+        """Decide once more on the known input: nothing was observed, so that no belief is updated by it."""
 
     def observe_aside(self, observation: Observation) -> None:
         """An observation has come on which nothing is decided."""
@@ -110,12 +110,12 @@ class OwnChannels:
     def __init__(self, control: ControlLayer) -> None:
         self.held = False
         self._control = control
-        # Of a safe mode: whether the belief knows what is done in it, and has gone by an observation since.
+        # Of a safe mode: whether the belief knows the action done in it, and has gone by an observation since.
         self._informed = self._moved = False
         self._unanswered: tuple[str, Observed] = ("release", None)
 
     def open(self) -> None:
-        """Subscribe to what it decides on, and to commands."""
+        """Subscribe to its input, and to commands."""
         control, channel = self._control, self._control.owner.channel
         self.held = False
         if control.takes_states:
@@ -159,11 +159,11 @@ class OwnChannels:
         self._control.running = self.held = False
 
     def latch(self) -> None:
-        """Decide nothing more; what is observed in a safe mode is taken in until that is over."""
+        """Decide nothing more; observations of a safe mode are taken in until that is over."""
         self._control.running = False
 
     def go_on(self, time: int, *, anew: bool, predict: bool) -> None:
-        """Decide on what is known now."""
+        """Decide on the input known now."""
         control = self._control
         self.held, control.running = False, True
         controller = control.controller
@@ -188,7 +188,7 @@ class OwnChannels:
             control.decide(time, cause)
 
     def observe_aside(self, observation: Observation) -> None:
-        """Take an observation in while the ensemble is safe: into the belief, where that knows what is done."""
+        """Take an observation in while the ensemble is safe: into the belief, where that knows the action done."""
         if not self.held:
             return
         control = self._control
@@ -208,7 +208,7 @@ class OwnChannels:
             control.advance(None if observation is None else control.symbol(observation), tick.time)
 
     def answer_later(self, cause: str, observation: Observed) -> None:
-        """Keep what the next decision answers."""
+        """Keep the stimulus that the next decision answers."""
         self._unanswered = (cause, observation)
 
 
@@ -217,7 +217,7 @@ class JointProcess:
 
     Args:
         control: The layer.
-        team: Receives what is asked of the ensemble.
+        team: Receives the requests to the ensemble.
     """
 
     shared = True
@@ -228,7 +228,7 @@ class JointProcess:
         self.catching_up = False
         self._control = control
         self._team = team
-        self._taking = False  # what is decided now need not be said twice where it ends a safe mode
+        self._taking = False  # a decision that ends a safe mode need not be published twice
 
     def open(self) -> None:
         """Refuse beliefs from outside: the agents share theirs."""
@@ -249,7 +249,7 @@ class JointProcess:
     # -- Safe modes ----------------------------------------------------------------------------------------------
 
     def hold(self, done: int | None) -> None:
-        """Go on deciding: what the team knows must not depend on one agent's trouble."""
+        """Go on deciding: the team's knowledge must not depend on one agent's trouble."""
 
     def let_go(self) -> None:
         """Go on deciding, as `hold` does."""
@@ -258,16 +258,16 @@ class JointProcess:
         """Go on deciding, as `hold` does."""
 
     def go_on(self, time: int, *, anew: bool, predict: bool) -> None:  # noqa: ARG002 - nothing was missed
-        """Do what is decided by now, unless that is about to be published."""
+        """Publish the team's last decision, unless it is about to be published."""
         if not self._taking:
             self.repeat(time)
 
     def decide_again(self, time: int) -> None:
-        """Do once more what the team has decided."""
+        """Publish the team's last decision once more."""
         self.repeat(time)
 
     def observe_aside(self, observation: Observation) -> None:
-        """Do nothing: what is not decided on is not observed."""
+        """Do nothing: only observations that are decided on are taken in."""
 
     def tick_aside(self, tick: Tick) -> None:
         """Do nothing: a team has ticks of its own."""
@@ -275,7 +275,7 @@ class JointProcess:
     def answer_later(self, cause: str, observation: Observed) -> None:
         """Do nothing: it was decided on."""
 
-    # -- What the team says --------------------------------------------------------------------------------------
+    # -- Messages of the team ------------------------------------------------------------------------------------
 
     def take(self, message: Control | State | Observation) -> None:
         """Decide on a message now, in this call, as if it had come on its channel."""
@@ -294,7 +294,7 @@ class JointProcess:
         self._taking = False
 
     def carry_out(self, action: Action, belief: Vector | None = None) -> None:
-        """Publish what was decided elsewhere, as if it had been decided here; on a belief, where one is known."""
+        """Publish an action decided elsewhere, as if it had been decided here; on a belief, where one is known."""
         control = self._control
         self._taking = True
         control.running = True
@@ -303,7 +303,7 @@ class JointProcess:
         self._taking = False
 
     def announce(self, step: Step, time: int, cause: str, observation: Observed = None) -> None:
-        """Publish what the team has had the layer's controller decide, as if it had come of an input here."""
+        """Publish a decision that the team has had the layer's controller make, as if it answered an input here."""
         control = self._control
         alarms = control.alarms
         self._taking = True
@@ -319,7 +319,7 @@ class JointProcess:
             control.output.repeat(time, control.state)
 
     def catch_up(self, time: int, *, over: bool) -> None:
-        """Decide what others have decided long ago, of which nothing is done; when that is over, do what is done now.
+        """Repeat decisions made long ago without carrying them out; when that is over, carry out the present one.
 
         Args:
             time: When.
@@ -336,7 +336,7 @@ class JointProcess:
     # -- Snapshots -----------------------------------------------------------------------------------------------
 
     def snapshot(self) -> bytes:
-        """Return what it takes to go on from here at another agent."""
+        """Return a snapshot, from which another agent can go on."""
         control = self._control
         held: Any = [control.controller.snapshot(), control.running, control.state, control.output.acted]
         return msgspec.msgpack.encode(held)

@@ -25,9 +25,9 @@ class StateFactor:
         predicates: A list in the order of the factor's values, or a mapping from the model's symbols, by name or by
             index; names without a model stand in the mapping's order. One predicate makes two values: 0 where it is
             false and 1 where it is true; in a mapping, the symbol that it is given for and the other one.
-        on_violation: What to do where none or several of k are true: take the ``first`` that is (where none is, as
+        on_violation: The value where none or several of k are true: take the ``first`` that is (where none is, as
             ``hold``), ``hold`` the last value, or ``error``. By default ``first`` for several and ``hold`` for none.
-        owner: In a team, the agent whose sensors tell it; by default the one of the factor's name.
+        owner: In a team, the agent with the sensors that tell it; by default the one of the factor's name.
 
     Example:
         >>> StateFactor("person", {"yes": "PersonIsWaiting"})
@@ -90,7 +90,7 @@ class StateFactor:
         return {predicate: place == value for place, predicate in enumerate(self.predicates)}
 
     def wires(self) -> tuple[Wire, ...]:
-        """Return what stands for each of its values, in their order."""
+        """Return the wire of each of its values, in their order."""
         sources = self.predicates
         symbols = range(self.size) if self.symbols is None else self.symbols
         if len(self.predicates) == 1:
@@ -112,7 +112,7 @@ class ObservationFactor:
             declared; of a mapping it is a symbol, which then needs no event.
         hold: Keep the last symbol where no event is new. Without ``idle`` and ``hold`` the component is missing, and
             the belief update sums over it.
-        owner: In a team, the agent whose sensors tell it; by default the one of the factor's name.
+        owner: In a team, the agent with the sensors that tell it; by default the one of the factor's name.
 
     Example:
         >>> ObservationFactor("camera", {"closed": "SawClosed", "open": "SawOpen"}, idle="nothing")

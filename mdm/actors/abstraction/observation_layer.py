@@ -32,11 +32,11 @@ class ObservationLayer(Layer):
     Args:
         factors: By name where the model names its factors or agents, else in the model's order, first the most
             significant.
-        predicates: The predicate manager, whose events these are.
+        predicates: The predicate manager of these events.
         space: The model's observation space, to arrange the factors by and to check them against.
     """
 
-    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
     __slots__ = (
         "_known",
         "_published",
@@ -78,7 +78,7 @@ class ObservationLayer(Layer):
         return event is not None and self.predicates.declared.knows(event) == "event"
 
     def wires(self) -> tuple[Wire, ...]:
-        """Return what stands for each symbol of each factor."""
+        """Return the wire of each symbol of each factor."""
         return tuple(
             Wire(
                 factor.name,
@@ -91,7 +91,7 @@ class ObservationLayer(Layer):
         )
 
     def problems(self) -> Iterator[ConfigError]:
-        """Yield what is wrong with the factors: against the events declared, each other, and the model."""
+        """Yield the faults of the factors: against the events declared, each other, and the model."""
         owners: dict[str, str] = {}
         for factor in self.own:
             key = f"{self.key}.{factor.name}"
@@ -136,7 +136,7 @@ class ObservationLayer(Layer):
         self.subscribe(self.predicates.events, self._update, topics=self._places)
 
     def _update(self, update: EventUpdate) -> None:
-        # Hot path: what events mean is looked up, unless it depends on those before, or must be reported.
+        # Hot path: the meaning of events is looked up, unless it depends on those before, or must be reported.
         known = self._known.get(update.events)
         if known is not None:
             self._published.emit_last(Observation(update.time, *known))

@@ -21,7 +21,7 @@ __all__ = ["StateLayer"]
 
 
 class _Value:
-    """What is known of a factor: the truth of its predicates, as bit masks."""
+    """The known part of a factor: the truth of its predicates, as bit masks."""
 
     __slots__ = ("binary", "factor", "negative", "position", "positive", "stride", "true", "unknown", "violated")
 
@@ -41,7 +41,7 @@ class StateLayer(Layer):
     """Publishes the joint `State` on ``state`` whenever it changes, once every factor is known.
 
     When a known factor becomes unknown (a sensor's value grew too old), a state without an index says so. A layer that
-    covers an agent's own factors alone publishes on ``own_state`` what is known of these, whenever that changes.
+    covers an agent's own factors alone publishes on ``own_state`` the known values of these, whenever one changes.
 
     Args:
         factors: All of the model's factors or some; by name where the model names them, else in the model's order,
@@ -50,7 +50,7 @@ class StateLayer(Layer):
         space: The model's state space, to arrange the factors by and to check them against.
     """
 
-    # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
+    # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
     __slots__ = (
         "_digits",
         "_index",
@@ -96,7 +96,7 @@ class StateLayer(Layer):
         self.own = tuple(factor for factor in self.factors if factor.name in self._covers)
 
     def wires(self) -> tuple[Wire, ...]:
-        """Return what stands for each value of each factor."""
+        """Return the wire of each value of each factor."""
         return tuple(wire for factor in self.factors for wire in factor.wires())
 
     def inputs(self) -> frozenset[str]:
@@ -105,7 +105,7 @@ class StateLayer(Layer):
         return frozenset(found for name in names for found in self.predicates.declared.inputs_of(name))
 
     def unknown(self) -> tuple[str, ...]:
-        """Return the predicates that keep the state unknown, sorted: of derived ones, what they are unknown by."""
+        """Return the predicates that keep the state unknown, sorted: of derived ones, the inputs that make them so."""
         values = self.predicates.values()
         names: set[str] = set()
         others: set[str] = set()
@@ -121,7 +121,7 @@ class StateLayer(Layer):
         return (*sorted(given or names), *sorted(others))
 
     def problems(self) -> Iterator[ConfigError]:
-        """Yield what is wrong with the factors: against the predicates declared and against the model."""
+        """Yield the faults of the factors: against the predicates declared and against the model."""
         for factor in self.own:
             for predicate in factor.predicates:
                 if self.predicates.declared.knows(predicate) != "predicate":

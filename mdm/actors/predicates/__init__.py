@@ -1,1 +1,1 @@
-"""Predicates and events on sensors: what is declared, told, kept and derived."""
+"""Predicates and events on sensors: their declarations, reports, values and formulas."""

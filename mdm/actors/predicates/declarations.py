@@ -1,4 +1,4 @@
-"""Declarations: the predicates and events of a predicate manager, what each is made of, and their network."""
+"""Declarations: the predicates and events of a predicate manager, their formulas, and their network."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def near_end(name: str) -> str:
 
 
 class Declarations:
-    """What is declared, by name; beside it, names that are known by their form, such as ``Patrol.succeeded``.
+    """The declarations, by name; beside them, names that are known by their form, such as ``Patrol.succeeded``.
 
     Attributes:
         held_for: Nanoseconds for which a predicate's formula must have been true.
@@ -61,7 +61,7 @@ class Declarations:
             name: Its name.
             kind: Which of the two.
             part: Adds it to a network.
-            formulas: What it is made of; none where code sets or raises it.
+            formulas: The formulas that define it; none where code sets or raises it.
             sensed: Whether it is a predicate that code sets.
 
         Raises:
@@ -76,7 +76,7 @@ class Declarations:
             self._sensors.add(name)
 
     def knows(self, name: str) -> Kind | None:
-        """Return what a name stands for: as declared, or by its form.
+        """Return the kind of thing that a name stands for: as declared, or by its form.
 
         Ends of actions, such as ``Patrol.succeeded``, are events, and ``agent/Name`` is another agent's predicate.
         """
@@ -121,7 +121,7 @@ class Declarations:
         return self._kinds.get(name) == "event" and not self._formulas[name]
 
     def age(self, names: Iterable[str], seconds: float) -> None:
-        """Take it that whoever sets these predicates lets them become unknown after so many seconds."""
+        """Take it that the sensors of these predicates let them become unknown after so many seconds."""
         self._ages.update(dict.fromkeys(names, seconds))
 
     def use(self, *names: str) -> None:
@@ -140,7 +140,7 @@ class Declarations:
         return dict(self._kinds)
 
     def definition(self, name: str) -> str:
-        """Return in words what decides a predicate or event: code, a formula, a latch, an action's end."""
+        """Return in words how a predicate or event is defined: code, a formula, a latch, an action's end."""
         kind = self._kinds.get(name)
         if kind is None:
             return "an action's end" if ACTION_END.fullmatch(name) else "another agent's predicate"
@@ -171,7 +171,7 @@ class Declarations:
         return frozenset(self.max_age) | self._ages.keys()
 
     def network(self, told: Mapping[str, bool | None]) -> Network:
-        """Return the network of what is declared; other agents' predicates begin as they were told."""
+        """Return the network of the declarations; other agents' predicates begin as they were told."""
         network = Network()
         for part in self._parts.values():
             part(network)

@@ -1,7 +1,7 @@
 """The predicate manager: from sensor data to predicates and events.
 
-It owns one network of formulas, updates it in dependency order once a turn, and publishes what changed: on
-``updates`` the predicates, on ``events`` the events. ``map`` hands the full map to whoever subscribes late.
+It owns one network of formulas, updates it in dependency order once a turn, and publishes the changes: on
+``updates`` the predicates, on ``events`` the events. ``map`` hands the full map to late subscribers.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ class PredicateManager(Actor):
 
     Args:
         name: Its name among actors.
-        supervision: What its failure means.
+        supervision: How its failure is handled.
 
     Attributes:
-        declared: What is declared.
+        declared: The declarations.
         action_ends: The ends of actions that something here depends on, once it has started.
     """
 
@@ -194,7 +194,7 @@ class PredicateManager(Actor):
         """Take another agent's predicates, known here as ``agent/Name``.
 
         Args:
-            agent: Whose.
+            agent: The other agent.
             updates: Its predicate manager's updates.
             map: Its map, which is read once at start, and again when the updates' counter shows that one was lost.
         """
@@ -208,7 +208,7 @@ class PredicateManager(Actor):
         self.declared.add(name, kind, part, *formulas, sensed=sensed)
 
     def network(self) -> Network:
-        """Return the network of what is declared; its compilation raises every error that `mdm check` should see."""
+        """Return the network of the declarations; its compilation raises every error that `mdm check` should see."""
         return self.declared.network(self._backlog.values)
 
     # -- Values --------------------------------------------------------------------------------------------------
@@ -226,7 +226,7 @@ class PredicateManager(Actor):
     def batch(self) -> Batch:
         """Make all changes that are reported inside the block one update.
 
-        It takes what this task reports, or outside of tasks this thread: others go on while the block awaits something.
+        It gathers this task's reports, or outside of tasks this thread's: others go on while the block awaits.
         """
         return Batch(self._batches)
 
@@ -265,7 +265,7 @@ class PredicateManager(Actor):
             self._input((), events)
 
     def _initial(self, name: str, initial: bool | None) -> bool | None:
-        """What a sensor was told before the start; at a restart it is unknown otherwise, whatever it began with."""
+        """A sensor's value reported before the start; else unknown at a restart, and its initial value at first."""
         return self._backlog.values.get(name, None if self._begun else initial)
 
     def _input(self, predicates: tuple[tuple[str, bool | None], ...], events: tuple[str, ...]) -> None:
@@ -283,7 +283,7 @@ class PredicateManager(Actor):
         self.sensed.publish(update)
 
     def keep(self) -> None:
-        """Keep what sensors are told from now on for the next start, too: one who uses them has failed."""
+        """Keep sensors' reports from now on for the next start, too: an ensemble that uses them has failed."""
         if self._senses is not None:
             self._senses = self._keep
 
@@ -352,7 +352,7 @@ class PredicateManager(Actor):
             follower.synchronise()
 
     def on_failing(self, error: BaseException) -> None:  # noqa: ARG002 - as of any actor
-        """Let every predicate be unknown at once; what sensors are told from now on is kept for the next start."""
+        """Let every predicate be unknown at once; sensors' reports from now on are kept for the next start."""
         self.keep()
         known = tuple(name for name, value in self.values().items() if value is not None)
         self._lost = True
@@ -361,7 +361,7 @@ class PredicateManager(Actor):
             self.updates.publish(PredicateUpdate(self.runtime.clock.now(), self._counter, (), (), known))
 
     def on_stop(self) -> None:
-        """Keep what sensors are told from now on for the next start."""
+        """Keep sensors' reports from now on for the next start."""
         self._senses = None
 
     def _sensed(self, update: SensorUpdate) -> None:
@@ -392,7 +392,7 @@ class PredicateManager(Actor):
         return tuple((name, None if name in stale else value) for name, value in update.predicates)
 
     def _publish(self, time: int, change: Change) -> None:
-        """Tell what has changed, as the last thing that a turn's handler does."""
+        """Publish the changes, as the last thing that a turn's handler does."""
         topics: Topics | None = change.noted
         if topics is None or self.map.heard:
             self._publish_both(time, change)
@@ -405,7 +405,7 @@ class PredicateManager(Actor):
             self.updates.emit_last_on(message, topics)
 
     def _publish_both(self, time: int, change: Change) -> None:
-        """Publish a change of predicates, of holds, and events; what recurs is quicker from now on."""
+        """Publish a change of predicates, of holds, and events; a recurring change is quicker from now on."""
         for name in change.disarmed:
             timer = self._hold_timers.pop(name, None)
             if timer is not None:
@@ -428,7 +428,7 @@ class PredicateManager(Actor):
 
     @property
     def holding(self) -> Mapping[str, int]:
-        """When the predicates become true whose formulas are, but not for long enough yet; in nanoseconds."""
+        """When each predicate with a true formula that must hold for longer becomes true; in nanoseconds."""
         return {name: timer.when for name, timer in self._hold_timers.items()}
 
     def _arm(self, name: str, since: int) -> None:
@@ -474,7 +474,7 @@ class PredicateManager(Actor):
 
 
 def _subject(update: SensorUpdate) -> tuple[str, ...] | None:
-    """Return whose values a newer update of the same predicates supersedes; None where events must keep their order."""
+    """Return the predicates of an update, by which a newer one supersedes it; None if events must keep their order."""
     return None if update.events else tuple(name for name, _ in update.predicates)
 
 

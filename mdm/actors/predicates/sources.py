@@ -118,7 +118,7 @@ class Backlog:
                 self._times[name] = time
 
     def expire(self, now: int, limits: Mapping[str, int]) -> None:
-        """Forget what is older than it may become."""
+        """Let values expire that are older than their limits, in nanoseconds."""
         for name, limit in limits.items():
             if now - self._times.get(name, now) > limit:
                 self.values.pop(name, None)
@@ -147,7 +147,7 @@ class Batches:
     """The open batches of a predicate manager: one a task, or outside of tasks one a thread.
 
     Args:
-        tell: Takes what a batch has gathered, at its end.
+        tell: Receives a batch's reports, at its end.
 
     Attributes:
         dispatcher: The predicate manager's, once that has been started.
@@ -162,7 +162,7 @@ class Batches:
         self.open: dict[object, Batch] = {}
 
     def scope(self) -> object:
-        """Return what runs: an asyncio task, or else a thread.
+        """Return the running asyncio task, or else the thread.
 
         Hot path: which loop runs takes a system call to find out, and a dispatcher's own thread runs its loop.
         """
@@ -193,7 +193,7 @@ class Batch:
         self._scope: object = None
 
     def __enter__(self) -> None:
-        """Gather from now on what the present task or thread reports."""
+        """Gather the reports of the present task or thread from now on."""
         found = self._batches.scope()
         if self._batches.open.setdefault(found, self) is self:
             self._scope = found
@@ -201,9 +201,9 @@ class Batch:
             self.events: tuple[str, ...] = ()
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        """Tell what was gathered, whoever calls this and whatever was raised.
+        """Send the gathered reports, from any caller and also after an exception.
 
-        Hot path: arguments that have names each are what CPython calls at once, and so is what `tell` names.
+        Hot path: CPython calls a function with named arguments at once, such as the one in `tell`.
         """
         if self._scope is None:
             return
@@ -220,7 +220,7 @@ class Follower:
 
     Args:
         manager: Where they are known as ``agent/Name``.
-        agent: Whose they are.
+        agent: The other agent.
         full: The other's map, read at first, and again when a counter shows that an update was lost.
     """
 
@@ -244,7 +244,7 @@ class Follower:
         self._take(message.time, message.values.items())
 
     def update(self, update: PredicateUpdate) -> None:
-        """Take what changed at the other agent."""
+        """Apply the other agent's changes."""
         if update.counter != self._counter + 1:
             self.synchronise()
         self._counter = update.counter

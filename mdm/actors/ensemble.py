@@ -51,7 +51,7 @@ _ROOM = 20
 
 
 class EnsembleStatistics(ActorStatistics, frozen=True):
-    """The mode of an ensemble, since when (nanoseconds) and why, and what it waits for.
+    """The mode of an ensemble, since when (nanoseconds) and why, and why it waits.
 
     ``waiting`` names the unknown predicates that keep it from deciding, or the pause before it decides again;
     ``safe_actions`` counts the safe action's runs. ``idle`` is for how many seconds it has had nothing to do, in all.
@@ -81,11 +81,11 @@ class Ensemble(Layer):
         predicates: The predicate manager that the factors refer to; started with the ensemble unless it already runs.
         states: Factors of the state layer; without them, publish `State` messages on ``states``.
         observations: Factors of the observation layer; without them, publish `Observation` on ``observation``.
-        agent: Of a team, the agent under whose scope this ensemble acts, by index or name.
+        agent: Of a team, the agent that this ensemble acts for, by index or name.
         local: Run that agent's own controller of a `JointController`, on its own observations alone; otherwise the
             policy decides for the whole team, on all that the team observes.
-        safe_action: What leaves the robot safe: an action's name or a function. The page on safety says when it runs.
-        supervision: What its failure means.
+        safe_action: Leaves the robot safe: an action, by name or as a function. The page on safety says when it runs.
+        supervision: How its failure is handled.
         options: See `SafetyOptions` and `ControlOptions`: ``drive``, ``horizon``, ``deadline`` and others.
 
     Raises:
@@ -201,7 +201,7 @@ class Ensemble(Layer):
                 )
 
     def notes(self) -> Iterator[str]:
-        """Yield what is allowed, but odd: input that nothing here gives, or nothing takes; of this ensemble alone."""
+        """Yield allowed oddities: input that nothing here gives, or nothing takes; of this ensemble alone."""
         over_states = self.controller.takes == "state"
         wanted, other = ("states", "observations") if over_states else ("observations", "states")
         given = {"states": self.state, "observations": self.observation}
@@ -223,13 +223,13 @@ class Ensemble(Layer):
         return "\n".join(lines)
 
     def __repr__(self) -> str:
-        """Return its name, what it is and its mode."""
+        """Return its name, its process and its mode."""
         if not hasattr(self, "controller") or not hasattr(self, "safety"):  # its construction failed half way
             return f"<Ensemble {self.name!r}>"
         return f"<Ensemble {self.name!r}: {self.summary()}, {self.mode}>"
 
     def summary(self) -> str:
-        """Return what kind of process it is, in a few words."""
+        """Return the kind of its process, in a few words."""
         policy, drive = self.controller.policy, self.control.drive
         kind = {"state": "MDP", "belief": "POMDP"}.get(getattr(policy, "input", ""), getattr(policy, "form", "policy"))
         facts = policy.facts() if hasattr(policy, "facts") else {"actions": policy.num_actions}
@@ -255,7 +255,7 @@ class Ensemble(Layer):
         self.channel("state", State, retain=True).publish(State(self.runtime.clock.now(), index, (index,)))
 
     def publish_observation(self, observation: Symbol | Sequence[str | int | None]) -> None:
-        """Say what was observed, where there is no observation layer; in a team, what this agent has observed.
+        """Publish an observation, where there is no observation layer; in a team, this agent's own.
 
         Args:
             observation: By index or name; or a component per agent, None where one is missing.
@@ -294,7 +294,7 @@ class Ensemble(Layer):
     def start(self, *, resume: bool = False) -> None:
         """Begin to decide: from the initial belief, or from the present one; as soon as the layers have started.
 
-        What is asked between a failure and the restart after it holds when the layers have started anew.
+        A request between a failure and the restart after it holds when the layers have started anew.
         """
         if self._put_off("resume" if resume else "start"):
             return
@@ -304,7 +304,7 @@ class Ensemble(Layer):
             self.control.start()
 
     def stop(self) -> None:
-        """Decide no more and end the running action; what is below stops first. `when_idle` tells when it is done."""
+        """Decide no more and end the running action; ensembles below stop first. `when_idle` tells when it is done."""
         if not self._put_off("stop"):
             self.control.stop()
 
@@ -325,17 +325,17 @@ class Ensemble(Layer):
         self.control.reset()
 
     def release(self) -> None:
-        """End the safe mode: whoever calls it answers for its causes. The safe action comes to its end first."""
+        """End the safe mode: the caller answers for its causes. The safe action comes to its end first."""
         self.channel("control", Control).publish(Control(self.runtime.clock.now(), "release"))
 
     def follow(self, team: Team, owned: Collection[str], *, acts: bool = True) -> JointProcess:
-        """Decide on what a team says; call this before the start.
+        """Decide on a team's input; call this before the start.
 
         Args:
-            team: Receives what is asked of the ensemble.
+            team: Receives the requests to the ensemble.
             owned: The state and observation factors that this agent's sensors tell, on ``own_state`` and
                 ``own_observation``.
-            acts: Whether this agent carries out a component of what is decided.
+            acts: Whether this agent carries out a component of the joint actions.
 
         Returns:
             This agent's copy of the process, which the team has decide.
@@ -349,7 +349,7 @@ class Ensemble(Layer):
         return process
 
     def take(self, message: Control | State | Observation) -> None:
-        """Take what the team tells, in this call: a command, or what is decided on."""
+        """Handle a message of the team, in this call: a command, or input to decide on."""
         if isinstance(message, Control):
             self._command(message)
         elif isinstance(message, State):
@@ -364,7 +364,7 @@ class Ensemble(Layer):
     def interrupt(self) -> None:
         """Stop within the call, so that nothing that was decided before starts."""
         limit = sys.getrecursionlimit()
-        sys.setrecursionlimit(limit + _ROOM)  # what a level takes; it may be one of many, and the stack deep already
+        sys.setrecursionlimit(limit + _ROOM)  # room for one level; there may be many, and the stack deep already
         try:
             self.control.pause()
             self.interrupted = self.awaited and (self.active or bool(self.action.live))
@@ -424,19 +424,19 @@ class Ensemble(Layer):
         elif control.command == "stop":
             self.safety.stop(control.time)
         elif control.command == "release":
-            # Behind what this turn brings about, so that no state is decided on which it makes unknown.
+            # Behind all effects of this turn, so that no state is decided on which it makes unknown.
             behind: Subscription[int] = Subscription(None, self, self.safety.release)
             self.runtime.dispatcher.deliver_behind(behind, control.time)
 
     def became_idle(self) -> None:
-        """Tell those who wait for it that the ensemble is stopped and that nothing of it lives."""
+        """Notify the callers that wait for it: the ensemble is stopped, and nothing of it lives."""
         self.interrupted = False
         idle, self._idle = self._idle, []
         for call in idle:
             call()
 
     def statistics(self) -> EnsembleStatistics:
-        """Return the mode, and what the ensemble waits for."""
+        """Return the mode, and why the ensemble waits."""
         modes = self.safety.modes
         return EnsembleStatistics(
             **msgspec.structs.asdict(super().statistics()),
@@ -481,7 +481,7 @@ class Ensemble(Layer):
             self.safety.end("end", "the runtime ends", lambda: None)
 
     async def on_stopping(self) -> None:
-        """End the running action and what is below, and run the safe actions: the outermost has the last word."""
+        """End the running action and the ensembles below, and run the safe actions: the outermost has the last word."""
         done = anyio.Event()
         self.safety.end("end", "the ensemble ends", done.set)
         with anyio.move_on_after(self.patience) as scope:
@@ -490,7 +490,7 @@ class Ensemble(Layer):
             self.report("safe_action", f"what lives did not come to its end within {self.patience:g} s")
 
     def on_stop(self) -> None:
-        """Forget the state: what was known before an end is not decided on after it."""
+        """Forget the state: input from before an end is not decided on after it."""
         if not self._starts_anew:
             self._asked = None
         self.safety.close()
@@ -501,7 +501,7 @@ class Ensemble(Layer):
 
     @property
     def settling(self) -> float:
-        """Seconds after which whatever is live here or below has ended, or was abandoned."""
+        """Seconds after which all lives here or below have ended, or were abandoned."""
         return 0.5 + max(
             binding.grace if binding.ensemble is None else binding.ensemble.patience for binding in self.action.bindings
         )
@@ -523,7 +523,7 @@ class Ensemble(Layer):
 
 
 def _call(target: object) -> str:
-    """Return how an action is called, in short: ``dock()``, or ``way('Up')`` where its name says with what."""
+    """Return how an action is called, in short: ``dock()``, or ``way('Up')`` where its name gives the argument."""
     name, opened, given = str(getattr(target, "__qualname__", "")).partition("(")
     if opened:
         return f"{name.rpartition('.')[2]}({given}"
@@ -545,7 +545,7 @@ def _check_settings(predicates: object, states: object, observations: object, ag
 def _agent_actions(
     control: ControlLayer, actions: Mapping[Any, Any], agent: int | str
 ) -> tuple[tuple[str, ...], Callable[[int], int] | None, int]:
-    """Return the names of one agent's actions, how to find its component of what is decided, and the agent's index."""
+    """Return the names of one agent's actions, how to find its component of a joint action, and the agent's index."""
     space, count = control.controller.symbols.action_space, control.controller.policy.num_actions
     if space is None:
         if agent != 0:

@@ -1,4 +1,4 @@
-"""What the layers of an ensemble have in common."""
+"""The base of an ensemble's layers."""
 
 from __future__ import annotations
 

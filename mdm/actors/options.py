@@ -18,16 +18,16 @@ AfterSafe = Literal["reset", "keep"]
 
 
 class ControlOptions(ControllerOptions, total=False):
-    """What configures a control layer: its controller's options, see `mdm.controller.ControllerOptions`, and these.
+    """The options of a control layer: its controller's options, see `mdm.controller.ControllerOptions`, and these.
 
     Attributes:
         drive: When to decide: ``OnEvent()`` or ``"event"`` (the default), on each state or observation; or
             ``FixedRate(rate)`` or a number, so many times a second.
-        on_no_observation: What a fixed-rate tick without a new observation means: ``predict`` (the default: time
+        on_no_observation: The meaning of a fixed-rate tick without a new observation: ``predict`` (the default: time
             passes, nothing seen), ``repeat`` the last one, or the name of an observation.
         deadline: Seconds from stimulus to decision, or from the first of the ticks that were missed before it; a later
-            decision is reported, and where there is a safe action the ensemble goes safe in place of it. What the
-            fallback of a search says at the deadline is in time for a tenth of a second more.
+            decision is reported, and where there is a safe action the ensemble goes safe in place of it. An
+            answer of a search's fallback at the deadline is in time for a tenth of a second more.
     """
 
     drive: Drive | float | str | None
@@ -36,7 +36,7 @@ class ControlOptions(ControllerOptions, total=False):
 
 
 class SafetyOptions(ControlOptions, total=False):
-    """What configures an ensemble's layers and modes: those of its control layer, see `ControlOptions`, and these.
+    """The options of an ensemble's layers and modes: those of its control layer, see `ControlOptions`, and these.
 
     Attributes:
         safe_timeout: Seconds that the safe action may take (10 by default).
@@ -45,10 +45,10 @@ class SafetyOptions(ControlOptions, total=False):
             again after each failure that nothing else is decided on, after the pause that the action's binding says.
         on_lost_input: A sensor's value that became older than its ``max_age``: the same two.
         on_unknown: A state, or a sensor of observations, that turns unknown otherwise: the same two.
-        on_lost_teammate: In a team, what an agent that was there and has not left in order means to this one:
-            ``continue`` (the default: the team decides without it), ``hold`` (what is decided is not begun here until
+        on_lost_teammate: In a team, this agent's reaction to one that was there and has not left in order:
+            ``continue`` (the default: the team decides without it), ``hold`` (decided actions do not begin here until
             it is back), or ``safe_action``.
-        after_safe: What becomes of the belief where the safe action is none of the model's: it starts anew (``reset``,
+        after_safe: The belief after a safe action that is none of the model's: it starts anew (``reset``,
             the default), or goes on by prediction (``keep``).
         idle_after: Seconds after which an ensemble that has nothing to do is told as a fault, unless the ended action's
             binding says ``then="wait"``; infinite for never. By default 10, where that action takes time or has failed,

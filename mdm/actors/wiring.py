@@ -21,7 +21,7 @@ Names = Sequence[str] | Mapping[str, str] | Mapping[int, str]
 
 
 class Wire(NamedTuple):
-    """A symbol of a factor, and what stands for it.
+    """A symbol of a factor, and the predicate or event that stands for it.
 
     Attributes:
         factor: The factor's name.
@@ -64,7 +64,7 @@ def named(names: Names, what: str, of: str) -> tuple[tuple[str, ...], tuple[str 
     Args:
         names: As given.
         what: The factor, for messages.
-        of: What is named: ``predicate`` or ``event``.
+        of: The kind that is named: ``predicate`` or ``event``.
     """
     symbols: tuple[str | int, ...] | None = (*names,) if isinstance(names, Mapping) else None
     values = tuple(names.values()) if isinstance(names, Mapping) else names
@@ -85,7 +85,7 @@ def _are_symbols(keys: Sequence[object]) -> bool:
 
 
 def check_name(name: object, kind: str) -> None:
-    """Refuse what is no name of a factor.
+    """Refuse a value that is no name of a factor.
 
     Raises:
         ConfigError: If it is no text, or is empty.
@@ -95,7 +95,7 @@ def check_name(name: object, kind: str) -> None:
 
 
 def check_owner(owner: object, what: str) -> None:
-    """Refuse what is no name of a factor's owner.
+    """Refuse a value that is no name of a factor's owner.
 
     Raises:
         ConfigError: If it is neither None nor a text that is not empty.
@@ -153,7 +153,7 @@ def places(symbols: Iterable[str | int], factor: Factor, what: str, *, enough: i
 def arrange(
     factors: Iterable[W], space: Space | None, kind: str, *, complete: bool
 ) -> tuple[tuple[W, ...], list[ConfigError]]:
-    """Put factors, and what stands for their symbols, in a model's order.
+    """Put factors, and the predicates or events of their symbols, in a model's order.
 
     Where the model names its factors they are matched by name, else by order. Where it has one factor only, which it
     does not name, several may make up its symbols together.
@@ -161,11 +161,11 @@ def arrange(
     Args:
         factors: As the user gave them.
         space: The model's space; None without a model, where everything is in order.
-        kind: What they are called in messages: ``state factor`` or ``observation factor``.
+        kind: Their name in messages: ``state factor`` or ``observation factor``.
         complete: Whether all of the model's factors are needed.
 
     Returns:
-        The factors, as far as they could be arranged, and what is wrong. The key of a problem is a factor's name, or
+        The factors, as far as they could be arranged, and the problems. The key of a problem is a factor's name, or
         None.
     """
     given = tuple(factors)

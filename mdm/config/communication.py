@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mdm.config.tables import CommunicationTable
+from mdm.config.tables import Table
 from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.team import Always, Budget, Never, OnChange, ValueOfCommunication
@@ -28,6 +28,16 @@ _KINDS: dict[str, tuple[Any, tuple[str, ...], tuple[str, ...]]] = {
     "value_of_communication": (ValueOfCommunication, ("threshold",), ()),
 }
 """What makes each of them, and the keys that it needs and takes."""
+
+
+class CommunicationTable(Table, frozen=True):
+    """A communication policy; short form: its name."""
+
+    policy: str
+    messages_per_second: float | None = None
+    burst: int | None = None
+    of: str | None = None
+    threshold: float | None = None
 
 
 def read_communication(

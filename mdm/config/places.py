@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from mdm.config.tables import PlacesTable, stated
+from msgspec import Meta
+
+from mdm.config.tables import Seconds, Table, stated
 from mdm.errors import ConfigError
 from mdm.maps import Navigation, Places, load_floors, load_map
+from mdm.maps.places import Outside
 from mdm.runtime.handler import kind_of
 from mdm.runtime.supervision import describe
 
@@ -19,7 +22,25 @@ if TYPE_CHECKING:
     from mdm.config.share import Share
     from mdm.maps import Floors, Map
 
-__all__ = ["read_places"]
+__all__ = ["PlacesTable", "read_places"]
+
+
+class PlacesTable(Table, frozen=True):
+    """The places of a map, see `mdm.maps.load_map` and `mdm.maps.Places`; and what drives to them."""
+
+    graph: str | None = None
+    building: str | None = None
+    grid: str | None = None
+    labels: str | None = None
+    names: str | dict[str, int] | None = None
+    reach: Annotated[float, Meta(gt=0)] | None = None
+    margin: Annotated[float, Meta(ge=0)] | None = None
+    max_age: Seconds | None = None
+    tolerance: Annotated[float, Meta(ge=0)] | None = None
+    prefix: str | None = None
+    outside: Outside | None = None
+    tour: list[str] | None = None
+    navigator: str | dict[str, str] | None = None
 
 
 def read_places(

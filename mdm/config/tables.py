@@ -14,26 +14,20 @@ from msgspec import Meta
 from mdm.actors.actions.binding import OnRepeat
 from mdm.actors.actions.sequel import Then
 from mdm.actors.options import AfterSafe, FailureReaction, LostTeammate, Reaction
-from mdm.maps.places import Outside
 from mdm.options import OnImpossible
-from mdm.team.team import Mode, Quorum
 
 __all__ = [
     "ActionTable",
-    "AgentTable",
-    "AllowanceTable",
-    "CeilingTable",
-    "CommunicationTable",
     "EnsembleTable",
     "EventTable",
     "ObservationTable",
     "PlacementTable",
-    "PlacesTable",
     "PredicateTable",
     "RestartTable",
     "SearchTable",
+    "Seconds",
     "StateTable",
-    "TeamTable",
+    "Table",
     "stated",
 ]
 
@@ -41,11 +35,11 @@ __all__ = [
 Seconds = Annotated[float, Meta(gt=0, le=1e9)]
 
 
-class _Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """A TOML table; unknown keys are errors."""
 
 
-class PredicateTable(_Table, frozen=True):
+class PredicateTable(Table, frozen=True):
     """A predicate set by code, or one derived by ``formula``, or by ``set`` and ``reset``."""
 
     sensor: bool = True
@@ -57,13 +51,13 @@ class PredicateTable(_Table, frozen=True):
     initial: bool | None = None
 
 
-class EventTable(_Table, frozen=True):
+class EventTable(Table, frozen=True):
     """An event raised by code, or one that occurs when ``formula`` becomes true."""
 
     formula: str | None = None
 
 
-class StateTable(_Table, frozen=True):
+class StateTable(Table, frozen=True):
     """A state factor; short form: its predicates as a list or mapping."""
 
     predicates: list[str] | dict[str, str]
@@ -71,7 +65,7 @@ class StateTable(_Table, frozen=True):
     owner: str | None = None
 
 
-class ObservationTable(_Table, frozen=True):
+class ObservationTable(Table, frozen=True):
     """An observation factor; short form: its events as a list or mapping."""
 
     events: list[str] | dict[str, str]
@@ -80,7 +74,7 @@ class ObservationTable(_Table, frozen=True):
     owner: str | None = None
 
 
-class ActionTable(_Table, frozen=True):
+class ActionTable(Table, frozen=True):
     """The binding of an action to a function (``call``), another ensemble, or a ``way`` or ``place`` of the map."""
 
     call: str | None = None
@@ -97,7 +91,7 @@ class ActionTable(_Table, frozen=True):
     attempts: Annotated[int, Meta(ge=1)] | None = None
 
 
-class RestartTable(_Table, frozen=True):
+class RestartTable(Table, frozen=True):
     """Supervision by restart."""
 
     restart: Annotated[int, Meta(ge=0)]
@@ -105,7 +99,7 @@ class RestartTable(_Table, frozen=True):
     backoff: Annotated[float, Meta(ge=0, le=1e9)] | None = None
 
 
-class SearchTable(_Table, frozen=True):
+class SearchTable(Table, frozen=True):
     """A tree search with the ensemble's policy as fallback and, with ``plans``, its vectors as lower bounds."""
 
     seconds: Seconds | None = None
@@ -114,7 +108,7 @@ class SearchTable(_Table, frozen=True):
     plans: bool = False
 
 
-class EnsembleTable(_Table, frozen=True):
+class EnsembleTable(Table, frozen=True):
     """An ensemble; nested tables are converted separately, so that their problems are reported with their keys."""
 
     policy: str | list[int]
@@ -150,85 +144,12 @@ class EnsembleTable(_Table, frozen=True):
     observations: dict[str, Any] = {}
 
 
-class PlacementTable(_Table, frozen=True):
+class PlacementTable(Table, frozen=True):
     """Where an ensemble's layers are, by agents; see `mdm.team.Placement`."""
 
     control: str | None = None
     actions: str | dict[str, str] | None = None
     inputs: str | None = None
-
-
-class PlacesTable(_Table, frozen=True):
-    """The places of a map, see `mdm.maps.load_map` and `mdm.maps.Places`; and what drives to them."""
-
-    graph: str | None = None
-    building: str | None = None
-    grid: str | None = None
-    labels: str | None = None
-    names: str | dict[str, int] | None = None
-    reach: Annotated[float, Meta(gt=0)] | None = None
-    margin: Annotated[float, Meta(ge=0)] | None = None
-    max_age: Seconds | None = None
-    tolerance: Annotated[float, Meta(ge=0)] | None = None
-    prefix: str | None = None
-    outside: Outside | None = None
-    tour: list[str] | None = None
-    navigator: str | dict[str, str] | None = None
-
-
-class AgentTable(_Table, frozen=True):
-    """An agent of a team; short form: its name."""
-
-    name: str
-    endpoint: str | None = None
-
-
-class TeamTable(_Table, frozen=True):
-    """The team that a file is of, see `mdm.Team`; agents are converted separately."""
-
-    name: str
-    agents: list[Any]
-    port: Annotated[int, Meta(ge=1, le=65535)] = 7447
-    mode: Mode | None = None
-    period: Seconds | None = None
-    drive: str | float | None = None
-    deadline: Seconds | None = None
-    quorum: Quorum | None = None
-    controller: str | None = None
-    lease: Seconds | None = None
-    max_age: Seconds | None = None
-    memory: Annotated[float, Meta(gt=0)] | None = None
-    communication: Any = None
-    access: str | None = None
-    allowance: Any = None
-    ceilings: list[Any] = []
-
-
-class AllowanceTable(_Table, frozen=True):
-    """What an agent may send; see `mdm.team.transport.allowance.Allowance`."""
-
-    messages: float | None = None
-    bytes: float | None = None
-    burst: float | None = None
-
-
-class CeilingTable(_Table, frozen=True):
-    """What Zenoh lets through at most; see `mdm.team.transport.ceilings.Ceiling`."""
-
-    keys: str
-    rate: float | None = None
-    size: int | None = None
-    priority: Literal["step", "value", "bulk"] | None = None
-
-
-class CommunicationTable(_Table, frozen=True):
-    """A communication policy; short form: its name."""
-
-    policy: str
-    messages_per_second: float | None = None
-    burst: int | None = None
-    of: str | None = None
-    threshold: float | None = None
 
 
 def stated(table: msgspec.Struct, *names: str) -> dict[str, Any]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
+from msgspec import Meta
 
 from mdm.config.communication import read_communication
-from mdm.config.tables import AgentTable, AllowanceTable, CeilingTable, TeamTable, stated
-from mdm.team import Team
+from mdm.config.tables import Seconds, Table, stated
+from mdm.team.team import FIRST_PORT, Mode, Quorum, Team
 from mdm.team.transport.access import Access
 from mdm.team.transport.allowance import Allowance
 from mdm.team.transport.ceilings import Ceiling
+from mdm.team.transport.transport import Priority
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,7 +21,52 @@ if TYPE_CHECKING:
     from mdm.config.functions import Functions
     from mdm.config.problems import Problems
 
-__all__ = ["TeamFile", "read_team"]
+__all__ = ["AllowanceTable", "TeamFile", "TeamTable", "read_team"]
+
+
+class AgentTable(Table, frozen=True):
+    """An agent of a team; short form: its name."""
+
+    name: str
+    endpoint: str | None = None
+
+
+class TeamTable(Table, frozen=True):
+    """The team that a file is of, see `mdm.Team`; agents are converted separately."""
+
+    name: str
+    agents: list[Any]
+    port: Annotated[int, Meta(ge=1, le=65535)] = FIRST_PORT
+    mode: Mode | None = None
+    period: Seconds | None = None
+    drive: str | float | None = None
+    deadline: Seconds | None = None
+    quorum: Quorum | None = None
+    controller: str | None = None
+    lease: Seconds | None = None
+    max_age: Seconds | None = None
+    memory: Annotated[float, Meta(gt=0)] | None = None
+    communication: Any = None
+    access: str | None = None
+    allowance: Any = None
+    ceilings: list[Any] = msgspec.field(default_factory=list)
+
+
+class AllowanceTable(Table, frozen=True):
+    """What an agent may send; see `mdm.team.transport.allowance.Allowance`."""
+
+    messages: float | None = None
+    bytes: float | None = None
+    burst: float | None = None
+
+
+class CeilingTable(Table, frozen=True):
+    """What Zenoh lets through at most; see `mdm.team.transport.ceilings.Ceiling`."""
+
+    keys: str
+    rate: float | None = None
+    size: int | None = None
+    priority: Priority | None = None
 
 
 class TeamFile:

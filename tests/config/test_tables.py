@@ -13,6 +13,8 @@ from robot_file import GOOD
 from mdm import Binding, ConfigError, Ensemble, Restart, Team, load_system
 from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.config import tables
+from mdm.config.places import PlacesTable
+from mdm.config.team_file import AllowanceTable, TeamTable
 from mdm.maps import Places, load_map
 from mdm.options import ControllerOptions
 from mdm.solvers import TreeSearch
@@ -121,9 +123,9 @@ def test_every_mistake_is_told_with_its_key(folder, old, new, key, words):
         (tables.ActionTable, (Binding,)),
         (tables.RestartTable, (Restart,)),
         (tables.SearchTable, (TreeSearch,)),
-        (tables.PlacesTable, (Places, load_map)),
-        (tables.TeamTable, (Team,)),
-        (tables.AllowanceTable, (Allowance,)),
+        (PlacesTable, (Places, load_map)),
+        (TeamTable, (Team,)),
+        (AllowanceTable, (Allowance,)),
     ],
 )
 def test_what_a_key_is_by_default_is_said_by_that_which_takes_it_alone(table, makers):

@@ -75,3 +75,10 @@ def test_a_model_is_looked_at_without_actors(tiger, verb):
     modules = loaded(verb, tiger)
     assert of("mdm.formats", modules)
     assert not of("mdm.actors", modules)
+
+
+def test_a_robot_is_checked_without_what_checks_teams():
+    modules = loaded("check", "examples/tiger.toml")
+    assert of("mdm.config", modules)
+    assert not of("mdm.cli.team", modules)
+    assert not of("mdm.team", modules)

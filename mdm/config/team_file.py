@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mdm.config.functions import Functions
     from mdm.config.problems import Problems
 
-__all__ = ["AllowanceTable", "TeamFile", "TeamTable", "read_team"]
+__all__ = ["AllowanceTable", "CeilingTable", "TeamFile", "TeamTable", "read_team"]
 
 
 class AgentTable(Table, frozen=True):

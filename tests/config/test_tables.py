@@ -14,11 +14,12 @@ from mdm import Binding, ConfigError, Ensemble, Restart, Team, load_system
 from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.config import tables
 from mdm.config.places import PlacesTable
-from mdm.config.team_file import AllowanceTable, TeamTable
+from mdm.config.team_file import AllowanceTable, CeilingTable, TeamTable
 from mdm.maps import Places, load_map
 from mdm.options import ControllerOptions
 from mdm.solvers import TreeSearch
 from mdm.team.transport.allowance import Allowance
+from mdm.team.transport.ceilings import Ceiling
 
 WRONG = [
     ("[predicates]", "[predicats]", "predicats", "there is no key 'predicats'"),
@@ -116,24 +117,59 @@ def test_every_mistake_is_told_with_its_key(folder, old, new, key, words):
     assert words in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("table", "makers"),
-    [
-        (tables.EnsembleTable, (Ensemble, ControllerOptions, ControlOptions, SafetyOptions)),
-        (tables.ActionTable, (Binding,)),
-        (tables.RestartTable, (Restart,)),
-        (tables.SearchTable, (TreeSearch,)),
-        (PlacesTable, (Places, load_map)),
-        (TeamTable, (Team,)),
-        (AllowanceTable, (Allowance,)),
-    ],
-)
-def test_what_a_key_is_by_default_is_said_by_that_which_takes_it_alone(table, makers):
-    taken = {
+TAKEN_BY = [
+    (tables.EnsembleTable, (Ensemble, ControllerOptions, ControlOptions, SafetyOptions)),
+    (tables.ActionTable, (Binding,)),
+    (tables.RestartTable, (Restart,)),
+    (tables.SearchTable, (TreeSearch,)),
+    (PlacesTable, (Places, load_map)),
+    (TeamTable, (Team,)),
+    (AllowanceTable, (Allowance,)),
+    (CeilingTable, (Ceiling,)),
+]
+"""The tables of the file, and the objects that take their keys as arguments."""
+
+OTHER_KEYS = {
+    tables.EnsembleTable: {
+        "agents": "the agents of a team that have it",
+        "discount": "of rewards, in place of the model's",
+        "placement": "a table of its own",
+        "policy_kind": "how the policy's file is read",
+        "search": "a table of its own",
+    },
+    tables.ActionTable: {
+        "call": "the target, a function",
+        "ensemble": "the target, an ensemble",
+        "place": "the target, a place of the map",
+        "way": "the target, a way of the map",
+    },
+    tables.RestartTable: {"restart": "the argument limit, by the name of the supervision"},
+    PlacesTable: {"building": "a file of several floors", "navigator": "a function that makes it"},
+    TeamTable: {
+        "access": "the folder of certificates, of which each agent takes its own",
+        "allowance": "a table of its own",
+        "port": "the first of the endpoints",
+    },
+}
+"""The keys that no argument has by their name, and the reason."""
+
+
+def arguments_of(makers):
+    return {
         name
         for maker in makers
         for name in (maker.__annotations__ if is_typeddict(maker) else inspect.signature(maker).parameters)
     }
+
+
+@pytest.mark.parametrize(("table", "makers"), TAKEN_BY)
+def test_every_key_is_an_argument_or_says_why_it_is_none(table, makers):
+    assert {*table.__struct_fields__} - arguments_of(makers) == {*OTHER_KEYS.get(table, ())}
+
+
+@pytest.mark.parametrize(("table", "makers"), TAKEN_BY)
+def test_what_a_key_is_by_default_is_said_by_that_which_takes_it_alone(table, makers):
+    taken = arguments_of(makers)
     defaults = {field.name: field.default for field in msgspec.structs.fields(table)}
     again = {name for name, value in defaults.items() if name in taken and value not in {None, msgspec.NODEFAULT}}
     assert again <= {"plans", "supervision"}  # whether a search has the policy among them; an actor's own default

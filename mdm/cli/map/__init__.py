@@ -36,7 +36,9 @@ def add_map(verbs: Any, line: str) -> None:
     )
     kinds = parser.add_subparsers(dest="map_verb", metavar="VERB", required=True)
     for name, add in zip(VERBS, (_add_goals, _add_draft, _add_check, _add_show, _add_model), strict=True):
-        complete(add(kinds, VERBS[name]), f"map {name}", f"mdm.cli.map.{name}")
+        kind = add(kinds, VERBS[name])
+        kind.add_argument("--json", action="store_true", help="one JSON object")
+        complete(kind, f"map {name}", f"mdm.cli.map.{name}")
 
 
 def _add_goals(verbs: Any, line: str) -> argparse.ArgumentParser:
@@ -54,13 +56,7 @@ def _add_goals(verbs: Any, line: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "-o", "--output", metavar="GRAPH.xml", required=True, help="the graph, as the original's TopologicalMap"
     )
-    parser.add_argument("--radius", metavar="M", type=_metres, help="the radius of the robot, in metres (0.25)")
-    parser.add_argument(
-        "--margin",
-        metavar="M",
-        type=_metres,
-        help="how deep inside a place a robot must be to be there, in metres (0.3)",
-    )
+    _add_robot(parser)
     parser.add_argument(
         "--least",
         metavar="M2",
@@ -68,7 +64,6 @@ def _add_goals(verbs: Any, line: str) -> argparse.ArgumentParser:
         help="the least area of a room, in square metres of where a robot fits (4)",
     )
     parser.add_argument("--picture", metavar="PNG", help="draw the rooms into a file (needs mdm[maps])")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
 
 
@@ -92,7 +87,6 @@ def _add_draft(verbs: Any, line: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "-o", "--output", metavar="LABELS.png", required=True, help="the image of labels (needs mdm[maps])"
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
 
 
@@ -110,17 +104,10 @@ def _add_check(verbs: Any, line: str) -> argparse.ArgumentParser:
         epilog="example: mdm map check map.yaml labels.png graph.xml --radius 0.3 --pictures problems",
     )
     _add_floor(parser)
-    parser.add_argument("--radius", metavar="M", type=_metres, help="the radius of the robot, in metres (0.25)")
-    parser.add_argument(
-        "--margin",
-        metavar="M",
-        type=_metres,
-        help="how deep inside a place a robot must be to be there, in metres (0.3)",
-    )
+    _add_robot(parser)
     parser.add_argument(
         "--pictures", metavar="DIR", help="a folder for a picture of each problem, of the first 50 (needs mdm[maps])"
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
 
 
@@ -141,7 +128,6 @@ def _add_show(verbs: Any, line: str) -> argparse.ArgumentParser:
         "--radius", metavar="M", type=_metres, help="leave out passages that are too narrow for a robot of this radius"
     )
     parser.add_argument("--coordinates", action="store_true", help="draw lines of coordinates, too")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
 
 
@@ -202,7 +188,6 @@ def _add_model(verbs: Any, line: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "--robot", metavar="FILE.toml", help="write the file of a robot that does this, which mdm run takes"
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object")
     return parser
 
 
@@ -262,6 +247,17 @@ def _add_floor(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--reach", metavar="M", type=_metres, help="how far from its goal a place without zone reaches, in metres"
+    )
+
+
+def _add_robot(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments for the size of the robot, and for how deep inside a place it is there."""
+    parser.add_argument("--radius", metavar="M", type=_metres, help="the radius of the robot, in metres (0.25)")
+    parser.add_argument(
+        "--margin",
+        metavar="M",
+        type=_metres,
+        help="how deep inside a place a robot must be to be there, in metres (0.3)",
     )
 
 

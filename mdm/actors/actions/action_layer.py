@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from mdm.actors.actions.binding import Binding, Callback, bind
+from mdm.actors.actions.binding import Binding, Callback, bindings_of, safe_binding
 from mdm.actors.actions.lives import Life, Lives, Order
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError, Error
-from mdm.logic import similar
 from mdm.messages import Action, ActionLife, ActionStatus
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.channel import Subscription
@@ -143,9 +142,9 @@ class ActionLayer(Layer):
         self.lives: Lives[_Run] = Lives()
         self.names = names
         self.predicates = predicates
-        self.bindings = _bindings(names, bindings)
+        self.bindings = bindings_of(names, bindings)
         self._briefs = tuple([_Brief(binding) if binding.brief else None for binding in self.bindings])
-        self.safe = _safe_binding(safe_action, names, self.bindings)
+        self.safe = safe_binding(safe_action, names, self.bindings)
         self.started = 0
         self._ended: dict[ActionStatus, int] = {}
         # Functions that were called and have succeeded, and are not counted above yet.
@@ -586,63 +585,3 @@ class ActionLayer(Layer):
 
     def _tell(self, life: _Run, status: ActionStatus, detail: str = "") -> None:
         self._told.publish(ActionLife(self._now(), self._path, life.number, life.name, status, detail))
-
-
-def _bindings(
-    names: tuple[str, ...],
-    bindings: Mapping[str, Callback | Ensemble | Binding] | Mapping[int, Callback | Ensemble | Binding],
-) -> tuple[Binding, ...]:
-    """Return the binding of each action, in order."""
-    if not isinstance(bindings, Mapping):
-        raise ConfigError(
-            f"actions are a mapping from every action's name or index to a function or an ensemble, not {bindings!r}",
-            key="actions",
-        )
-    keys = list(bindings)
-    if not (all(isinstance(key, str) for key in keys) or all(type(key) is int for key in keys)):
-        raise ConfigError("actions are bound by name or by index, not both", key="actions")
-    by_key: dict[object, Callback | Ensemble | Binding] = dict(bindings.items())
-    wanted: list[object] = list(names) if keys and isinstance(keys[0], str) else list(range(len(names)))
-    missing = [key for key in wanted if key not in by_key]
-    unknown = [key for key in keys if key not in wanted]
-    hint = f" (the actions are {', '.join(names[:20])})"
-    if unknown:
-        close = "".join(similar(str(key), names) for key in unknown[:1])
-        raise ConfigError(
-            f"no such action: {', '.join(repr(key) for key in unknown)}{close or hint}", key=f"actions.{unknown[0]}"
-        )
-    if missing:
-        raise ConfigError(
-            f"nothing is bound to the action {', '.join(repr(key) for key in missing)}: every action of the model "
-            f"needs a function or an ensemble{hint}",
-            key=f"actions.{missing[0]}",
-        )
-    result = []
-    for key in wanted:
-        target = by_key[key]
-        try:
-            result.append(target if isinstance(target, Binding) else bind(target))
-        except ConfigError as error:
-            raise ConfigError(error.message, key=f"actions.{key}") from None
-    return tuple(result)
-
-
-def _safe_binding(
-    safe_action: str | Callback | None, names: tuple[str, ...], bindings: tuple[Binding, ...]
-) -> Binding | None:
-    if safe_action is None:
-        return None
-    if isinstance(safe_action, str):
-        if safe_action not in names:
-            raise ConfigError(
-                f"the safe action {safe_action!r} is none of the actions {', '.join(names)}", key="safe_action"
-            )
-        binding = bindings[names.index(safe_action)]
-    else:
-        binding = bind(safe_action)
-    if binding.ensemble is not None:
-        raise ConfigError(
-            f"the safe action is a function: ensemble {binding.ensemble.name!r} would have to decide in a safe mode",
-            key="safe_action",
-        )
-    return binding

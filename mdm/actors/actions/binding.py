@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from mdm.actors.actions.sequel import Sequel, Then
 from mdm.checks import check_choice, check_flag
 from mdm.errors import ConfigError
+from mdm.logic import similar
 from mdm.runtime.handler import kind_of
 from mdm.runtime.time.clock import check_seconds
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from mdm.actors.ensemble import Ensemble
     from mdm.messages import Action
 
-__all__ = ["Binding", "Callback", "OnRepeat", "bind"]
+__all__ = ["Binding", "Callback", "OnRepeat", "bind", "bindings_of", "safe_binding"]
 
 Callback = Callable[..., Awaitable[object] | object]
 OnRepeat = Literal["continue", "restart"]
@@ -170,3 +171,76 @@ def _takes_action(function: Callback) -> bool:
             f"an action's function takes no argument or the Action message, but {function!r} asks for {names}"
         )
     return bool(required) or any(parameter.kind is parameter.VAR_POSITIONAL for parameter in parameters)
+
+
+def bindings_of(
+    names: tuple[str, ...],
+    bindings: Mapping[str, Callback | Ensemble | Binding] | Mapping[int, Callback | Ensemble | Binding],
+) -> tuple[Binding, ...]:
+    """Return the binding of each action, in the order of the model.
+
+    Args:
+        names: The model's actions.
+        bindings: The target of each, by name or by index.
+
+    Raises:
+        ConfigError: If an action has none, a key is no action, or a target is neither function nor ensemble.
+    """
+    if not isinstance(bindings, Mapping):
+        raise ConfigError(
+            f"actions are a mapping from every action's name or index to a function or an ensemble, not {bindings!r}",
+            key="actions",
+        )
+    keys = list(bindings)
+    if not (all(isinstance(key, str) for key in keys) or all(type(key) is int for key in keys)):
+        raise ConfigError("actions are bound by name or by index, not both", key="actions")
+    by_key: dict[object, Callback | Ensemble | Binding] = dict(bindings.items())
+    wanted: list[object] = list(names) if keys and isinstance(keys[0], str) else list(range(len(names)))
+    missing = [key for key in wanted if key not in by_key]
+    unknown = [key for key in keys if key not in wanted]
+    hint = f" (the actions are {', '.join(names[:20])})"
+    if unknown:
+        close = "".join(similar(str(key), names) for key in unknown[:1])
+        raise ConfigError(
+            f"no such action: {', '.join(repr(key) for key in unknown)}{close or hint}", key=f"actions.{unknown[0]}"
+        )
+    if missing:
+        raise ConfigError(
+            f"nothing is bound to the action {', '.join(repr(key) for key in missing)}: every action of the model "
+            f"needs a function or an ensemble{hint}",
+            key=f"actions.{missing[0]}",
+        )
+    result = []
+    for key in wanted:
+        target = by_key[key]
+        try:
+            result.append(target if isinstance(target, Binding) else bind(target))
+        except ConfigError as error:
+            raise ConfigError(error.message, key=f"actions.{key}") from None
+    return tuple(result)
+
+
+def safe_binding(
+    safe_action: str | Callback | None, names: tuple[str, ...], bindings: tuple[Binding, ...]
+) -> Binding | None:
+    """Return the binding of the safe action, which is a function or, by its name, one of the actions.
+
+    Raises:
+        ConfigError: If there is no such action, or it is an ensemble.
+    """
+    if safe_action is None:
+        return None
+    if isinstance(safe_action, str):
+        if safe_action not in names:
+            raise ConfigError(
+                f"the safe action {safe_action!r} is none of the actions {', '.join(names)}", key="safe_action"
+            )
+        binding = bindings[names.index(safe_action)]
+    else:
+        binding = bind(safe_action)
+    if binding.ensemble is not None:
+        raise ConfigError(
+            f"the safe action is a function: ensemble {binding.ensemble.name!r} would have to decide in a safe mode",
+            key="safe_action",
+        )
+    return binding

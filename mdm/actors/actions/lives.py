@@ -1,4 +1,4 @@
-"""The lives of one agent's actions, as a state machine of plain data: live, pending, and which may begin.
+"""The lives of one agent's actions, as a state machine: which live, which is pending, which may begin.
 
 Events are its methods; each returns the orders that the action layer carries out, in their order. It knows no actor, no
 clock, no task and no event loop: how a life is carried out, and how long that takes, is the layer's.

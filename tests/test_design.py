@@ -54,8 +54,10 @@ class Calls(list):
     @contextmanager
     def noted(self):
         sys.setprofile(self.note)
-        yield
-        sys.setprofile(None)
+        try:
+            yield
+        finally:
+            sys.setprofile(None)
 
 
 def walked():

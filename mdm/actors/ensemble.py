@@ -348,8 +348,8 @@ class Ensemble(Layer):
                 layer.cover(owned)
         return process
 
-    def take(self, message: Control | State | Observation) -> None:
-        """Handle a message of the team, in this call: a command, or input to decide on."""
+    def show(self, message: Control | State | Observation) -> None:
+        """Publish input that the team decides on, as if it had been seen here; begin or end with its commands."""
         if isinstance(message, Control):
             self._command(message)
         elif isinstance(message, State):
@@ -358,8 +358,6 @@ class Ensemble(Layer):
             self.channel("state", State, retain=True).publish(message)
         else:
             self.channel("observation", Observation).publish(message)
-        assert isinstance(self.control.source, JointProcess)
-        self.control.source.take(message)
 
     def interrupt(self) -> None:
         """Stop within the call, so that nothing that was decided before starts."""

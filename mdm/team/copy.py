@@ -150,10 +150,9 @@ class Copy:
         if self.ownership.takes != "state":
             self._kept = list(self.ownership.idle)
         message = Control(time, cast('Literal["start", "stop", "reset", "resume"]', command))
-        if still:
-            self._process.take(message)
-        else:
-            self._ensemble.take(message)
+        if not still:
+            self._ensemble.show(message)
+        self._process.take(message)
 
     def step(self, inputs: Mapping[str, bytes], missing: Iterable[str], time: int) -> None:
         """Decide on a joint step.
@@ -173,10 +172,11 @@ class Copy:
             else:
                 said[agent] = part
         silent = {*missing, *wrong}
-        if self.ownership.takes == "state":
-            self._see(said, silent, time)
-        else:
-            self._observe(said, silent, time)
+        state = self.ownership.takes == "state"
+        message = self._state(said, silent, time) if state else self._observation(said, silent, time)
+        if message is not None:
+            self._ensemble.show(message)
+            self._process.take(message)
 
     def _decode_part(self, agent: str, body: bytes) -> Part | None:
         """Return a part; None where it is none of this agent's."""
@@ -195,7 +195,8 @@ class Copy:
         self.malformed += 1
         return None
 
-    def _observe(self, said: Mapping[str, Part], silent: set[str], time: int) -> None:
+    def _observation(self, said: Mapping[str, Part], silent: set[str], time: int) -> Observation:
+        """Return the joint observation of a step."""
         ownership, kept = self.ownership, self._kept
         values: list[int | None] = [None] * len(kept)
         mask = [False] * len(kept)
@@ -210,9 +211,10 @@ class Copy:
                     values[place] = None if owner in silent else kept[place]
                 elif ownership.hold[place]:
                     kept[place] = values[place]
-        self._ensemble.take(Observation(time, ownership.index(values), tuple(values), tuple(mask)))
+        return Observation(time, ownership.index(values), tuple(values), tuple(mask))
 
-    def _see(self, said: Mapping[str, Part], silent: set[str], time: int) -> None:
+    def _state(self, said: Mapping[str, Part], silent: set[str], time: int) -> State | None:
+        """Return the joint state of a step; None where events alone make steps and it is the same as before."""
         ownership = self.ownership
         self._advance_time(said)
         for agent, part in said.items():
@@ -229,8 +231,7 @@ class Copy:
             None if owner in self._silent else value for owner, value in zip(ownership.owners, self._kept, strict=True)
         )
         same, self._last = values == self._last, values
-        if not (same and self._event_driven):
-            self._ensemble.take(State(time, ownership.index(values), values))
+        return None if same and self._event_driven else State(time, ownership.index(values), values)
 
     def _advance_time(self, said: Mapping[str, Part]) -> None:
         """Move the time of this process on by the agents' clocks, which may differ: each counts from its first word.

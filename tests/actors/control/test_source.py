@@ -35,10 +35,16 @@ def state(index, time=0):
     return State(time, index, (index,))
 
 
-async def begin(runtime, ensemble, *messages):
+async def begin(runtime, ensemble, process, *messages):
     """Start an ensemble, and have its team say something within a turn."""
+
+    def say():
+        for message in (Control(0, "start"), *messages):
+            ensemble.show(message)
+            process.take(message)
+
     await runtime.start(ensemble)
-    ensemble.call_later(1e-6, lambda: [ensemble.take(message) for message in (Control(0, "start"), *messages)])
+    ensemble.call_later(1e-6, say)
     await asyncio.sleep(0.01)
 
 
@@ -50,7 +56,7 @@ def test_an_agent_alone_stops_deciding_in_a_safe_mode_and_one_of_a_team_goes_on(
         _, process = shared(together)
         assert isinstance(alone.control.source, OwnChannels)
         await runtime.start(alone)
-        await begin(runtime, together)
+        await begin(runtime, together, process)
         for ensemble in (alone, together):
             actions = probe(ensemble.channel("action", Action))
             ensemble.safety.endanger("mine", "", 0)
@@ -86,7 +92,7 @@ def test_what_others_decided_long_ago_is_decided_and_not_done_until_that_is_over
     async def main(runtime):
         ensemble = robot(log)
         _, process = shared(ensemble)
-        await begin(runtime, ensemble)
+        await begin(runtime, ensemble, process)
 
         def behind():
             process.catch_up(0, over=False)
@@ -115,8 +121,8 @@ def test_a_copy_goes_on_from_a_snapshot_of_another():
         other.name = "other"
         processes = [shared(ensemble)[1] for ensemble in (one, other)]
         heard = [Observation(0, index, (index,), (True,)) for index in (0, 1, 1)]
-        await begin(runtime, one, *heard)
-        await begin(runtime, other)
+        await begin(runtime, one, processes[0], *heard)
+        await begin(runtime, other, processes[1])
         before = processes[1].snapshot()
         processes[1].restore(processes[0].snapshot())
         assert processes[1].snapshot() == processes[0].snapshot() != before
